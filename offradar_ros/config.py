@@ -1,0 +1,341 @@
+"""Configuration: one frozen dataclass a stage, with the same dotted names in Python, YAML and ROS parameters.
+
+Each field carries its description, unit and bounds. `load_config` reads the YAML that ROS nodes read
+(``/**: ros__parameters:``) or the same names without that wrapping.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+import yaml
+
+from offradar_ros.errors import ConfigError
+
+Value = bool | int | float | str
+ConfigT = TypeVar('ConfigT')
+
+
+@dataclasses.dataclass(frozen=True)
+class Bounds:
+    """What a parameter may be, and what it means."""
+
+    description: str
+    unit: str = ''
+    minimum: float | None = None
+    maximum: float | None = None
+    choices: tuple[str, ...] = ()
+    read_only: bool = True
+
+    def problem(self, value: Value) -> str | None:
+        """Why `value` is not allowed, or None."""
+        if self.choices and value not in self.choices:
+            return f'expected one of {", ".join(self.choices)}, got {value!r}'
+        if isinstance(value, float) and not math.isfinite(value):
+            return f'expected a finite number, got {value}'
+        if isinstance(value, (int, float)) and not isinstance(value, bool):
+            if self.minimum is not None and value < self.minimum:
+                return f'expected at least {self.minimum:g} {self.unit}'.rstrip() + f', got {value:g}'
+            if self.maximum is not None and value > self.maximum:
+                return f'expected at most {self.maximum:g} {self.unit}'.rstrip() + f', got {value:g}'
+        return None
+
+
+def parameter(
+    default: Any,
+    description: str,
+    *,
+    unit: str = '',
+    minimum: float | None = None,
+    maximum: float | None = None,
+    choices: tuple[str, ...] = (),
+    read_only: bool = True,
+) -> Any:
+    """A dataclass field that is also a ROS parameter; `read_only=False` ones may be changed while a node runs."""
+    bounds = Bounds(description, unit, minimum, maximum, choices, read_only)
+    return dataclasses.field(default=default, metadata={'bounds': bounds})
+
+
+@dataclasses.dataclass(frozen=True)
+class RadarConfig:
+    """How a polar image is read."""
+
+    profile: str = parameter(
+        'auto',
+        'sensor profile; auto recognises a recorded format by its number of range bins',
+        choices=('auto', 'cts350x', 'cir204h', 'radiate', 'navtech_300m', 'custom'),
+    )
+    range_resolution_m: float = parameter(
+        0.0, 'size of a range bin; 0 takes it from the profile', unit='m', minimum=0.0, maximum=10.0
+    )
+    range_offset_m: float = parameter(0.0, 'added to every range', unit='m', minimum=-100.0, maximum=100.0)
+    azimuth_axis: str = parameter(
+        'auto',
+        'whether azimuths are image rows (Navtech driver) or columns (MulRan player)',
+        choices=('auto', 'rows', 'columns'),
+    )
+    azimuth_samples: int = parameter(400, 'azimuths in a full rotation', minimum=8, maximum=16384)
+    metadata_columns: str = parameter(
+        'auto',
+        'whether each row starts with the 11 bytes of stamp, encoder and validity of the Oxford PNG layout',
+        choices=('auto', '0', '11'),
+    )
+    encoder_size: int = parameter(
+        5600, 'encoder counts in a full rotation, for metadata columns', unit='counts', minimum=8, maximum=65536
+    )
+    azimuth_offset_rad: float = parameter(
+        0.0,
+        "azimuth of row 0, clockwise from the vehicle's forward axis",
+        unit='rad',
+        minimum=-math.tau,
+        maximum=math.tau,
+    )
+    azimuth_direction: str = parameter(
+        'clockwise', 'sense in which rows turn, seen from above', choices=('clockwise', 'counterclockwise')
+    )
+    max_image_bytes: int = parameter(
+        64 * 2**20, 'a larger image is refused', unit='bytes', minimum=1024, maximum=2**31 - 1
+    )
+    restart_after_s: float = parameter(
+        5.0,
+        'a stamp that jumps back by more than this is a recording that starts again, by less is an error',
+        unit='s',
+        minimum=0.0,
+        maximum=1e6,
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class CartesianConfig:
+    """The Cartesian image that learned encoders see (Sec. IV-D of the paper: 256 px, 0.5 m)."""
+
+    side_px: int = parameter(256, 'side of the square image', unit='px', minimum=16, maximum=2048)
+    resolution_m: float = parameter(0.5, 'side of a pixel', unit='m', minimum=0.01, maximum=10.0)
+    min_range_m: float = parameter(
+        2.5, 'nearer returns are the vehicle itself and are blanked', unit='m', minimum=0.0, maximum=50.0
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class RingKeyConfig:
+    """The ring key encoder, which needs no weights."""
+
+    rings: int = parameter(128, 'dimension of the embedding', minimum=8, maximum=4096)
+    max_range_m: float = parameter(128.0, 'outer edge of the last ring', unit='m', minimum=1.0, maximum=1000.0)
+    min_range_m: float = parameter(
+        2.5, 'nearer returns are the vehicle itself and are blanked', unit='m', minimum=0.0, maximum=50.0
+    )
+    sectors: int = parameter(20, 'azimuth sectors whose spread gives the variance', minimum=2, maximum=400)
+    variance_scale: float = parameter(
+        1.0, 'factor that makes U 1 on average over a calibration run (offradar calibrate)', minimum=1e-12, maximum=1e12
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class EncoderConfig:
+    """Which encoder, and where it runs."""
+
+    name: str = parameter('ring_key', 'encoder', choices=('ring_key', 'variational'))
+    weights: str = parameter('', 'weights file (.onnx or .safetensors) of a learned encoder')
+    backend: str = parameter(
+        'auto',
+        'what runs a learned encoder; auto goes by the ending of the weights file',
+        choices=('auto', 'onnx', 'torch'),
+    )
+    threads: int = parameter(0, 'inference threads; 0 uses every core', minimum=0, maximum=1024)
+    ring_key: RingKeyConfig = dataclasses.field(default_factory=RingKeyConfig)
+
+
+@dataclasses.dataclass(frozen=True)
+class PositionConfig:
+    """Where positions come from, and when they count (the map server only: a query never needs one)."""
+
+    source: str = parameter('fix', 'type of the position topic: NavSatFix or Odometry', choices=('fix', 'odometry'))
+    max_gap_s: float = parameter(
+        1.5, 'two positions further apart in time are not interpolated between', unit='s', minimum=0.01, maximum=60.0
+    )
+    wait_s: float = parameter(
+        10.0,
+        'how much newer the newest scan may be before one still without a position is dropped',
+        unit='s',
+        minimum=0.0,
+        maximum=600.0,
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class MapConfig:
+    """Map maintenance (Algorithm 1 of the paper)."""
+
+    path: str = parameter('', 'SQLite file of the map; empty keeps the map in memory only')
+    match_distance_m: float = parameter(
+        5.0, 'D_t: a scan nearer than this to a mapped place is of that place', unit='m', minimum=0.01, maximum=1000.0
+    )
+    replace: str = parameter(
+        'nearest',
+        'which of several matching places a more certain scan may replace',
+        choices=('nearest', 'worst', 'all'),
+    )
+    match_position: str = parameter(
+        'anchor',
+        'what D_t is measured to: the position where the place was first mapped, or that of the scan it holds now',
+        choices=('anchor', 'pose'),
+    )
+    replace_margin: float = parameter(
+        0.0, 'a scan replaces a place only if its U is lower by more than this', minimum=0.0, maximum=1e6
+    )
+    insert_unmatched: bool = parameter(True, 'whether a scan far from every place becomes one (false: constant size)')
+    undo_depth: int = parameter(3, 'ended sessions that can be undone', minimum=0, maximum=1000)
+    start_session: bool = parameter(True, 'whether a session starts with the node')
+
+
+@dataclasses.dataclass(frozen=True)
+class QueryConfig:
+    """Introspective querying (Sec. III-C of the paper)."""
+
+    top_k: int = parameter(5, 'places returned by a match', minimum=1, maximum=1000, read_only=False)
+    delta: float = parameter(0.5, 'Δ: thresholds span 1 − Δ to 1 + Δ', minimum=0.0, maximum=1e6, read_only=False)
+    levels: int = parameter(10, 'N: number of steps between the thresholds', minimum=1, maximum=10000, read_only=False)
+    level: int = parameter(
+        10,
+        'n: the threshold in use is (1 − Δ) + n·2Δ/N; a scan whose U is above it is rejected',
+        minimum=0,
+        maximum=10000,
+        read_only=False,
+    )
+    max_distance: float = parameter(
+        0.0,
+        'a nearest place further than this in embedding space is an unknown place; 0 turns this off',
+        minimum=0.0,
+        maximum=1e9,
+        read_only=False,
+    )
+    exclude_current_session: bool = parameter(
+        True, 'whether scans mapped by the running session are left out of the search', read_only=False
+    )
+
+    def __post_init__(self) -> None:
+        if self.level > self.levels:
+            raise ConfigError(f'query.level: expected at most query.levels = {self.levels}, got {self.level}')
+
+
+@dataclasses.dataclass(frozen=True)
+class Config:
+    """Everything that the pipeline, the command line and the nodes can be told."""
+
+    radar: RadarConfig = dataclasses.field(default_factory=RadarConfig)
+    cartesian: CartesianConfig = dataclasses.field(default_factory=CartesianConfig)
+    encoder: EncoderConfig = dataclasses.field(default_factory=EncoderConfig)
+    position: PositionConfig = dataclasses.field(default_factory=PositionConfig)
+    map: MapConfig = dataclasses.field(default_factory=MapConfig)
+    query: QueryConfig = dataclasses.field(default_factory=QueryConfig)
+
+
+@dataclasses.dataclass(frozen=True)
+class Parameter:
+    """One leaf of a configuration: its dotted name, current value and bounds."""
+
+    name: str
+    value: Value
+    bounds: Bounds
+
+
+def parameters(config: Any, prefix: str = '') -> Iterator[Parameter]:
+    """Every leaf of a configuration dataclass, in order, under its dotted name."""
+    for field in dataclasses.fields(config):
+        value = getattr(config, field.name)
+        if dataclasses.is_dataclass(value):
+            yield from parameters(value, f'{prefix}{field.name}.')
+        else:
+            yield Parameter(prefix + field.name, value, field.metadata['bounds'])
+
+
+def replace_values(config: ConfigT, values: Mapping[str, Any]) -> ConfigT:
+    """A copy of `config` with dotted names set; ConfigError names the first unknown or invalid one."""
+    known = {leaf.name: leaf for leaf in parameters(config)}
+    for name, value in values.items():
+        if name not in known:
+            raise ConfigError(f'parameter {name} is unknown: expected one of {", ".join(sorted(known))}')
+        values = {**values, name: _checked(known[name], value)}
+    rebuilt: ConfigT = _rebuilt(config, values, '')
+    return rebuilt
+
+
+def _checked(leaf: Parameter, value: Any) -> Any:
+    if isinstance(leaf.value, float) and isinstance(value, int) and not isinstance(value, bool):
+        value = float(value)
+    if type(value) is not type(leaf.value):
+        expected = type(leaf.value).__name__
+        raise ConfigError(f'parameter {leaf.name}: expected {expected}, got {value!r}')
+    problem = leaf.bounds.problem(value)
+    if problem:
+        raise ConfigError(f'parameter {leaf.name}: {problem}')
+    return value
+
+
+def _rebuilt(config: Any, values: Mapping[str, Any], prefix: str) -> Any:
+    changes: dict[str, Any] = {}
+    for field in dataclasses.fields(config):
+        value, name = getattr(config, field.name), prefix + field.name
+        if dataclasses.is_dataclass(value):
+            changes[field.name] = _rebuilt(value, values, name + '.')
+        elif name in values:
+            changes[field.name] = values[name]
+    return dataclasses.replace(config, **changes)
+
+
+def flatten(tree: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
+    """Nested mappings to dotted names."""
+    flat: dict[str, Any] = {}
+    for key, value in tree.items():
+        if isinstance(value, Mapping):
+            flat.update(flatten(value, f'{prefix}{key}.'))
+        else:
+            flat[f'{prefix}{key}'] = value
+    return flat
+
+
+def read_parameters(path: str | Path) -> dict[str, Any]:
+    """Dotted names and values of a parameter file, ROS (any node's ``ros__parameters``) or plain; ConfigError."""
+    try:
+        tree = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        reason = str(error).splitlines()[0]
+        raise ConfigError(f'{path}: not a readable YAML parameter file ({reason})') from error
+    if tree is None:
+        return {}
+    if not isinstance(tree, Mapping):
+        raise ConfigError(f'{path}: expected a mapping of parameters, got {type(tree).__name__}')
+    values: dict[str, Any] = {}
+    for key, branch in tree.items():
+        if isinstance(branch, Mapping) and 'ros__parameters' in branch:
+            values.update(flatten(branch['ros__parameters'] or {}))
+        else:
+            values.update(flatten({key: branch}))
+    return values
+
+
+def load_config(path: str | Path | None = None, overrides: Mapping[str, Any] | None = None) -> Config:
+    """Defaults, then the YAML file, then `overrides` (dotted names)."""
+    config = Config()
+    if path is not None:
+        config = replace_values(config, read_parameters(path))
+    return replace_values(config, overrides or {})
+
+
+def write_parameters(path: str | Path, values: Mapping[str, Value], comment: str = '') -> None:
+    """Write dotted names as a ROS parameter file for every node (``/**``)."""
+    tree: dict[str, Any] = {}
+    for name, value in values.items():
+        *stages, leaf = name.split('.')
+        branch = tree
+        for stage in stages:
+            branch = branch.setdefault(stage, {})
+        branch[leaf] = value
+    text = yaml.safe_dump({'/**': {'ros__parameters': tree}}, sort_keys=False)
+    header = ''.join(f'# {line}\n' for line in comment.splitlines())
+    Path(path).write_text(header + text, encoding='utf-8')

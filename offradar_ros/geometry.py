@@ -1,0 +1,191 @@
+"""Where the vehicle was: geodetic positions to the local ``map`` frame, and positions at a scan's stamp.
+
+Convention: ``map`` is the east-north-up tangent frame at its origin (WGS-84 latitude, longitude in degrees, ellipsoidal
+altitude in metres), metres, x east, y north, z up; yaw is counter-clockwise from east.
+"""
+
+from __future__ import annotations
+
+import bisect
+import collections
+import dataclasses
+import enum
+import functools
+import math
+
+import numpy as np
+import pyproj
+from numpy.typing import NDArray
+
+from offradar_ros.errors import RefusedInput
+from offradar_ros.types import Pose
+
+
+@dataclasses.dataclass(frozen=True)
+class GeoPoint:
+    """WGS-84 latitude and longitude in degrees, ellipsoidal altitude in metres."""
+
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not (abs(self.latitude_deg) <= 90.0 and abs(self.longitude_deg) <= 180.0 and math.isfinite(self.altitude_m)):
+            raise RefusedInput(
+                'invalid_position',
+                f'position latitude {self.latitude_deg}, longitude {self.longitude_deg}, altitude {self.altitude_m} '
+                'is not on the Earth: expected degrees within ±90 and ±180 and a finite altitude',
+            )
+
+
+class LocalFrame:
+    """East-north-up frame tangent to WGS-84 at `origin`."""
+
+    def __init__(self, origin: GeoPoint) -> None:
+        self.origin = origin
+        self._pipeline = pyproj.Transformer.from_pipeline(
+            '+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad '
+            '+step +proj=cart +ellps=WGS84 '
+            f'+step +proj=topocentric +ellps=WGS84 +lon_0={origin.longitude_deg!r} +lat_0={origin.latitude_deg!r} '
+            f'+h_0={origin.altitude_m!r}'
+        )
+
+    def to_enu(self, points_lla: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(N, 3) latitude°, longitude°, altitude m → (N, 3) east, north, up in metres."""
+        latitude, longitude, altitude = np.asarray(points_lla, np.float64).reshape(-1, 3).T
+        return np.stack(self._pipeline.transform(longitude, latitude, altitude), axis=1)
+
+    def to_geodetic(self, points_enu: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(N, 3) east, north, up in metres → (N, 3) latitude°, longitude°, altitude m."""
+        east, north, up = np.asarray(points_enu, np.float64).reshape(-1, 3).T
+        longitude, latitude, altitude = self._pipeline.transform(east, north, up, direction='INVERSE')
+        return np.stack([latitude, longitude, altitude], axis=1)
+
+
+@functools.lru_cache(maxsize=16)
+def _from_utm(epsg: int) -> pyproj.Transformer:
+    return pyproj.Transformer.from_crs(epsg, 4326, always_xy=True)
+
+
+def utm_to_geodetic(points_enu: NDArray[np.float64], epsg: int) -> NDArray[np.float64]:
+    """(N, 3) UTM easting, northing, altitude in metres → (N, 3) latitude°, longitude°, altitude m.
+
+    `epsg` is the UTM zone's code, 326zz north and 327zz south (32630 for Oxford, 32652 for Daejeon).
+    """
+    easting, northing, altitude = np.asarray(points_enu, np.float64).reshape(-1, 3).T
+    longitude, latitude = _from_utm(epsg).transform(easting, northing)
+    return np.stack([latitude, longitude, altitude], axis=1)
+
+
+def wrap_angle(angle_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Angles to (−π, π]."""
+    return np.asarray(np.pi - np.mod(np.pi - angle_rad, 2 * np.pi))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Positions in time, as one sensor of a data set gives them.
+
+    Attributes:
+        stamps_ns: (N,) int64, strictly increasing.
+        positions: (N, 3) float64: latitude°, longitude°, altitude m if `geodetic`, else metres in a frame of its own.
+        yaws_rad: (N,) float64, counter-clockwise from east (or the own frame's x); NaN where unknown.
+        geodetic: whether `positions` is WGS-84.
+    """
+
+    stamps_ns: NDArray[np.int64]
+    positions: NDArray[np.float64]
+    yaws_rad: NDArray[np.float64]
+    geodetic: bool
+
+    def __len__(self) -> int:
+        return len(self.stamps_ns)
+
+    def origin(self) -> GeoPoint | None:
+        """The first position, where the local frame starts; None for a trajectory in a frame of its own."""
+        if not self.geodetic or not len(self):
+            return None
+        return GeoPoint(*(float(v) for v in self.positions[0]))
+
+    def in_frame(self, frame: LocalFrame | None) -> Trajectory:
+        """The same trajectory in metres of `frame`; one that already is in metres is returned as it is."""
+        if not self.geodetic or frame is None:
+            return self
+        return dataclasses.replace(self, positions=frame.to_enu(self.positions), geodetic=False)
+
+    def at(self, stamp_ns: int, max_gap_ns: int) -> Pose | None:
+        """Pose at a stamp, linear between the two neighbouring positions; None outside or in a gap over `max_gap_ns`.
+
+        Defined for metric trajectories (see `in_frame`).
+        """
+        buffer = PositionBuffer(max_gap_ns)
+        after = int(np.searchsorted(self.stamps_ns, stamp_ns))
+        for i in range(max(0, after - 1), min(len(self), after + 1)):
+            x, y, z = (float(v) for v in self.positions[i])
+            buffer.add(int(self.stamps_ns[i]), Pose(x, y, z, float(self.yaws_rad[i])))
+        found = buffer.at(stamp_ns)
+        return found if isinstance(found, Pose) else None
+
+
+class NoPosition(enum.Enum):
+    """Why there is no position at a stamp: it may still come, or it cannot."""
+
+    NOT_YET = 'not_yet'
+    NEVER = 'never'
+
+
+class PositionBuffer:
+    """Recent positions in time order; answers for a stamp by interpolation only, never by the nearest.
+
+    Two neighbouring positions more than `max_gap_ns` apart are not joined by a line.
+    """
+
+    def __init__(self, max_gap_ns: int, capacity: int = 4096) -> None:
+        self.max_gap_ns = max_gap_ns
+        self._stamps: collections.deque[int] = collections.deque(maxlen=capacity)
+        self._poses: collections.deque[Pose] = collections.deque(maxlen=capacity)
+
+    def add(self, stamp_ns: int, pose: Pose) -> None:
+        """Append a position; raises RefusedInput if it is not finite or not newer than the last."""
+        if not all(math.isfinite(v) for v in (pose.x_m, pose.y_m, pose.z_m)):
+            raise RefusedInput('invalid_position', f'position at {stamp_ns} ns is not finite: {pose}')
+        if self._stamps and stamp_ns <= self._stamps[-1]:
+            cause = 'repeated_position_stamp' if stamp_ns == self._stamps[-1] else 'position_stamp_backwards'
+            raise RefusedInput(
+                cause, f'position stamp {stamp_ns} ns is not after the last one, {self._stamps[-1]} ns: dropped'
+            )
+        self._stamps.append(stamp_ns)
+        self._poses.append(pose)
+
+    def clear(self) -> None:
+        """Forget everything, as when a recording starts again."""
+        self._stamps.clear()
+        self._poses.clear()
+
+    @property
+    def last_stamp_ns(self) -> int | None:
+        """Stamp of the newest position."""
+        return self._stamps[-1] if self._stamps else None
+
+    def at(self, stamp_ns: int) -> Pose | NoPosition:
+        """Pose at `stamp_ns`; NOT_YET while a later position may still bracket it."""
+        after = bisect.bisect_left(self._stamps, stamp_ns)
+        if after < len(self._stamps) and self._stamps[after] == stamp_ns:
+            return self._poses[after]
+        if after == len(self._stamps):
+            return NoPosition.NOT_YET
+        if after == 0 or self._stamps[after] - self._stamps[after - 1] > self.max_gap_ns:
+            return NoPosition.NEVER
+        before_ns, after_ns = self._stamps[after - 1], self._stamps[after]
+        return interpolate(self._poses[after - 1], self._poses[after], (stamp_ns - before_ns) / (after_ns - before_ns))
+
+
+def interpolate(start: Pose, end: Pose, fraction: float) -> Pose:
+    """Pose at `fraction` of the straight way from `start` to `end`; yaw turns the short way round."""
+    turn = float(wrap_angle(np.asarray(end.yaw_rad - start.yaw_rad)))
+    return Pose(
+        start.x_m + fraction * (end.x_m - start.x_m),
+        start.y_m + fraction * (end.y_m - start.y_m),
+        start.z_m + fraction * (end.z_m - start.z_m),
+        float(wrap_angle(np.asarray(start.yaw_rad + fraction * turn))),
+    )

@@ -1,0 +1,140 @@
+"""The frozen records that travel through the system. No input or output happens here.
+
+Conventions, everywhere:
+
+* Stamps are integer nanoseconds since the Unix epoch (`stamp_ns`).
+* Polar power is `(azimuths, range_bins)` uint8, row = azimuth, column = range bin. Azimuth 0 is the sensor's forward
+  axis and azimuths grow **clockwise seen from above** (Navtech). Bin k is centred at
+  ``range_offset_m + (k + 0.5) * range_resolution_m``.
+* Map coordinates are metres in a local east-north-up frame named ``map`` (REP 103, REP 105); `yaw_rad` is
+  counter-clockwise from east.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+UNKNOWN_PLACE_ID = -1
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class PolarScan:
+    """One full (or partial) rotation of a spinning radar.
+
+    Attributes:
+        stamp_ns: the scan's stamp as its source gives it (file name or message header).
+        power: (A, R) uint8 received power in the sensor's own units (0.5 dB steps for Navtech).
+        azimuths_rad: (A,) float64 in [0, 2π), clockwise from forward, one a row.
+        range_resolution_m: metres a range bin.
+        range_offset_m: metres added to every range.
+        azimuth_stamps_ns: (A,) int64 measurement time of each row, or None where the source does not say.
+    """
+
+    stamp_ns: int
+    power: NDArray[np.uint8]
+    azimuths_rad: NDArray[np.float64]
+    range_resolution_m: float
+    range_offset_m: float = 0.0
+    azimuth_stamps_ns: NDArray[np.int64] | None = None
+
+    @property
+    def max_range_m(self) -> float:
+        """Far edge of the last range bin, metres."""
+        return self.range_offset_m + int(self.power.shape[1]) * self.range_resolution_m
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Pose:
+    """A position, and a heading where known, in the ``map`` frame (ENU metres; yaw in radians, NaN when unknown)."""
+
+    x_m: float
+    y_m: float
+    z_m: float = 0.0
+    yaw_rad: float = math.nan
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class Embedding:
+    """What an encoder makes of one scan: a point to search with, and how unsure it is of it.
+
+    Attributes:
+        stamp_ns: the stamp of the scan it was made from.
+        mean: (d,) float32, the descriptor compared by Euclidean distance.
+        variance: (d,) float32, the diagonal of Σ (Sec. III-C of the paper), prior at 1.
+        model: SHA-256 (hex) that identifies the model; embeddings of different models are never compared.
+    """
+
+    stamp_ns: int
+    mean: NDArray[np.float32]
+    variance: NDArray[np.float32]
+    model: str = ''
+
+    @property
+    def uncertainty(self) -> float:
+        """U = (1/d) Σ_i Σ_ii, the paper's scalar uncertainty; 1 is the prior."""
+        return float(np.mean(self.variance, dtype=np.float64))
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class Place:
+    """One entry of the parent map: (μ_i, U_i, D_i) of Algorithm 1 and where it came from."""
+
+    place_id: int
+    session_id: int
+    stamp_ns: int
+    pose: Pose
+    uncertainty: float
+    mean: NDArray[np.float32]
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Candidate:
+    """A mapped place that a query resembles; `distance` is Euclidean, in embedding space."""
+
+    place_id: int
+    distance: float
+    uncertainty: float
+    pose: Pose
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Match:
+    """An accepted query: its places, nearest first. `threshold` is the U above which it would have been rejected."""
+
+    stamp_ns: int
+    uncertainty: float
+    threshold: float
+    candidates: tuple[Candidate, ...]
+
+
+class Reason(str, enum.Enum):
+    """Why a query got no place."""
+
+    UNCERTAIN = 'uncertain'
+    UNKNOWN_PLACE = 'unknown_place'
+    INVALID_EMBEDDING = 'invalid_embedding'
+    MAP_EMPTY = 'map_empty'
+    WRONG_MODEL = 'wrong_model'
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
+class Rejection:
+    """A refused query, with the places that it would have returned.
+
+    `uncertainty` is NaN when the embedding is invalid; `detail` is one line for a person.
+    """
+
+    stamp_ns: int
+    reason: Reason
+    uncertainty: float
+    threshold: float
+    candidates: tuple[Candidate, ...]
+    detail: str
+
+
+Outcome = Match | Rejection
