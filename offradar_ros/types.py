@@ -15,11 +15,10 @@ from __future__ import annotations
 import dataclasses
 import enum
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-
-UNKNOWN_PLACE_ID = -1
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
@@ -90,6 +89,45 @@ class Place:
     pose: Pose
     uncertainty: float
     mean: NDArray[np.float32]
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class PlaceTable:
+    """Many places as columns, row i one place; what travels from the map to the search.
+
+    Attributes:
+        place_ids: (N,) int64.
+        session_ids: (N,) int32, the session whose scan the place holds.
+        stamps_ns: (N,) int64, the stamp of that scan.
+        positions_m: (N, 3) float64 in the ``map`` frame.
+        yaws_rad: (N,) float64, NaN where unknown.
+        uncertainties: (N,) float32, U of that scan.
+        means: (N, d) float32.
+    """
+
+    place_ids: NDArray[np.int64]
+    session_ids: NDArray[np.int32]
+    stamps_ns: NDArray[np.int64]
+    positions_m: NDArray[np.float64]
+    yaws_rad: NDArray[np.float64]
+    uncertainties: NDArray[np.float32]
+    means: NDArray[np.float32]
+
+    def __len__(self) -> int:
+        return len(self.place_ids)
+
+    @classmethod
+    def from_places(cls, places: Sequence[Place], dimension: int) -> PlaceTable:
+        """Columns of `places`, in their order; `dimension` gives the shape of an empty table."""
+        return cls(
+            place_ids=np.array([p.place_id for p in places], np.int64),
+            session_ids=np.array([p.session_id for p in places], np.int32),
+            stamps_ns=np.array([p.stamp_ns for p in places], np.int64),
+            positions_m=np.array([(p.pose.x_m, p.pose.y_m, p.pose.z_m) for p in places], np.float64).reshape(-1, 3),
+            yaws_rad=np.array([p.pose.yaw_rad for p in places], np.float64),
+            uncertainties=np.array([p.uncertainty for p in places], np.float32),
+            means=np.array([p.mean for p in places], np.float32).reshape(-1, dimension),
+        )
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
