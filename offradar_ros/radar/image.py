@@ -1,0 +1,109 @@
+"""A polar image, live from a driver or decoded from a file, to a PolarScan: every `if` about how images differ.
+
+Convention: power is (azimuths, range_bins); row k of an image without metadata columns is azimuth
+``azimuth_offset ± k · 2π / azimuth_samples``, clockwise from forward unless `radar.azimuth_direction` says otherwise.
+With metadata columns the row's encoder stands in place of ``k``.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from offradar_ros.config import RadarConfig
+from offradar_ros.errors import RefusedInput
+from offradar_ros.radar.navtech_rows import has_metadata, split_rows
+from offradar_ros.radar.profiles import range_resolution
+from offradar_ros.types import PolarScan
+
+ENCODINGS = ('8UC1', 'mono8')
+
+
+def decode_polar_image(
+    data: Any, *, height: int, width: int, step: int, encoding: str, stamp_ns: int, config: RadarConfig
+) -> PolarScan:
+    """One scan from the fields of a sensor_msgs/Image, or from the same fields of a decoded PNG.
+
+    `data` is any buffer of bytes (bytes, array.array, memoryview, uint8 ndarray) of `height` rows of `step` bytes, of
+    which `width` count. The power of the result is a view of it where azimuths are rows, a copy where it is turned.
+
+    Raises RefusedInput with cause wrong_encoding, empty_image, image_too_large, short_step, short_data, wrong_size
+    (metadata columns asked for that are not there), no_signal (every byte is zero) or unknown_range_resolution.
+    """
+    _check_fields(height, width, step, encoding, config.max_image_bytes)
+    image = _pixels(data, height, width, step)
+    if config.metadata_columns == '11' or (
+        config.metadata_columns == 'auto' and config.azimuth_axis != 'columns' and has_metadata(image)
+    ):
+        angles_rad, row_stamps_ns, power = split_rows(image, config.encoder_size)
+        return scan_from_rows(power, angles_rad, row_stamps_ns, stamp_ns, config)
+    if _azimuths_are_columns(image, config):
+        image = np.asarray(cv2.transpose(image), np.uint8)
+    # Fewer rows than a rotation has are its first ones; the rest of the circle stays unmeasured.
+    samples = max(config.azimuth_samples, len(image))
+    return scan_from_rows(image, np.arange(len(image)) * (2 * np.pi / samples), None, stamp_ns, config)
+
+
+def scan_from_rows(
+    power: NDArray[np.uint8],
+    angles_rad: NDArray[np.float64],
+    row_stamps_ns: NDArray[np.int64] | None,
+    stamp_ns: int,
+    config: RadarConfig,
+) -> PolarScan:
+    """A scan from (A, R) power and the (A,) angles that the sensor's encoder gave, by the configuration's geometry.
+
+    RefusedInput with cause no_signal or unknown_range_resolution.
+    """
+    if not power.any():
+        raise RefusedInput('no_signal', f'scan at {stamp_ns} ns holds no signal: every power value is zero')
+    sense = 1.0 if config.azimuth_direction == 'clockwise' else -1.0
+    azimuths_rad = np.mod(config.azimuth_offset_rad + sense * angles_rad, 2 * np.pi)
+    azimuths_rad[azimuths_rad >= 2 * np.pi] = 0.0  # mod of a tiny negative angle rounds up to a full turn
+    return PolarScan(
+        stamp_ns=stamp_ns,
+        power=power,
+        azimuths_rad=azimuths_rad,
+        range_resolution_m=range_resolution(config, power.shape[1]),
+        range_offset_m=config.range_offset_m,
+        azimuth_stamps_ns=row_stamps_ns,
+    )
+
+
+def _check_fields(height: int, width: int, step: int, encoding: str, max_bytes: int) -> None:
+    if encoding not in ENCODINGS:
+        raise RefusedInput(
+            'wrong_encoding', f'polar image has encoding {encoding!r}: expected one of {", ".join(ENCODINGS)}'
+        )
+    if height <= 0 or width <= 0:
+        raise RefusedInput('empty_image', f'polar image is empty: {height} rows of {width} columns')
+    if step < width:
+        raise RefusedInput(
+            'short_step', f'polar image has a step of {step} bytes: expected at least its width, {width}'
+        )
+    if height * step > max_bytes:
+        raise RefusedInput(
+            'image_too_large',
+            f'polar image of {height} rows of {step} bytes is over radar.max_image_bytes = {max_bytes}',
+        )
+
+
+def _pixels(data: Any, height: int, width: int, step: int) -> NDArray[np.uint8]:
+    """(height, width) uint8 view of the buffer."""
+    flat = np.frombuffer(data, np.uint8)
+    needed = (height - 1) * step + width  # a last row without its padding is harmless
+    if flat.size < needed:
+        raise RefusedInput(
+            'short_data', f'polar image holds {flat.size} bytes: expected {height} rows of {step}, {height * step}'
+        )
+    return np.lib.stride_tricks.as_strided(flat, (height, width), (step, 1), writeable=False)
+
+
+def _azimuths_are_columns(image: NDArray[np.uint8], config: RadarConfig) -> bool:
+    if config.azimuth_axis != 'auto':
+        return config.azimuth_axis == 'columns'
+    rows, columns = (int(n) for n in image.shape)
+    return abs(columns - config.azimuth_samples) < abs(rows - config.azimuth_samples)

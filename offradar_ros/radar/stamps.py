@@ -1,0 +1,31 @@
+"""Scan stamps must grow; a large jump back is a recording that starts again."""
+
+from __future__ import annotations
+
+from offradar_ros.errors import RefusedInput
+
+
+class StampGate:
+    """Lets each stamp through once, in order."""
+
+    def __init__(self, restart_after_ns: int) -> None:
+        self.restart_after_ns = restart_after_ns
+        self._last_ns: int | None = None
+
+    def check(self, stamp_ns: int) -> bool:
+        """True if the recording restarted: the stamp jumped back by more than `restart_after_ns`.
+
+        RefusedInput('repeated_stamp') for the last stamp again, RefusedInput('stamp_backwards') for a smaller jump
+        back; neither changes what the next stamp is compared with.
+        """
+        back_ns = 0 if self._last_ns is None else self._last_ns - stamp_ns
+        if self._last_ns is not None and back_ns == 0:
+            raise RefusedInput('repeated_stamp', f'stamp {stamp_ns} ns was already seen: expected a later one')
+        if 0 < back_ns <= self.restart_after_ns:
+            raise RefusedInput(
+                'stamp_backwards',
+                f'stamp {stamp_ns} ns is {back_ns / 1e9:.3f} s before the last one: expected a later one, or a jump '
+                f'back of more than {self.restart_after_ns / 1e9:g} s where a recording starts again',
+            )
+        self._last_ns = stamp_ns
+        return back_ns > 0
