@@ -1,0 +1,57 @@
+"""What learned encoders share: a polar scan becomes the network's image, and the network's answer an embedding."""
+
+from __future__ import annotations
+
+import abc
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from offradar_ros.encoders.protocol import ModelInfo
+from offradar_ros.encoders.weights import NAME, WeightsHeader
+from offradar_ros.errors import RefusedInput
+from offradar_ros.radar.cartesian import PolarToCartesian
+from offradar_ros.types import Embedding, PolarScan
+
+
+class ImageEncoder(abc.ABC):
+    """Encodes the Cartesian image that the weights' header asks for; a backend says how."""
+
+    def __init__(self, header: WeightsHeader, path: str | Path) -> None:
+        self.header = header
+        self._to_image = PolarToCartesian(header.config.cartesian)
+        self._info = ModelInfo(
+            name=NAME,
+            fingerprint=header.fingerprint,
+            dimension=header.config.dimension,
+            metadata={
+                'settings': header.config.to_json(),
+                'created_by': header.created_by,
+                'description': header.description,
+                'file': Path(path).name,
+            },
+        )
+
+    @property
+    def info(self) -> ModelInfo:
+        """The model's identity, the same in every backend: that of the weights."""
+        return self._info
+
+    @abc.abstractmethod
+    def infer(self, images: NDArray[np.uint8]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Images (N, S, S) uint8 → mean and variance, both (N, d) float32, as the network gives them."""
+
+    def encode(self, scan: PolarScan) -> Embedding:
+        """Embedding of one scan; RefusedInput ``no_signal`` where its image is empty or all zero.
+
+        Numbers that are not finite are passed on: whoever compares embeddings refuses them.
+        """
+        image = self._to_image(scan) if scan.power.size else np.zeros((0, 0), np.uint8)
+        if not image.any():
+            raise RefusedInput(
+                'no_signal',
+                f'scan at {scan.stamp_ns} ns, shape {scan.power.shape}, holds no power within its Cartesian image',
+            )
+        mean, variance = self.infer(image[np.newaxis])
+        return Embedding(scan.stamp_ns, mean[0], variance[0], self._info.fingerprint)

@@ -1,0 +1,75 @@
+"""Settings of the learned encoder's network, kept with its weights. No torch here."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from typing import Any
+
+from offradar_ros.config import CartesianConfig
+from offradar_ros.encoders.fingerprint import canonical_json
+from offradar_ros.errors import ConfigError
+
+# The network halves the image five times.
+REDUCTION = 32
+
+BACKBONES = ('vgg16', 'compact')
+DESCRIPTORS = ('z_i_plus_mu', 'z_i')
+
+
+@dataclasses.dataclass(frozen=True)
+class NetworkConfig:
+    """What the network is and what image it sees; ConfigError for values that no network has.
+
+    Attributes:
+        backbone: ``vgg16`` (the paper's) or ``compact`` (five strided convolutions).
+        dimension: d, the length of Z_I, μ_V and σ².
+        side_px: side of the square Cartesian image, a multiple of 32.
+        resolution_m: metres a pixel.
+        min_range_m: nearer returns are blanked.
+        descriptor: what is compared: Z_I + μ_V (= E[Z]) or Z_I alone.
+    """
+
+    backbone: str = 'vgg16'
+    dimension: int = 128
+    side_px: int = 256
+    resolution_m: float = 0.5
+    min_range_m: float = 2.5
+    descriptor: str = 'z_i_plus_mu'
+
+    def __post_init__(self) -> None:
+        _expect(self.backbone in BACKBONES, 'backbone', f'one of {", ".join(BACKBONES)}', self.backbone)
+        _expect(self.descriptor in DESCRIPTORS, 'descriptor', f'one of {", ".join(DESCRIPTORS)}', self.descriptor)
+        _expect(1 <= self.dimension <= 65536, 'dimension', '1 to 65536', self.dimension)
+        whole = self.side_px % REDUCTION == 0 and REDUCTION <= self.side_px <= 2048
+        _expect(whole, 'side_px', f'a multiple of {REDUCTION} up to 2048', self.side_px)
+        _expect(0.01 <= self.resolution_m <= 10.0, 'resolution_m', '0.01 to 10 m', self.resolution_m)
+        _expect(0.0 <= self.min_range_m <= 50.0, 'min_range_m', '0 to 50 m', self.min_range_m)
+
+    @property
+    def cartesian(self) -> CartesianConfig:
+        """The image that the network sees."""
+        return CartesianConfig(self.side_px, self.resolution_m, self.min_range_m)
+
+    def to_json(self) -> str:
+        """Canonical JSON object of every setting."""
+        return canonical_json(dataclasses.asdict(self))
+
+    @classmethod
+    def from_json(cls, text: str) -> NetworkConfig:
+        """The settings that `to_json` wrote; ConfigError for anything else."""
+        try:
+            values = json.loads(text)
+        except ValueError as error:
+            raise ConfigError(f'network settings: expected JSON ({error})') from error
+        fields = {field.name: type(field.default) for field in dataclasses.fields(cls)}
+        if not isinstance(values, dict) or values.keys() != fields.keys():
+            raise ConfigError(f'network settings: expected an object with {", ".join(fields)}, got {text[:200]!r}')
+        for name, value in values.items():
+            _expect(type(value) is fields[name], name, fields[name].__name__, value)
+        return cls(**values)
+
+
+def _expect(condition: bool, name: str, expected: str, value: Any) -> None:
+    if not condition:
+        raise ConfigError(f'network setting {name}: expected {expected}, got {value!r}')

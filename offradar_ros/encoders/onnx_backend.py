@@ -1,0 +1,54 @@
+"""Runs an exported network with ONNX Runtime, on CUDA where that provider is installed. No torch here."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import onnxruntime  # type: ignore[import-untyped]
+from numpy.typing import NDArray
+
+from offradar_ros.encoders.image_encoder import ImageEncoder
+from offradar_ros.encoders.weights import WeightsHeader, first_line, require_file
+from offradar_ros.errors import ModelError
+
+PROVIDERS = ('CUDAExecutionProvider', 'CPUExecutionProvider')
+WARNINGS_OFF = 3
+
+
+class OnnxEncoder(ImageEncoder):
+    """Learned encoder in ONNX Runtime; ModelError for a file that is missing, damaged or not `export_onnx`'s."""
+
+    def __init__(self, path: str | Path, threads: int = 0) -> None:
+        """`threads` for one inference; 0 uses every core."""
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = threads
+        options.log_severity_level = WARNINGS_OFF
+        available = onnxruntime.get_available_providers()
+        try:
+            self._session = onnxruntime.InferenceSession(
+                require_file(path), options, providers=[name for name in PROVIDERS if name in available]
+            )
+        except ModelError:
+            raise
+        except Exception as error:  # its exceptions share no base
+            raise ModelError(f'{path}: not a readable ONNX file ({first_line(error)})') from error
+        super().__init__(WeightsHeader.from_metadata(self._session.get_modelmeta().custom_metadata_map, path), path)
+        self._expect_shapes(path)
+
+    def infer(self, images: NDArray[np.uint8]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Images (N, S, S) uint8 → mean and variance, both (N, d) float32."""
+        mean, variance = self._session.run(['mean', 'variance'], {'images': images})
+        return mean, variance
+
+    def _expect_shapes(self, path: str | Path) -> None:
+        config = self.header.config
+        expected = {
+            'images': ('tensor(uint8)', [config.side_px, config.side_px]),
+            'mean': ('tensor(float)', [config.dimension]),
+            'variance': ('tensor(float)', [config.dimension]),
+        }
+        nodes = [*self._session.get_inputs(), *self._session.get_outputs()]
+        found = {node.name: (node.type, list(node.shape[1:])) for node in nodes}
+        if found != expected:
+            raise ModelError(f'{path}: expected inputs and outputs {expected}, got {found}')

@@ -1,0 +1,62 @@
+"""Writes a weights file's network as ONNX, for vehicles without torch. Needs torch and onnx, when called."""
+
+from __future__ import annotations
+
+import tempfile
+import warnings
+from pathlib import Path
+
+from offradar_ros.encoders.weights import WeightsHeader, write_atomically
+from offradar_ros.errors import ModelError
+
+OPSET = 17
+
+
+def export_onnx(weights_path: str | Path, onnx_path: str | Path) -> WeightsHeader:
+    """Write what `OnnxEncoder` reads; returns the header that both files carry.
+
+    Input ``images`` (N, S, S) uint8, so that scaling and normalisation are part of the graph; outputs ``mean`` and
+    ``variance`` (N, d) float32; N is free. The file is written whole or not at all. ModelError for weights that cannot
+    be read or a file that cannot be written.
+    """
+    import onnx  # noqa: PLC0415
+    import torch  # noqa: PLC0415
+
+    from offradar_ros.encoders.network_files import load_network  # noqa: PLC0415
+    from offradar_ros.encoders.variational import VariationalNetwork  # noqa: PLC0415
+
+    class Inference(torch.nn.Module):
+        """The part of the network that a vehicle runs."""
+
+        def __init__(self, network: VariationalNetwork) -> None:
+            super().__init__()
+            self.network = network
+
+        def forward(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+            return self.network.embed(images)
+
+    network, header = load_network(weights_path)
+    side = header.config.side_px
+    with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings(), torch.no_grad():
+        exported = Path(folder) / 'network.onnx'
+        # The exporter that needs no further package is deprecated, and says so at length.
+        warnings.simplefilter('ignore')
+        torch.onnx.export(
+            Inference(network).eval(),
+            (torch.zeros((1, side, side), dtype=torch.uint8),),
+            exported,
+            dynamo=False,
+            opset_version=OPSET,
+            input_names=['images'],
+            output_names=['mean', 'variance'],
+            dynamic_axes={'images': {0: 'N'}, 'mean': {0: 'N'}, 'variance': {0: 'N'}},
+        )
+        model = onnx.load(exported)
+    for key, value in header.to_metadata().items():
+        model.metadata_props.add(key=key, value=value)
+    try:
+        onnx.checker.check_model(model, full_check=True)
+    except onnx.checker.ValidationError as error:
+        raise ModelError(f'{weights_path}: its network gives no valid ONNX graph ({error})') from error
+    write_atomically(onnx_path, model.SerializeToString())
+    return header

@@ -1,0 +1,105 @@
+"""The ring key: mean received power against range, which turning on the spot does not change. It needs no weights.
+
+After Kim and Kim (Scan Context, IROS 2018), in the form that Gadd and Newman use for radar: each azimuth's power is
+L2-normalised before the mean over azimuths is taken, and keys are compared by Euclidean distance.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from offradar_ros.config import RingKeyConfig
+from offradar_ros.encoders.fingerprint import fingerprint
+from offradar_ros.encoders.protocol import ModelInfo
+from offradar_ros.encoders.rings import ring_power
+from offradar_ros.errors import ConfigError, RefusedInput
+from offradar_ros.types import Embedding, PolarScan
+
+# Changes whenever the same settings would give another embedding.
+FORMULA = 1
+
+# A step between rings of 1/8 of a row's root-mean-square power, typical of clean scans, halves a ring's variance.
+STEP_PRECISION = 64.0
+
+# Rows are summed as integers of this many parts of one: such a sum has no order, so rolls leave it bit for bit.
+FIXED_POINT = 2.0**30
+
+
+class RingKeyEncoder:
+    """Ring key and a variance made from how much the azimuth sectors tell apart.
+
+    **Variance.** Let k_s be the ring key of sector s (of `sectors` equal ones, by row) and s_i the variance over the
+    sectors of k_{s,i} − k_{s,i−1}, the step into ring i. With d rings of unit rows, d·s_i has no scale, and
+
+        Σ_ii = variance_scale / (1 + 64 · d · s_i).
+
+    Structure that differs from sector to sector (walls, poles, cars) is what identifies a place, and it makes steps
+    from ring to ring; the smooth fall of power with range does not. A ring without it keeps the prior,
+    `variance_scale`. Whatever hides structure raises U: noise, saturated azimuths, blocked sectors (dark, or filled
+    with clutter), and also a truly empty place. With `variance_scale` calibrated, U is 1 on average over clean scans
+    of one sensor.
+
+    **It cannot see** a loss of reach that leaves near structure intact (rain, an attenuated receiver), a degradation
+    of a few degrees only (a blocked sector of 5 % moves U by less than the scans' own scatter), or a repeated
+    structure. U depends on the sensor: calibrate each one.
+    """
+
+    def __init__(self, config: RingKeyConfig) -> None:
+        """ConfigError where the rings would be empty."""
+        if config.min_range_m >= config.max_range_m:
+            raise ConfigError(
+                f'parameter encoder.ring_key.min_range_m: expected less than max_range_m = {config.max_range_m:g} m, '
+                f'got {config.min_range_m:g}'
+            )
+        self.config = config
+        settings = dataclasses.asdict(config)
+        self._info = ModelInfo(
+            name='ring_key',
+            fingerprint=fingerprint('ring_key', {**settings, 'formula': FORMULA}),
+            dimension=config.rings,
+            metadata={key: f'{value}' for key, value in settings.items()},
+        )
+
+    @property
+    def info(self) -> ModelInfo:
+        """The model's identity: every setting is part of it."""
+        return self._info
+
+    def encode(self, scan: PolarScan) -> Embedding:
+        """Key (rings,) and variance (rings,), float32; RefusedInput ``no_signal`` where all rings are zero.
+
+        Both are the same, bit for bit, after a circular roll of the rows by whole sectors (where `sectors` divides the
+        number of rows), and the key after any roll.
+        """
+        if not scan.power.size:
+            raise RefusedInput('no_signal', f'scan at {scan.stamp_ns} ns is empty: shape {scan.power.shape}')
+        config = self.config
+        power = ring_power(scan, config.rings, config.max_range_m, config.min_range_m)
+        norms = np.linalg.norm(power, axis=1, keepdims=True)
+        if not norms.any():
+            raise RefusedInput(
+                'no_signal',
+                f'scan at {scan.stamp_ns} ns holds no power between {config.min_range_m:g} m and '
+                f'{config.max_range_m:g} m',
+            )
+        rows = np.rint(power * (FIXED_POINT / np.where(norms > 0.0, norms, 1.0))).astype(np.int64)
+        starts = np.linspace(0, len(rows), min(config.sectors, len(rows)), endpoint=False).astype(np.intp)
+        sums = np.add.reduceat(rows, starts, axis=0)
+        lengths = np.diff(starts, append=len(rows))[:, np.newaxis]
+        return Embedding(
+            stamp_ns=scan.stamp_ns,
+            mean=(sums.sum(axis=0) / (len(rows) * FIXED_POINT)).astype(np.float32),
+            variance=self._variance(sums / (lengths * FIXED_POINT)),
+            model=self._info.fingerprint,
+        )
+
+    def _variance(self, sector_keys: NDArray[np.float64]) -> NDArray[np.float32]:
+        """(sectors, rings) float64 → (rings,) float32."""
+        steps = np.diff(sector_keys, axis=1, prepend=0.0)
+        # Sorted, so that the sum over the sectors does not depend on which comes first.
+        spread = np.sort(steps, axis=0).var(axis=0)
+        variance = self.config.variance_scale / (1.0 + STEP_PRECISION * spread.size * spread)
+        return np.asarray(variance, np.float32)

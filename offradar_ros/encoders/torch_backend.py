@@ -1,0 +1,31 @@
+"""Runs safetensors weights with torch, on a GPU where there is one."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from offradar_ros.encoders.image_encoder import ImageEncoder
+from offradar_ros.encoders.network_files import load_network
+
+
+class TorchEncoder(ImageEncoder):
+    """Learned encoder in torch; ModelError for weights that cannot be used."""
+
+    def __init__(self, path: str | Path, threads: int = 0) -> None:
+        """`threads` sets torch's threads for the whole process; 0 leaves them."""
+        network, header = load_network(path)
+        super().__init__(header, path)
+        if threads:
+            torch.set_num_threads(threads)
+        self._device = torch.device('cuda' if torch.cuda.is_available() else 'cpu')
+        self._network = network.to(self._device)
+
+    def infer(self, images: NDArray[np.uint8]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Images (N, S, S) uint8 → mean and variance, both (N, d) float32."""
+        with torch.inference_mode():
+            mean, variance = self._network.embed(torch.from_numpy(np.ascontiguousarray(images)).to(self._device))
+        return mean.cpu().numpy(), variance.cpu().numpy()

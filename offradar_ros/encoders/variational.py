@@ -1,0 +1,83 @@
+"""The paper's network (Sec. III-A): an invariant embedding, a variational part and a decoder. Needs torch.
+
+An image's feature map M feeds three parallel linear heads, Z_I, μ_V and log σ²; Z_V ~ N(μ_V, diag σ²) and
+Z = Z_I + Z_V. The decoder rebuilds M from Z. As in deep variational metric learning (Lin et al., ECCV 2018) nothing
+is normalised here: the losses do that for themselves.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import torch
+from torch import nn
+
+from offradar_ros.encoders.backbone import make_backbone
+from offradar_ros.encoders.network_config import REDUCTION, NetworkConfig
+
+# exp(±10) stays finite when squared in float32, and no calibrated variance comes near either end.
+LOG_VARIANCE_LIMIT = 10.0
+
+
+class NetworkOutput(NamedTuple):
+    """What the losses need: N images, d dimensions, C channels of s × s features.
+
+    Attributes:
+        z_i: (N, d) invariant embedding.
+        mu: (N, d) mean of the posterior of Z_V.
+        log_variance: (N, d) its log variance.
+        z: (N, d) Z_I plus a reparameterised sample of Z_V in training, plus its mean otherwise.
+        features: (N, C, s, s) feature map M, detached: the decoder's target.
+        reconstruction: (N, C, s, s) M as decoded from Z.
+    """
+
+    z_i: torch.Tensor
+    mu: torch.Tensor
+    log_variance: torch.Tensor
+    z: torch.Tensor
+    features: torch.Tensor
+    reconstruction: torch.Tensor
+
+
+class VariationalNetwork(nn.Module):
+    """Backbone, heads and decoder; images are (N, S, S) uint8 or float power in 0…255."""
+
+    def __init__(self, config: NetworkConfig) -> None:
+        super().__init__()
+        self.config = config
+        self.backbone = make_backbone(config.backbone)
+        channels, side = self.backbone.channels, config.side_px // REDUCTION
+        flat = channels * side * side
+        self.z_i = nn.Linear(flat, config.dimension)
+        self.mu = nn.Linear(flat, config.dimension)
+        self.log_variance = nn.Linear(flat, config.dimension)
+        self.decoder = nn.Sequential(
+            nn.Linear(config.dimension, flat),
+            nn.ReLU(inplace=True),
+            nn.Unflatten(1, (channels, side, side)),
+            nn.Conv2d(channels, channels, 3, padding=1),
+        )
+        # The posterior starts at the prior's variance, 1.
+        nn.init.normal_(self.log_variance.weight, std=1e-3 / flat**0.5)
+        nn.init.zeros_(self.log_variance.bias)
+
+    def heads(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Feature map (N, C, s, s) and Z_I, μ_V, log σ² (N, d) of images (N, S, S)."""
+        features = self.backbone(images.unsqueeze(1).to(torch.float32) / 255.0)
+        flat = features.flatten(1)
+        log_variance = self.log_variance(flat).clamp(-LOG_VARIANCE_LIMIT, LOG_VARIANCE_LIMIT)
+        return features, self.z_i(flat), self.mu(flat), log_variance
+
+    def forward(self, images: torch.Tensor) -> NetworkOutput:
+        """Everything that training needs, of images (N, S, S)."""
+        features, z_i, mu, log_variance = self.heads(images)
+        z = z_i + mu
+        if self.training:
+            z = z + torch.exp(0.5 * log_variance) * torch.randn_like(mu)
+        return NetworkOutput(z_i, mu, log_variance, z, features.detach(), self.decoder(z))
+
+    def embed(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Descriptor (N, d) and variance (N, d) of images (N, S, S); nothing is sampled."""
+        _, z_i, mu, log_variance = self.heads(images)
+        descriptor = z_i if self.config.descriptor == 'z_i' else z_i + mu
+        return descriptor, log_variance.exp()

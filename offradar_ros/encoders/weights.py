@@ -1,0 +1,121 @@
+"""Weights of a learned encoder: one safetensors file whose header says what they are. No torch here.
+
+Metadata of the header (text): ``offradar.settings`` (JSON of `NetworkConfig`), ``offradar.fingerprint``,
+``offradar.created_by`` (package and version) and ``offradar.description``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import safetensors
+from numpy.typing import NDArray
+from safetensors.numpy import save
+
+from offradar_ros import __version__
+from offradar_ros.encoders.fingerprint import fingerprint
+from offradar_ros.encoders.network_config import NetworkConfig
+from offradar_ros.errors import ConfigError, ModelError
+
+NAME = 'variational'
+
+
+@dataclasses.dataclass(frozen=True)
+class WeightsHeader:
+    """What a weights file, or an ONNX file made from it, says of itself."""
+
+    config: NetworkConfig
+    fingerprint: str
+    created_by: str = f'offradar_ros {__version__}'
+    description: str = ''
+
+    def to_metadata(self) -> dict[str, str]:
+        """Text entries that `from_metadata` reads."""
+        return {
+            'offradar.settings': self.config.to_json(),
+            'offradar.fingerprint': self.fingerprint,
+            'offradar.created_by': self.created_by,
+            'offradar.description': self.description,
+        }
+
+    @classmethod
+    def from_metadata(cls, metadata: Mapping[str, str], path: str | Path) -> WeightsHeader:
+        """Read the entries of `path`; ModelError where they are missing or not ours."""
+        fields = ('settings', 'fingerprint', 'created_by', 'description')
+        missing = [field for field in fields if f'offradar.{field}' not in metadata]
+        if missing:
+            raise ModelError(f'{path}: not offradar weights: its metadata has no offradar.{missing[0]}')
+        settings, digest, created_by, description = (metadata[f'offradar.{field}'] for field in fields)
+        if len(digest) != 64 or set(digest) - set('0123456789abcdef'):
+            raise ModelError(f'{path}: offradar.fingerprint: expected 64 hexadecimal digits, got {digest[:80]!r}')
+        try:
+            return cls(NetworkConfig.from_json(settings), digest, created_by, description)
+        except ConfigError as error:
+            raise ModelError(f'{path}: {error}') from error
+
+
+def save_weights(
+    path: str | Path, config: NetworkConfig, tensors: Mapping[str, NDArray[Any]], description: str = ''
+) -> WeightsHeader:
+    """Write weights atomically; returns the header written."""
+    digest = fingerprint(NAME, dataclasses.asdict(config), tensors)
+    header = WeightsHeader(config, digest, description=description)
+    contiguous = {name: np.ascontiguousarray(tensor).reshape(tensor.shape) for name, tensor in tensors.items()}
+    write_atomically(path, save(contiguous, metadata=header.to_metadata()))
+    return header
+
+
+def read_header(path: str | Path) -> WeightsHeader:
+    """Header of a weights file, without its tensors; ModelError for a missing, damaged or foreign file."""
+    try:
+        with safetensors.safe_open(require_file(path), framework='numpy') as opened:
+            metadata = opened.metadata()
+    except (safetensors.SafetensorError, OSError) as error:
+        raise ModelError(f'{path}: not a readable safetensors file ({first_line(error)})') from error
+    return WeightsHeader.from_metadata(metadata or {}, path)
+
+
+def load_weights(path: str | Path) -> tuple[WeightsHeader, dict[str, NDArray[Any]]]:
+    """Header and tensors by name; ModelError also where the tensors are not those of the fingerprint."""
+    header = read_header(path)
+    try:
+        with safetensors.safe_open(path, framework='numpy') as opened:
+            # `keys` is a method of the reader, which is no mapping.
+            tensors = {name: opened.get_tensor(name) for name in list(opened.keys())}
+    except (safetensors.SafetensorError, OSError, TypeError) as error:
+        raise ModelError(f'{path}: its tensors cannot be read ({first_line(error)})') from error
+    found = fingerprint(NAME, dataclasses.asdict(header.config), tensors)
+    if found != header.fingerprint:
+        raise ModelError(
+            f'{path}: damaged or altered: expected fingerprint {header.fingerprint}, but its tensors give {found}'
+        )
+    return header, tensors
+
+
+def require_file(path: str | Path) -> str:
+    """The path, if a file is there; ModelError otherwise."""
+    if not Path(path).is_file():
+        raise ModelError(f'{path}: no such weights file')
+    return str(path)
+
+
+def first_line(error: BaseException) -> str:
+    """One line of another library's error."""
+    return (str(error).strip() or type(error).__name__).splitlines()[0][:300]
+
+
+def write_atomically(path: str | Path, content: bytes) -> None:
+    """Write a file that either is complete or is not there; ModelError where it cannot be written."""
+    target = Path(path)
+    partial = target.with_name(f'.{target.name}.{os.getpid()}.partial')
+    try:
+        partial.write_bytes(content)
+        partial.replace(target)
+    except OSError as error:
+        partial.unlink(missing_ok=True)
+        raise ModelError(f'{path}: cannot be written ({error.strerror})') from error
