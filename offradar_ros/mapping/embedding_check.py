@@ -1,0 +1,21 @@
+"""What makes an embedding unusable, for the map and for a query alike."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from offradar_ros.types import Embedding
+
+
+def embedding_problem(embedding: Embedding) -> str | None:
+    """One line on why `embedding` can be neither mapped nor searched with, or None when it can."""
+    mean, variance = embedding.mean, embedding.variance
+    if mean.ndim != 1 or variance.ndim != 1 or mean.size == 0 or mean.size != variance.size:
+        return f'expected mean and variance of one equal length, got shapes {mean.shape} and {variance.shape}'
+    for name, values in (('mean', mean), ('variance', variance)):
+        wrong = int(np.count_nonzero(~np.isfinite(values)))
+        if wrong:
+            return f'{wrong} of {values.size} values of the {name} are NaN or infinite'
+    if float(variance.min()) < 0.0:
+        return f'the variance holds a negative value, {float(variance.min()):g}'
+    return None

@@ -1,0 +1,138 @@
+"""Reading a map file without changing a byte of it, or of its folder."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import sqlite3
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from offradar_ros.encoders.protocol import ModelInfo
+from offradar_ros.errors import MapError, RefusedInput
+from offradar_ros.geometry import GeoPoint
+from offradar_ros.mapping import schema
+from offradar_ros.mapping.place_columns import PlaceColumns, place_of
+from offradar_ros.mapping.place_rows import CONTENT_COLUMNS, rows_to_table
+from offradar_ros.mapping.stored_map import Before, StoredMap, StoredSession
+from offradar_ros.types import PlaceTable
+
+_BATCH = 16384
+
+
+def read_map(path: Path) -> StoredMap:
+    """Read the map at `path`; MapError says what is wrong with it. The file and its folder are left as they are.
+
+    Without a write-ahead log beside it the file is read as immutable, since SQLite's ordinary read-only mode leaves
+    a log behind. Should a writer start meanwhile, what was read is thrown away and read again beside that writer.
+    """
+    if not path.is_file():
+        raise MapError(f'{path}: no map file there')
+    if not path.stat().st_size:
+        raise MapError(f'{path}: an empty file, not a map: remove it to start a new map there')
+    state = _state(path)
+    if not _has_log(path):
+        try:
+            content = _read(path, 'mode=ro&immutable=1')
+        except MapError:
+            if _state(path) == state and not _has_log(path):
+                raise
+        else:
+            if _state(path) == state and not _has_log(path):
+                return content
+    return _read(path, 'mode=ro')
+
+
+def _state(path: Path) -> tuple[int, int]:
+    status = path.stat()
+    return status.st_mtime_ns, status.st_size
+
+
+def _has_log(path: Path) -> bool:
+    log = path.with_name(path.name + '-wal')
+    return log.exists() and log.stat().st_size > 0
+
+
+def _read(path: Path, mode: str) -> StoredMap:
+    try:
+        with contextlib.closing(sqlite3.connect(f'{path.resolve().as_uri()}?{mode}', uri=True)) as connection:
+            connection.execute('BEGIN')
+            _refuse_foreign(path, connection)
+            return _content(connection)
+    except sqlite3.DatabaseError as error:
+        if 'not a database' in str(error):
+            raise MapError(f'{path}: not a map: expected a SQLite file written by offradar') from error
+        raise MapError(f'{path}: the map is damaged or cannot be read ({error}); the file is left as it is') from error
+    except (ValueError, TypeError, KeyError, OverflowError, RefusedInput) as error:
+        raise MapError(f'{path}: the map is damaged ({error}); the file is left as it is') from error
+
+
+def _refuse_foreign(path: Path, connection: sqlite3.Connection) -> None:
+    application = int(connection.execute('PRAGMA application_id').fetchone()[0])
+    version = int(connection.execute('PRAGMA user_version').fetchone()[0])
+    if application != schema.APPLICATION_ID:
+        raise MapError(f'{path}: a SQLite file, but not a map written by offradar')
+    if version > schema.VERSION:
+        raise MapError(
+            f'{path}: written by a newer version of offradar (map format {version}, this one reads {schema.VERSION})'
+        )
+    problem = str(connection.execute('PRAGMA quick_check(1)').fetchone()[0])
+    if problem != 'ok':
+        problem = problem.splitlines()[-1]
+        raise MapError(f'{path}: the map is damaged ({problem}); the file is left as it is')
+
+
+def _content(connection: sqlite3.Connection) -> StoredMap:
+    meta = {key: json.loads(value) for key, value in connection.execute('SELECT key, value FROM meta')}
+    model = ModelInfo(**meta['model']) if meta['model'] else None
+    dimension = model.dimension if model else 0
+    places, anchors_m = _places(connection, dimension)
+    rows = connection.execute('SELECT session_id, name, stamp_ns, state, report FROM sessions ORDER BY session_id')
+    return StoredMap(
+        model=model,
+        origin=GeoPoint(**meta['origin']) if meta['origin'] else None,
+        next_place_id=int(meta['next_place_id']),
+        places=places,
+        anchors_m=anchors_m,
+        sessions=tuple(
+            StoredSession(session_id, name, stamp_ns, state, json.loads(report))
+            for session_id, name, stamp_ns, state, report in rows
+        ),
+        before=_before(connection, dimension),
+    )
+
+
+def _places(connection: sqlite3.Connection, dimension: int) -> tuple[PlaceTable, NDArray[np.float64]]:
+    count = int(connection.execute('SELECT count(*) FROM places').fetchone()[0])
+    cursor = connection.execute(f'SELECT {CONTENT_COLUMNS}, anchor_x_m, anchor_y_m FROM places ORDER BY place_id')
+    columns, anchors_m = PlaceColumns(dimension, count), np.empty((count, 2), np.float64)
+    for batch in _batches(cursor):
+        anchors_m[len(columns) : len(columns) + len(batch)] = [row[9:] for row in batch]
+        columns.upsert(rows_to_table([row[:9] for row in batch], dimension))
+    if not np.isfinite(anchors_m).all():
+        raise ValueError('a place has no finite position')
+    return columns.table, anchors_m
+
+
+def _before(connection: sqlite3.Connection, dimension: int) -> dict[int, Before]:
+    before: dict[int, Before] = {}
+    cursor = connection.execute(
+        f'SELECT {CONTENT_COLUMNS}, by_session, existed FROM undo ORDER BY by_session, place_id'
+    )
+    for batch in _batches(cursor):
+        for row in batch:
+            before.setdefault(row[9], {})[row[0]] = None
+        kept = [row for row in batch if row[10]]
+        table = rows_to_table([row[:9] for row in kept], dimension)
+        for i, row in enumerate(kept):
+            before[row[9]][row[0]] = place_of(table, i)
+    return before
+
+
+def _batches(cursor: sqlite3.Cursor) -> Iterator[list[Any]]:
+    while batch := cursor.fetchmany(_BATCH):
+        yield batch

@@ -1,0 +1,72 @@
+"""Embeddings that wait for the position at their stamp."""
+
+from __future__ import annotations
+
+import collections
+import dataclasses
+
+from offradar_ros.config import PositionConfig
+from offradar_ros.geometry import NoPosition, PositionBuffer
+from offradar_ros.types import Embedding, Pose
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class Settled:
+    """An embedding whose waiting is over: with its pose, or without one and dropped for `cause`."""
+
+    embedding: Embedding
+    pose: Pose | None
+    cause: str = ''
+
+
+class PendingEmbeddings:
+    """First in, first out: embeddings leave in the order in which they came, whatever the order of positions."""
+
+    def __init__(self, config: PositionConfig) -> None:
+        self._wait_ns = round(config.wait_s * 1e9)
+        self._positions = PositionBuffer(round(config.max_gap_s * 1e9))
+        self._waiting: collections.deque[Embedding] = collections.deque()
+        self._newest_ns = 0
+
+    def __len__(self) -> int:
+        return len(self._waiting)
+
+    @property
+    def last_position_ns(self) -> int | None:
+        """Stamp of the newest position."""
+        return self._positions.last_stamp_ns
+
+    def add_position(self, stamp_ns: int, pose: Pose) -> list[Settled]:
+        """Take a position and return what it settles; RefusedInput if it is not finite or not newer than the last."""
+        self._positions.add(stamp_ns, pose)
+        return self._settle()
+
+    def add_embedding(self, embedding: Embedding) -> list[Settled]:
+        """Take an embedding and return what is settled, it among them where its position is known already."""
+        self._newest_ns = max(self._newest_ns, embedding.stamp_ns) if self._waiting else embedding.stamp_ns
+        self._waiting.append(embedding)
+        return self._settle()
+
+    def flush(self) -> list[Settled]:
+        """End of the recording: settle what can be and drop the rest."""
+        return self._settle(final=True)
+
+    def clear(self) -> None:
+        """Forget positions and waiting embeddings, as when a recording starts again."""
+        self._positions.clear()
+        self._waiting.clear()
+
+    def _settle(self, final: bool = False) -> list[Settled]:
+        settled: list[Settled] = []
+        while self._waiting:
+            pose = self._positions.at(self._waiting[0].stamp_ns)
+            overdue = final or self._newest_ns - self._waiting[0].stamp_ns > self._wait_ns
+            if pose is NoPosition.NOT_YET and not overdue:
+                break
+            embedding = self._waiting.popleft()
+            settled.append(Settled(embedding, pose) if isinstance(pose, Pose) else _dropped(embedding))
+        return settled
+
+
+def _dropped(embedding: Embedding) -> Settled:
+    return Settled(embedding, None, 'no_position')

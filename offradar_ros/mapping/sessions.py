@@ -1,0 +1,281 @@
+"""The parent map over many drives: each merged as a session that can be ended, saved and undone."""
+
+from __future__ import annotations
+
+import collections
+import dataclasses
+import math
+from pathlib import Path
+
+from offradar_ros.config import MapConfig
+from offradar_ros.encoders.protocol import ModelInfo
+from offradar_ros.errors import MapError, RefusedInput
+from offradar_ros.geometry import GeoPoint
+from offradar_ros.mapping.parent_map import Merge, MergeKind, ParentMap
+from offradar_ros.mapping.session_report import SessionReport, UndoReport
+from offradar_ros.mapping.store import MapStore
+from offradar_ros.mapping.stored_map import Before, StoredMap, StoredSession, revert
+from offradar_ros.types import Embedding, PlaceTable, Pose
+
+
+@dataclasses.dataclass
+class _Running:
+    """The session under way. `before` holds what each place it changed held when it started."""
+
+    session_id: int
+    name: str
+    stamp_ns: int
+    places_before: int
+    mean_uncertainty_before: float
+    before: Before = dataclasses.field(default_factory=dict)
+    merges: collections.Counter[MergeKind] = dataclasses.field(default_factory=collections.Counter)
+    dropped: collections.Counter[str] = dataclasses.field(default_factory=collections.Counter)
+    saved: bool = False
+
+
+class SessionMap:
+    """A parent map with sessions, in the file `map.path` or, where that is empty, in memory only.
+
+    Opening raises MapError for a file that cannot be used (see `MapStore.open`). Not for several threads at once.
+    """
+
+    def __init__(self, config: MapConfig) -> None:
+        self.config = config
+        self._store: MapStore | None = None
+        self._model: ModelInfo | None = None
+        self._origin: GeoPoint | None = None
+        self._parent = ParentMap(config, 0)
+        self._running: _Running | None = None
+        self._undoable: list[tuple[StoredSession, Before]] = []
+        self._next_session_id = 1
+        if config.path:
+            self._store, stored = MapStore.open(Path(config.path))
+            self._load(stored)
+
+    def _load(self, stored: StoredMap) -> None:
+        self._model, self._origin = stored.model, stored.origin
+        self._parent = ParentMap(self.config, stored.model.dimension if stored.model else 0)
+        self._parent.load(stored.places, stored.anchors_m, stored.next_place_id)
+        self._next_session_id = max((session.session_id for session in stored.sessions), default=0) + 1
+        for session in reversed([session for session in stored.sessions if session.state != 'undone']):
+            before = stored.before.get(session.session_id, {})
+            forgotten = not before and session.report['inserted'] + session.report['replaced']
+            if forgotten or len(self._undoable) == self.config.undo_depth:
+                break
+            self._undoable.insert(0, (session, before))
+
+    def close(self) -> None:
+        """Let the file go. What a running session did since it was last saved is lost."""
+        if self._store:
+            self._store.close()
+            self._store = None
+
+    def __enter__(self) -> SessionMap:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __len__(self) -> int:
+        return len(self._parent)
+
+    @property
+    def model(self) -> ModelInfo | None:
+        """Whose embeddings the map holds; None until a model is adopted."""
+        return self._model
+
+    def adopt_model(self, info: ModelInfo) -> None:
+        """Hold embeddings of this model from now on; MapError if the map holds another's."""
+        if self._model and self._model.fingerprint != info.fingerprint and (len(self) or self._undoable):
+            raise MapError(
+                f'{self._where}: holds embeddings of {self._model.name} {self._model.fingerprint[:12]}, '
+                f'not of {info.name} {info.fingerprint[:12]}: use that model, or another map.path'
+            )
+        if self._store:
+            self._store.write_model(info)
+        if not self._model or self._model.fingerprint != info.fingerprint:
+            next_place_id = self._parent.next_place_id
+            self._parent = ParentMap(self.config, info.dimension)
+            self._parent.next_place_id = next_place_id
+        self._model = info
+
+    @property
+    def origin(self) -> GeoPoint | None:
+        """Where the ``map`` frame starts; None until it is set."""
+        return self._origin
+
+    def set_origin(self, origin: GeoPoint) -> None:
+        """Fix the ``map`` frame, once and for all later drives; MapError if it starts elsewhere already."""
+        if self._origin == origin:
+            return
+        if self._origin:
+            raise MapError(f'{self._where}: its frame starts at {self._origin} and cannot start at {origin}')
+        if self._store:
+            self._store.write_origin(origin)
+        self._origin = origin
+
+    @property
+    def running_session_id(self) -> int | None:
+        """Id of the session under way."""
+        return self._running.session_id if self._running else None
+
+    def start_session(self, name: str, stamp_ns: int) -> int:
+        """Start a session and return its id; MapError while another runs."""
+        if self._running:
+            raise MapError(f'session {self._running.session_id} ({self._running.name}) runs: end it or undo it first')
+        session_id = self._next_session_id
+        self._next_session_id += 1
+        self._running = _Running(session_id, name, stamp_ns, len(self), self._parent.mean_uncertainty)
+        return session_id
+
+    def merge(self, embedding: Embedding, pose: Pose) -> Merge:
+        """One scan of the running session into the map, by Algorithm 1.
+
+        Raises RefusedInput: `no_session`, `no_model`, `wrong_model`, and those of `ParentMap.merge`. The caller, who
+        also knows of scans that never came this far, counts refusals with `note_dropped`.
+        """
+        running = self._running
+        if not running:
+            raise RefusedInput(
+                'no_session', f'embedding at {embedding.stamp_ns} ns: no session runs, nothing is mapped'
+            )
+        if not self._model:
+            raise RefusedInput('no_model', f'embedding at {embedding.stamp_ns} ns: the map knows of no model yet')
+        if embedding.model != self._model.fingerprint:
+            raise RefusedInput(
+                'wrong_model',
+                f'embedding at {embedding.stamp_ns} ns: made by model {embedding.model[:12] or "(none)"}, '
+                f'the map holds {self._model.name} {self._model.fingerprint[:12]}',
+            )
+        merge = self._parent.merge(embedding, pose, running.session_id)
+        running.merges[merge.kind] += 1
+        if merge.kind is MergeKind.INSERTED:
+            running.before[merge.place_ids[0]] = None
+        for place in merge.before:
+            running.before.setdefault(place.place_id, place)
+        return merge
+
+    def note_dropped(self, cause: str) -> None:
+        """Count a scan that did not reach the map; outside a session there is nothing to count it in."""
+        if self._running:
+            self._running.dropped[cause] += 1
+
+    def end_session(self) -> SessionReport:
+        """End the running session; from here on it is on disk. MapError if none runs or it cannot be written."""
+        running = self._require_running()
+        report = self._report(running)
+        session = StoredSession(running.session_id, running.name, running.stamp_ns, 'ended', report.as_dict())
+        undoable = [*self._undoable, (session, running.before)][
+            max(0, len(self._undoable) + 1 - self.config.undo_depth) :
+        ]
+        self._write(session, running.before, undoable)
+        self._undoable, self._running = undoable, None
+        return report
+
+    def save(self) -> None:
+        """Put what the running session did so far on disk, should the process end before the session does.
+
+        Found again without its end, the session counts as interrupted: its changes stay and can be undone.
+        """
+        if not self._store:
+            raise MapError('map.path is empty: this map is kept in memory only and cannot be saved')
+        running = self._running
+        if running:
+            report = self._report(running).as_dict()
+            session = StoredSession(running.session_id, running.name, running.stamp_ns, 'running', report)
+            self._write(session, running.before, [*self._undoable, (session, running.before)])
+            running.saved = True
+
+    def undo_session(self) -> UndoReport:
+        """Discard the running session, or else take back the one that ended last; MapError if there is none."""
+        running = self._running
+        if running:
+            session = StoredSession(running.session_id, running.name, running.stamp_ns, 'undone', {})
+            before = running.before
+        elif self._undoable:
+            session, before = self._undoable[-1]
+            session = dataclasses.replace(session, state='undone')
+        else:
+            raise MapError(f'{self._where}: no session to undo (map.undo_depth is {self.config.undo_depth})')
+        old = [place for place in before.values() if place]
+        new = [place_id for place_id, place in before.items() if place is None]
+        if self._store and (running is None or running.saved):
+            self._store.undo_session(session, before, self._parent.anchors([place.place_id for place in old]))
+        self._parent.restore(old)
+        self._parent.remove(new)
+        self._running = None
+        if not running:
+            self._undoable.pop()
+        return UndoReport(session.session_id, session.name, running is not None, len(new), len(old), len(self))
+
+    def clear(self) -> Path | None:
+        """Empty the map, after copying its file to ``<path>.<UTC stamp>.bak``; returns the copy's path.
+
+        Model and origin stay. A running session is saved, then goes on, from an empty map.
+        A map in memory is just emptied (None).
+        """
+        copy = None
+        if self._store:
+            self.save()
+            copy = self._store.clear()
+        next_place_id = self._parent.next_place_id
+        self._parent = ParentMap(self.config, self._parent.dimension)
+        self._parent.next_place_id = next_place_id
+        self._undoable = []
+        if self._running:
+            running = self._running
+            self._running = _Running(running.session_id, running.name, running.stamp_ns, 0, math.nan)
+        return copy
+
+    def committed(self) -> PlaceTable:
+        """The map as of the last ended session, in ascending order of id: what a query searches."""
+        return revert(self._parent.view, self._running.before) if self._running else self._parent.table()
+
+    def running(self) -> PlaceTable:
+        """The places that the running session changed, as they are now."""
+        return self._parent.rows(sorted(self._running.before) if self._running else [])
+
+    def changed(self, merge: Merge) -> PlaceTable:
+        """The places that one merge changed, as they are now."""
+        return self._parent.rows(merge.place_ids)
+
+    @property
+    def mean_uncertainty(self) -> float:
+        """Mean U over the places, the running session's included; NaN for an empty map."""
+        return self._parent.mean_uncertainty
+
+    @property
+    def _where(self) -> str:
+        return self.config.path or 'the map in memory'
+
+    def _require_running(self) -> _Running:
+        if not self._running:
+            raise MapError('no session runs: start one first')
+        return self._running
+
+    def _report(self, running: _Running) -> SessionReport:
+        return SessionReport(
+            session_id=running.session_id,
+            name=running.name,
+            inserted=running.merges[MergeKind.INSERTED],
+            replaced=running.merges[MergeKind.REPLACED],
+            kept=running.merges[MergeKind.KEPT],
+            dropped=dict(running.dropped),
+            places_before=running.places_before,
+            places_after=len(self),
+            mean_uncertainty_before=running.mean_uncertainty_before,
+            mean_uncertainty_after=self._parent.mean_uncertainty,
+        )
+
+    def _write(self, session: StoredSession, before: Before, undoable: list[tuple[StoredSession, Before]]) -> None:
+        if not self._store:
+            return
+        ids = sorted(before)
+        self._store.write_session(
+            session,
+            changed=self._parent.rows(ids),
+            anchors_m=self._parent.anchors(ids),
+            before=before,
+            next_place_id=self._parent.next_place_id,
+            undoable=[kept.session_id for kept, _ in undoable],
+        )

@@ -1,0 +1,69 @@
+"""What a map file holds, as records."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from offradar_ros.encoders.protocol import ModelInfo
+from offradar_ros.geometry import GeoPoint
+from offradar_ros.mapping.place_columns import take_rows
+from offradar_ros.types import Place, PlaceTable
+
+Before = dict[int, Place | None]
+"""What the places that a session changed held before it, by place id; None where there was no such place."""
+
+
+@dataclasses.dataclass(frozen=True)
+class StoredSession:
+    """One row of the sessions table; `report` is the merge report as a mapping, `state` as in the schema."""
+
+    session_id: int
+    name: str
+    stamp_ns: int
+    state: str
+    report: Mapping[str, Any]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class StoredMap:
+    """A map file's content.
+
+    Attributes:
+        model: whose embeddings it holds; None for a map that never held any.
+        origin: where the local frame starts; None if unknown yet.
+        next_place_id: the id that the next new place gets.
+        places: every place, in ascending order of id, a saved but unended session's changes included.
+        anchors_m: (N, 2) float64, east and north where each place was first mapped.
+        sessions: every session, oldest first.
+        before: for each session that can be undone, what the places it changed held before.
+    """
+
+    model: ModelInfo | None
+    origin: GeoPoint | None
+    next_place_id: int
+    places: PlaceTable
+    anchors_m: NDArray[np.float64]
+    sessions: tuple[StoredSession, ...]
+    before: Mapping[int, Before]
+
+    def committed(self) -> PlaceTable:
+        """The map as of the last ended session."""
+        running = [session.session_id for session in self.sessions if session.state == 'running']
+        return revert(self.places, self.before.get(running[-1], {})) if running else self.places
+
+
+def revert(places: PlaceTable, before: Before) -> PlaceTable:
+    """A copy of `places`, in ascending order of id, with what they held `before`."""
+    new = [place_id for place_id, place in before.items() if place is None]
+    old = [place for place in before.values() if place is not None]
+    reverted = take_rows(places, np.flatnonzero(~np.isin(places.place_ids, new)))
+    restored = PlaceTable.from_places(old, places.means.shape[1])
+    rows = np.searchsorted(reverted.place_ids, restored.place_ids)
+    for field in dataclasses.fields(PlaceTable):
+        getattr(reverted, field.name)[rows] = getattr(restored, field.name)
+    return reverted

@@ -1,0 +1,102 @@
+"""Introspective querying (Sec. III-C of the paper): the nearest places, or the reason why not."""
+
+from __future__ import annotations
+
+import math
+
+from offradar_ros.config import QueryConfig
+from offradar_ros.errors import RefusedInput
+from offradar_ros.mapping.embedding_check import embedding_problem
+from offradar_ros.retrieval.place_index import PlaceIndex
+from offradar_ros.retrieval.thresholds import threshold_at
+from offradar_ros.types import Candidate, Embedding, Match, Outcome, PlaceTable, Reason, Rejection
+
+
+class IntrospectiveQuery:
+    """Answers every embedding, with a match or with a reasoned rejection. One thread at a time."""
+
+    def __init__(self, config: QueryConfig) -> None:
+        self.reconfigure(config)
+        self._model = ''
+        self._committed = PlaceIndex(0)
+        self._running = PlaceIndex(0)
+
+    def reconfigure(self, config: QueryConfig) -> None:
+        """Go on with other thresholds; the map stays."""
+        self.config = config
+        self.threshold = threshold_at(config)
+
+    @property
+    def places(self) -> int:
+        """Number of places of ended sessions."""
+        return len(self._committed)
+
+    def load(self, table: PlaceTable, model_fingerprint: str) -> None:
+        """Search these places, of this model, and no others."""
+        committed = PlaceIndex(table.means.shape[1])
+        committed.replace_all(table)
+        self._committed, self._running = committed, PlaceIndex(committed.dimension)
+        self._model = model_fingerprint
+
+    def update(self, table: PlaceTable, committed: bool) -> None:
+        """Take changed places: of ended sessions, or of the running one, which are kept apart.
+
+        RefusedInput (`no_map`, `wrong_dimension`, `invalid_place`) leaves the map as it was.
+        """
+        if not self._model:
+            raise RefusedInput('no_map', f'{len(table)} changed places dropped: no map was loaded that they change')
+        if committed:
+            self._committed.upsert(table)
+            self._running.remove(table.place_ids)
+        else:
+            self._running.upsert(table)
+
+    def query(self, embedding: Embedding) -> Outcome:
+        """The `top_k` nearest places, or a rejection with those that would have been returned where there are any."""
+        problem = embedding_problem(embedding)
+        if problem:
+            return self._rejection(embedding, Reason.INVALID_EMBEDDING, (), problem, math.nan)
+        problem = self._model_problem(embedding)
+        if problem:
+            return self._rejection(embedding, Reason.WRONG_MODEL, (), problem)
+        candidates = self._nearest(embedding)
+        if not candidates:
+            return self._rejection(embedding, Reason.MAP_EMPTY, (), 'the map holds no places to search')
+        if embedding.uncertainty > self.threshold:
+            detail = f'U {embedding.uncertainty:.4g} is above the threshold {self.threshold:.4g}'
+            return self._rejection(embedding, Reason.UNCERTAIN, candidates, detail)
+        if 0.0 < self.config.max_distance < candidates[0].distance:
+            detail = f'the nearest place is {candidates[0].distance:.4g} away, above {self.config.max_distance:.4g}'
+            return self._rejection(embedding, Reason.UNKNOWN_PLACE, candidates, detail)
+        return Match(embedding.stamp_ns, embedding.uncertainty, self.threshold, candidates)
+
+    def _model_problem(self, embedding: Embedding) -> str | None:
+        if not self._model:
+            return None
+        if embedding.model != self._model:
+            return f'made by model {embedding.model[:12] or "(none)"}, the map is of model {self._model[:12]}'
+        if embedding.mean.size != self._committed.dimension:
+            return f'has dimension {embedding.mean.size}, the map has {self._committed.dimension}'
+        return None
+
+    def _nearest(self, embedding: Embedding) -> tuple[Candidate, ...]:
+        if not self._model:
+            return ()
+        k = self.config.top_k
+        if self.config.exclude_current_session or not len(self._running):
+            return tuple(self._committed.search(embedding.mean, k))
+        # A place that the running session changed is searched as it is now, not as it was.
+        found = self._committed.search(embedding.mean, k, without=self._running.place_ids)
+        found += self._running.search(embedding.mean, k)
+        return tuple(sorted(found, key=lambda candidate: (candidate.distance, candidate.place_id))[:k])
+
+    def _rejection(
+        self,
+        embedding: Embedding,
+        reason: Reason,
+        candidates: tuple[Candidate, ...],
+        detail: str,
+        uncertainty: float | None = None,
+    ) -> Rejection:
+        known = embedding.uncertainty if uncertainty is None else uncertainty
+        return Rejection(embedding.stamp_ns, reason, known, self.threshold, candidates, detail)

@@ -1,0 +1,130 @@
+"""Exact Euclidean nearest neighbours over places that come, change and go."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from offradar_ros.errors import RefusedInput
+from offradar_ros.mapping.place_columns import PlaceColumns
+from offradar_ros.types import Candidate, PlaceTable, Pose
+
+_ROUND_OFF = 2.0**-24
+"""Relative error of one single-precision operation."""
+
+_TINY = float(np.finfo(np.float32).tiny)
+"""Below this single precision loses its relative accuracy."""
+
+_LARGEST_SQUARE = 1e37
+"""Squares beyond this could overflow single precision: such a search is done in double precision alone."""
+
+_CHUNK = 65536
+
+
+class PlaceIndex:
+    """Brute force over one preallocated float32 matrix: a change costs microseconds, and nothing is approximate.
+
+    One pass computes |x|² − 2 x·q in single precision, which cancels badly for x near q. Every row that its error
+    bound leaves in question is then measured again, as |x − q| in double precision.
+    """
+
+    def __init__(self, dimension: int) -> None:
+        self.dimension = dimension
+        self._columns = PlaceColumns(dimension)
+        self._squares = np.empty(16, np.float32)
+
+    def __len__(self) -> int:
+        return len(self._columns)
+
+    @property
+    def place_ids(self) -> NDArray[np.int64]:
+        """(N,) int64, ascending; a view, valid until the next change."""
+        return self._columns.table.place_ids
+
+    def upsert(self, table: PlaceTable) -> None:
+        """Overwrite known places and add new ones; RefusedInput if a mean is not of d finite numbers."""
+        self._refuse_unusable(table)
+        before = len(self)
+        _, known = self._columns.find(table.place_ids)
+        self._columns.upsert(table)
+        rows, _ = self._columns.find(table.place_ids)
+        appended = bool(np.all(rows[~known] >= before))
+        self._measure(rows if appended else np.arange(len(self)))
+
+    def remove(self, place_ids: NDArray[np.int64]) -> None:
+        """Forget places; an unknown id is no error."""
+        if self._columns.find(place_ids)[1].any():
+            self._columns.remove(place_ids)
+            self._measure(np.arange(len(self)))
+
+    def replace_all(self, table: PlaceTable) -> None:
+        """Hold these places and no others."""
+        self._refuse_unusable(table)
+        self._columns = PlaceColumns(self.dimension, len(table))
+        self._columns.upsert(table)
+        self._measure(np.arange(len(self)))
+
+    def search(self, mean: NDArray[np.float32], k: int, without: NDArray[np.int64] | None = None) -> list[Candidate]:
+        """The k places nearest to `mean` (d,), nearest first, of equally near ones the lowest id first.
+
+        Fewer where there are fewer; `without` are ids left out. Distances are exact, rounded to single precision.
+        """
+        query = np.asarray(mean, np.float32)
+        rows, known = self._columns.find(np.empty(0, np.int64) if without is None else without)
+        excluded = np.unique(rows[known])
+        k = min(k, len(self) - len(excluded))
+        if k <= 0:
+            return []
+        rows = self._shortlist(query, k, excluded)
+        distances = self._distances(query, rows)
+        nearest = np.argsort(distances, kind='stable')[:k]
+        return [self._candidate(int(rows[i]), float(distances[i])) for i in nearest]
+
+    def _shortlist(self, query: NDArray[np.float32], k: int, excluded: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Ascending rows that are sure to hold the k nearest."""
+        squares = self._squares[: len(self)]
+        largest = (np.sqrt(float(squares.max())) + np.linalg.norm(query.astype(np.float64))) ** 2
+        if not largest < _LARGEST_SQUARE:
+            return np.setdiff1d(np.arange(len(self)), excluded)
+        scores = self._columns.table.means @ (np.float32(-2.0) * query)
+        scores += squares
+        scores[excluded] = np.inf
+        bound = (self.dimension + 8) * (_ROUND_OFF * largest + _TINY)
+        limit = float(np.partition(scores, k - 1)[k - 1]) + 2.0 * bound
+        return np.flatnonzero(scores <= np.nextafter(np.float32(limit), np.float32(np.inf)))
+
+    def _distances(self, query: NDArray[np.float32], rows: NDArray[np.intp]) -> NDArray[np.float32]:
+        distances = np.empty(len(rows), np.float32)
+        for start in range(0, len(rows), _CHUNK):
+            part = slice(start, start + _CHUNK)
+            offsets = self._columns.table.means[rows[part]].astype(np.float64) - query
+            distances[part] = np.sqrt(np.sum(offsets * offsets, axis=1))
+        return distances
+
+    def _candidate(self, row: int, distance: float) -> Candidate:
+        table = self._columns.table
+        x_m, y_m, z_m = (float(v) for v in table.positions_m[row])
+        pose = Pose(x_m, y_m, z_m, float(table.yaws_rad[row]))
+        return Candidate(int(table.place_ids[row]), distance, float(table.uncertainties[row]), pose)
+
+    def _measure(self, rows: NDArray[np.intp]) -> None:
+        """Squared lengths of rows that changed, infinite where they overflow."""
+        if len(self) > len(self._squares):
+            grown = np.empty(max(len(self), 2 * len(self._squares)), np.float32)
+            grown[: len(self._squares)] = self._squares
+            self._squares = grown
+        for start in range(0, len(rows), _CHUNK):
+            part = rows[start : start + _CHUNK]
+            means = self._columns.table.means[part].astype(np.float64)
+            with np.errstate(over='ignore'):
+                self._squares[part] = np.sum(means * means, axis=1)
+
+    def _refuse_unusable(self, table: PlaceTable) -> None:
+        if table.means.shape != (len(table), self.dimension):
+            raise RefusedInput(
+                'wrong_dimension',
+                f'places of dimension {table.means.shape[-1]} refused: the map has dimension {self.dimension}',
+            )
+        wrong = np.flatnonzero(~np.isfinite(table.means).all(axis=1))
+        if len(wrong):
+            raise RefusedInput('invalid_place', f'place {table.place_ids[wrong[0]]}: its mean is not finite')
