@@ -44,7 +44,8 @@ def decode_polar_image(
         image = np.asarray(cv2.transpose(image), np.uint8)
     # Fewer rows than a rotation has are its first ones; the rest of the circle stays unmeasured.
     samples = max(config.azimuth_samples, len(image))
-    return scan_from_rows(image, np.arange(len(image)) * (2 * np.pi / samples), None, stamp_ns, config)
+    angles: NDArray[np.float64] = np.arange(len(image), dtype=np.float64) * (2 * np.pi / samples)
+    return scan_from_rows(image, angles, None, stamp_ns, config)
 
 
 def scan_from_rows(

@@ -1,0 +1,52 @@
+"""The outcome of a check."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Literal
+
+Level = Literal['ok', 'note', 'problem']
+
+
+@dataclasses.dataclass(frozen=True)
+class Finding:
+    """One line for a person: `ok` is as it should be, `note` worth knowing, `problem` something to put right."""
+
+    level: Level
+    text: str
+
+
+@dataclasses.dataclass(frozen=True)
+class Findings:
+    """Everything found in the folder `path`, recognised as `layout`."""
+
+    path: Path
+    layout: str
+    findings: tuple[Finding, ...]
+
+    @property
+    def problems(self) -> tuple[Finding, ...]:
+        """What has to be put right."""
+        return tuple(finding for finding in self.findings if finding.level == 'problem')
+
+
+def ok(text: str) -> Finding:
+    """A finding that is as it should be."""
+    return Finding('ok', text)
+
+
+def note(text: str) -> Finding:
+    """A finding worth knowing."""
+    return Finding('note', text)
+
+
+def problem(text: str) -> Finding:
+    """A finding to put right."""
+    return Finding('problem', text)
+
+
+def some(items: list[str], most: int = 3) -> str:
+    """The first few of many, and how many more there are."""
+    shown = ', '.join(items[:most])
+    return shown if len(items) <= most else f'{shown} and {len(items) - most} more'

@@ -1,0 +1,40 @@
+"""All checks of a data-set folder."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from offradar_ros.config import PositionConfig, RadarConfig
+from offradar_ros.datasets.check.findings import Finding, Findings, ok, problem
+from offradar_ros.datasets.check.positions import check_positions
+from offradar_ros.datasets.check.scans import check_scans
+from offradar_ros.datasets.check.stamps import check_stamps
+from offradar_ros.datasets.registry import open_sequence
+from offradar_ros.datasets.sequence import RecordedSequence
+
+
+def check_folder(
+    path: str | Path,
+    layout: str = 'auto',
+    *,
+    radar: RadarConfig | None = None,
+    position: PositionConfig | None = None,
+    sample: int = 0,
+) -> Findings:
+    """Open a folder, decode every scan (or `sample` of them, evenly spread) and read every position file.
+
+    DataError where the folder holds no recognised scans; whatever else is wrong is a finding.
+    """
+    sequence = open_sequence(path, layout, radar)
+    max_gap_s = (position or PositionConfig()).max_gap_s
+    return Findings(Path(path), sequence.layout, tuple(_findings(sequence, max_gap_s, sample)))
+
+
+def _findings(sequence: RecordedSequence, max_gap_s: float, sample: int) -> Iterator[Finding]:
+    yield ok(f'{sequence.layout} sequence {sequence.name}: {len(sequence)} scans in {sequence.files[0].parent}')
+    for warning in sequence.warnings:
+        yield problem(warning)
+    yield from check_stamps(sequence.stamps_ns)
+    yield from check_scans(sequence, sample)
+    yield from check_positions(sequence, max_gap_s)

@@ -1,0 +1,62 @@
+"""Position files: what they hold, what had to be left out, and whether they cover the scans."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+
+import numpy as np
+
+from offradar_ros.datasets.check.findings import Finding, note, ok, problem
+from offradar_ros.datasets.coverage import covered, seconds_apart
+from offradar_ros.datasets.position_file import PositionFile
+from offradar_ros.datasets.positions.track import DUPLICATE
+from offradar_ros.datasets.sequence import RecordedSequence
+from offradar_ros.errors import DataError
+from offradar_ros.geometry import Trajectory
+
+
+def check_positions(sequence: RecordedSequence, max_gap_s: float) -> Iterator[Finding]:
+    """Findings about every position file, then about how the chosen one covers the scans."""
+    if not sequence.position_files:
+        yield note('no positions: scans can be encoded and queried, but not mapped or judged')
+        return
+    readable = 0
+    for source in sequence.position_files:
+        tally: Counter[str] = Counter()
+        try:
+            trajectory = source.read(tally)
+        except DataError as error:
+            yield problem(str(error))
+            continue
+        readable += 1
+        yield from _contents(source, trajectory, tally, max_gap_s)
+    if readable and sequence.trajectory is not None:
+        yield from _coverage(sequence, sequence.trajectory, max_gap_s)
+
+
+def _contents(source: PositionFile, trajectory: Trajectory, tally: Counter[str], max_gap_s: float) -> Iterator[Finding]:
+    name = f'{source.title} ({source.path.name})'
+    steps_s = np.diff(trajectory.stamps_ns) / 1e9
+    rate = f', {1 / float(np.median(steps_s)):.1f} a second' if len(steps_s) else ''
+    yield ok(f'{name}: {len(trajectory)} positions{rate}')
+    for reason, count in sorted(tally.items()):
+        text = f'{name}: {count} rows left out: {reason}'
+        yield note(text) if reason == DUPLICATE else problem(text)
+    gaps = steps_s[steps_s > max_gap_s]
+    if len(gaps):
+        yield note(f'{name}: {len(gaps)} gaps over {max_gap_s:g} s, the longest {gaps.max():.1f} s')
+
+
+def _coverage(sequence: RecordedSequence, trajectory: Trajectory, max_gap_s: float) -> Iterator[Finding]:
+    path = sequence.trajectory_path
+    name = path.name if path else ''
+    apart_s = seconds_apart(sequence.stamps_ns, trajectory)
+    if apart_s:
+        before = 'before the first scan' if trajectory.stamps_ns[-1] < sequence.stamps_ns[0] else 'after the last scan'
+        verb = 'end' if before.startswith('before') else 'start'
+        yield problem(f'{name}: no scan has a position: positions {verb} {apart_s:.1f} s {before}')
+        return
+    with_position = int(np.count_nonzero(covered(sequence.stamps_ns, trajectory, round(max_gap_s * 1e9))))
+    text = f'{name}: {with_position} of {len(sequence)} scans have a position (gaps up to {max_gap_s:g} s)'
+    yield ok(text) if with_position == len(sequence) else problem(text)

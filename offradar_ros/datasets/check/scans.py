@@ -1,0 +1,95 @@
+"""Every scan decoded: what cannot be read, differs from the others or contradicts its stamp."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+
+import numpy as np
+
+from offradar_ros.datasets.check.findings import Finding, note, ok, problem, some
+from offradar_ros.datasets.sequence import RecordedSequence
+from offradar_ros.errors import DataError, RefusedInput
+from offradar_ros.types import PolarScan
+
+# A file's stamp may be that of any row, and a driver may stamp the end of a rotation as it writes the file.
+_ROW_STAMP_SLACK_NS = 50_000_000
+# Neighbouring rows further apart than this many typical steps have lost a row between them.
+_LOST_ROW_STEPS = 1.5
+
+
+def check_scans(sequence: RecordedSequence, sample: int = 0) -> Iterator[Finding]:
+    """Findings from decoding every scan, or `sample` of them, evenly spread, where that is not 0."""
+    indices = list(range(len(sequence)))
+    if 0 < sample < len(sequence):
+        indices = [int(i) for i in np.linspace(0, len(sequence) - 1, sample).round()]
+        yield note(f'{len(indices)} of {len(sequence)} scans decoded')
+    shapes: Counter[tuple[int, int, float]] = Counter()
+    first_of_shape: dict[tuple[int, int, float], str] = {}
+    faults: dict[str, list[str]] = {}
+    anchors: Counter[str] = Counter()
+    for index in indices:
+        file = sequence.files[index].name
+        try:
+            scan = sequence.scan(index)
+        except DataError as error:
+            yield problem(str(error))
+            continue
+        except RefusedInput as refusal:
+            faults.setdefault(_REFUSALS.get(refusal.cause, str(refusal)), []).append(file)
+            continue
+        shape = (int(scan.power.shape[0]), int(scan.power.shape[1]), scan.range_resolution_m)
+        shapes[shape] += 1
+        first_of_shape.setdefault(shape, file)
+        for fault in _faults(scan):
+            faults.setdefault(fault, []).append(file)
+        if scan.azimuth_stamps_ns is not None:
+            anchors[_anchor(scan)] += 1
+    for number, (shape, count) in enumerate(shapes.most_common()):
+        azimuths, bins, resolution_m = shape
+        text = f'{count} scans of {azimuths} azimuths × {bins} range bins of {resolution_m:g} m'
+        yield ok(text) if number == 0 else problem(f'odd size: {text}, first {first_of_shape[shape]}')
+    for fault, files in faults.items():
+        yield problem(f'{fault}: {len(files)} scans ({some(files)})')
+    for anchor, count in anchors.most_common():
+        if anchor:
+            yield ok(f'stamp of the scan is that of its {anchor} row: {count} scans')
+
+
+_REFUSALS = {
+    'no_signal': 'no signal, every power value is zero',
+    'wrong_size': 'rows without the metadata columns that this layout has',
+}
+
+
+def _faults(scan: PolarScan) -> Iterator[str]:
+    unmeasured = int(np.count_nonzero(~scan.power.any(axis=1)))
+    if unmeasured:
+        yield 'azimuths without any power (partial rotation)'
+    steps = np.diff(np.sort(scan.azimuths_rad))
+    if len(steps) == 0:
+        yield 'a single azimuth'
+        return
+    typical = float(np.median(steps))
+    wrap = 2 * np.pi - float(np.ptp(scan.azimuths_rad))
+    if np.count_nonzero(np.append(steps, wrap) > _LOST_ROW_STEPS * typical):
+        yield 'azimuths missing from the rotation'
+    if np.count_nonzero(steps < 0.5 * typical):
+        yield 'azimuths measured twice (encoder steps of less than half the usual)'
+    stamps = scan.azimuth_stamps_ns
+    if stamps is None:
+        return
+    if np.any(np.diff(stamps) < 0):
+        yield 'row stamps that go backwards'
+    early, late = int(stamps.min()) - _ROW_STAMP_SLACK_NS, int(stamps.max()) + _ROW_STAMP_SLACK_NS
+    if not early <= scan.stamp_ns <= late:
+        yield 'stamp of the scan is not within the stamps of its rows'
+
+
+def _anchor(scan: PolarScan) -> str:
+    """Which row the scan's stamp is that of; empty where it is none's."""
+    stamps = scan.azimuth_stamps_ns
+    if stamps is None or scan.stamp_ns not in stamps:
+        return ''
+    row = int(np.flatnonzero(stamps == scan.stamp_ns)[0])
+    return {0: 'first', len(stamps) - 1: 'last', len(stamps) // 2: 'middle'}.get(row, f'{row}th')
