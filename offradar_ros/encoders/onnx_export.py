@@ -6,8 +6,7 @@ import tempfile
 import warnings
 from pathlib import Path
 
-from offradar_ros.encoders.weights import WeightsHeader, write_atomically
-from offradar_ros.errors import ModelError
+from offradar_ros.encoders.weights import WeightsHeader, require_package, write_atomically
 
 OPSET = 17
 
@@ -17,8 +16,10 @@ def export_onnx(weights_path: str | Path, onnx_path: str | Path) -> WeightsHeade
 
     Input ``images`` (N, S, S) uint8, so that scaling and normalisation are part of the graph; outputs ``mean`` and
     ``variance`` (N, d) float32; N is free. The file is written whole or not at all. ModelError for weights that cannot
-    be read or a file that cannot be written.
+    be read, a file that cannot be written or a missing package.
     """
+    for package in ('torch', 'onnx'):
+        require_package(package, weights_path)
     import onnx  # noqa: PLC0415
     import torch  # noqa: PLC0415
 
@@ -54,9 +55,6 @@ def export_onnx(weights_path: str | Path, onnx_path: str | Path) -> WeightsHeade
         model = onnx.load(exported)
     for key, value in header.to_metadata().items():
         model.metadata_props.add(key=key, value=value)
-    try:
-        onnx.checker.check_model(model, full_check=True)
-    except onnx.checker.ValidationError as error:
-        raise ModelError(f'{weights_path}: its network gives no valid ONNX graph ({error})') from error
+    onnx.checker.check_model(model, full_check=True)
     write_atomically(onnx_path, model.SerializeToString())
     return header

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import importlib.util
 from collections.abc import Callable
 from pathlib import Path
 
 from offradar_ros.config import EncoderConfig
 from offradar_ros.encoders.protocol import Encoder
 from offradar_ros.encoders.ring_key import RingKeyEncoder
-from offradar_ros.errors import ConfigError, ModelError
+from offradar_ros.encoders.weights import require_package
+from offradar_ros.errors import ConfigError
 
 SUFFIXES = {'.onnx': 'onnx', '.safetensors': 'torch'}
 
@@ -39,19 +39,14 @@ def _variational(config: EncoderConfig) -> Encoder:
             f'parameter encoder.backend: {config.weights} is for the {backend} backend, got {config.backend!r}'
         )
     if backend == 'onnx':
-        _require_package('onnxruntime', config.weights)
+        require_package('onnxruntime', config.weights)
         from offradar_ros.encoders.onnx_backend import OnnxEncoder  # noqa: PLC0415
 
         return OnnxEncoder(config.weights, config.threads)
-    _require_package('torch', config.weights)
+    require_package('torch', config.weights)
     from offradar_ros.encoders.torch_backend import TorchEncoder  # noqa: PLC0415
 
     return TorchEncoder(config.weights, config.threads)
-
-
-def _require_package(package: str, weights: str) -> None:
-    if importlib.util.find_spec(package) is None:
-        raise ModelError(f'{weights}: the Python package {package} that runs it is not installed')
 
 
 ENCODERS: dict[str, Callable[[EncoderConfig], Encoder]] = {'ring_key': _ring_key, 'variational': _variational}

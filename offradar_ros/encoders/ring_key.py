@@ -31,8 +31,9 @@ FIXED_POINT = 2.0**30
 class RingKeyEncoder:
     """Ring key and a variance made from how much the azimuth sectors tell apart.
 
-    **Variance.** Let k_s be the ring key of sector s (of `sectors` equal ones, by row) and s_i the variance over the
-    sectors of k_{s,i} − k_{s,i−1}, the step into ring i. With d rings of unit rows, d·s_i has no scale, and
+    **Variance.** A sector is any 1/`sectors` of the rotation: one starts at each azimuth. Let k_s be the ring key of
+    sector s and s_i the variance over all sectors of k_{s,i} − k_{s,i−1}, the step into ring i. With d rings of unit
+    rows, d·s_i has no scale, and
 
         Σ_ii = variance_scale / (1 + 64 · d · s_i).
 
@@ -42,9 +43,9 @@ class RingKeyEncoder:
     with clutter), and also a truly empty place. With `variance_scale` calibrated, U is 1 on average over clean scans
     of one sensor.
 
-    **It cannot see** a loss of reach that leaves near structure intact (rain, an attenuated receiver), a degradation
-    of a few degrees only (a blocked sector of 5 % moves U by less than the scans' own scatter), or a repeated
-    structure. U depends on the sensor: calibrate each one.
+    **It cannot see** a loss of reach that leaves near structure intact (rain, an attenuated receiver: U even falls),
+    a degradation of a few azimuths only (a blocked sector of 5 % moves U by about as much as clean scans scatter), or
+    one place that looks like another. U depends on the sensor: calibrate each.
     """
 
     def __init__(self, config: RingKeyConfig) -> None:
@@ -71,8 +72,7 @@ class RingKeyEncoder:
     def encode(self, scan: PolarScan) -> Embedding:
         """Key (rings,) and variance (rings,), float32; RefusedInput ``no_signal`` where all rings are zero.
 
-        Both are the same, bit for bit, after a circular roll of the rows by whole sectors (where `sectors` divides the
-        number of rows), and the key after any roll.
+        Neither changes by a bit when the rows are rolled: turning on the spot keeps the key and its variance.
         """
         if not scan.power.size:
             raise RefusedInput('no_signal', f'scan at {scan.stamp_ns} ns is empty: shape {scan.power.shape}')
@@ -86,20 +86,25 @@ class RingKeyEncoder:
                 f'{config.max_range_m:g} m',
             )
         rows = np.rint(power * (FIXED_POINT / np.where(norms > 0.0, norms, 1.0))).astype(np.int64)
-        starts = np.linspace(0, len(rows), min(config.sectors, len(rows)), endpoint=False).astype(np.intp)
-        sums = np.add.reduceat(rows, starts, axis=0)
-        lengths = np.diff(starts, append=len(rows))[:, np.newaxis]
         return Embedding(
             stamp_ns=scan.stamp_ns,
-            mean=(sums.sum(axis=0) / (len(rows) * FIXED_POINT)).astype(np.float32),
-            variance=self._variance(sums / (lengths * FIXED_POINT)),
+            mean=(rows.sum(axis=0) / (len(rows) * FIXED_POINT)).astype(np.float32),
+            variance=self._variance(_sector_keys(rows, config.sectors)),
             model=self._info.fingerprint,
         )
 
     def _variance(self, sector_keys: NDArray[np.float64]) -> NDArray[np.float32]:
-        """(sectors, rings) float64 → (rings,) float32."""
+        """Keys of all sectors (A, rings) float64 → (rings,) float32."""
         steps = np.diff(sector_keys, axis=1, prepend=0.0)
-        # Sorted, so that the sum over the sectors does not depend on which comes first.
+        # Sorted, so that the sums over the sectors do not depend on which comes first.
         spread = np.sort(steps, axis=0).var(axis=0)
         variance = self.config.variance_scale / (1.0 + STEP_PRECISION * spread.size * spread)
         return np.asarray(variance, np.float32)
+
+
+def _sector_keys(rows: NDArray[np.int64], sectors: int) -> NDArray[np.float64]:
+    """(A, rings) mean of the rows of the sector that starts at each row, of fixed-point rows (A, rings)."""
+    width = max(1, round(len(rows) / sectors))
+    sums = np.cumsum(np.concatenate([np.zeros_like(rows[:1]), rows, rows[: width - 1]]), axis=0)
+    keys: NDArray[np.float64] = (sums[width:] - sums[:-width]) / (width * FIXED_POINT)
+    return keys

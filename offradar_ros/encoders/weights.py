@@ -7,6 +7,7 @@ Metadata of the header (text): ``offradar.settings`` (JSON of `NetworkConfig`), 
 from __future__ import annotations
 
 import dataclasses
+import importlib.util
 import os
 from collections.abc import Mapping
 from pathlib import Path
@@ -102,6 +103,12 @@ def require_file(path: str | Path) -> str:
     if not Path(path).is_file():
         raise ModelError(f'{path}: no such weights file')
     return str(path)
+
+
+def require_package(package: str, path: str | Path) -> None:
+    """ModelError where a package that the weights at `path` need is not installed."""
+    if importlib.util.find_spec(package) is None:
+        raise ModelError(f'{path}: needs the Python package {package}, which is not installed')
 
 
 def first_line(error: BaseException) -> str:
