@@ -6,7 +6,8 @@ import tempfile
 import warnings
 from pathlib import Path
 
-from offradar_ros.encoders.weights import WeightsHeader, require_package, write_atomically
+from offradar_ros.encoders.model_files import require_package, write_atomically
+from offradar_ros.encoders.weights import WeightsHeader
 
 OPSET = 17
 

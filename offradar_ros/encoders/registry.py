@@ -6,9 +6,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 from offradar_ros.config import EncoderConfig
+from offradar_ros.encoders.model_files import require_package
 from offradar_ros.encoders.protocol import Encoder
 from offradar_ros.encoders.ring_key import RingKeyEncoder
-from offradar_ros.encoders.weights import require_package
 from offradar_ros.errors import ConfigError
 
 SUFFIXES = {'.onnx': 'onnx', '.safetensors': 'torch'}

@@ -39,13 +39,13 @@ class RingKeyEncoder:
 
     Structure that differs from sector to sector (walls, poles, cars) is what identifies a place, and it makes steps
     from ring to ring; the smooth fall of power with range does not. A ring without it keeps the prior,
-    `variance_scale`. Whatever hides structure raises U: noise, saturated azimuths, blocked sectors (dark, or filled
-    with clutter), and also a truly empty place. With `variance_scale` calibrated, U is 1 on average over clean scans
-    of one sensor.
+    `variance_scale`. Whatever hides structure raises U, the more the more is hidden: noise, saturated azimuths,
+    sectors blocked or filled with clutter, returns that sink into the noise floor (rain), and also a truly empty
+    place. With `variance_scale` calibrated, U is 1 on average over clean scans of one sensor.
 
-    **It cannot see** a loss of reach that leaves near structure intact (rain, an attenuated receiver: U even falls),
-    a degradation of a few azimuths only (a blocked sector of 5 % moves U by about as much as clean scans scatter), or
-    one place that looks like another. U depends on the sensor: calibrate each.
+    **It cannot see** a degradation of a few azimuths (5 % of them blocked moves U by no more than clean scans
+    scatter), a sector filled with clutter that varies as much as the world, or one place that looks like another. A
+    receiver that cuts off low power loses noise with it, and its U falls. U depends on the sensor: calibrate each.
     """
 
     def __init__(self, config: RingKeyConfig) -> None:

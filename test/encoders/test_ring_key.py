@@ -159,10 +159,18 @@ def saturated(power: np.ndarray, share: float) -> np.ndarray:
     return out
 
 
+def rained_on(power: np.ndarray, loss_at_end: float) -> np.ndarray:
+    """Returns lose power with range, in the sensor's logarithmic units, and sink into the far range's noise."""
+    floor = np.random.default_rng(6).permutation(power[:, power.shape[1] * 85 // 100 :].reshape(-1))
+    loss = loss_at_end * np.arange(power.shape[1]) / power.shape[1]
+    return np.maximum(np.maximum(power - loss, 0), np.resize(floor, power.shape)).astype(np.uint8)
+
+
 DEGRADATIONS = [
     pytest.param(blocked, (0.2, 0.35, 0.5, 0.7), id='blocked sector'),
     pytest.param(flooded, (10.0, 20.0, 40.0, 80.0), id='noise'),
     pytest.param(saturated, (0.1, 0.2, 0.4, 0.8), id='saturated azimuths'),
+    pytest.param(rained_on, (20.0, 40.0, 80.0), id='rain'),
 ]
 
 

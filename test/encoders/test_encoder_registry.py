@@ -1,0 +1,112 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import pytest
+
+import offradar_ros
+from offradar_ros.config import EncoderConfig, RingKeyConfig
+from offradar_ros.encoders import model_files
+from offradar_ros.encoders.protocol import Encoder
+from offradar_ros.encoders.registry import ENCODERS, make_encoder
+from offradar_ros.errors import ConfigError, ModelError
+
+
+def names_offered() -> tuple[str, ...]:
+    choices: tuple[str, ...] = EncoderConfig.__dataclass_fields__['name'].metadata['bounds'].choices
+    return choices
+
+
+def test_every_name_that_the_configuration_offers_is_registered() -> None:
+    assert tuple(ENCODERS) == names_offered()
+
+
+def test_ring_key_is_the_default_and_gets_its_settings() -> None:
+    encoder = make_encoder(EncoderConfig(ring_key=RingKeyConfig(rings=24)))
+    assert isinstance(encoder, Encoder)
+    assert (encoder.info.name, encoder.info.dimension) == ('ring_key', 24)
+
+
+@pytest.mark.parametrize('backend', ['auto', 'own'])
+@pytest.mark.parametrize('suffix, kind', [('.onnx', 'OnnxEncoder'), ('.safetensors', 'TorchEncoder')])
+def test_backend_goes_by_the_ending(
+    request: pytest.FixtureRequest, small_weights: Path, suffix: str, kind: str, backend: str
+) -> None:
+    if suffix == '.onnx':
+        request.getfixturevalue('small_onnx')
+    if backend == 'own':
+        backend = {'.onnx': 'onnx', '.safetensors': 'torch'}[suffix]
+    config = EncoderConfig(name='variational', weights=str(small_weights.with_suffix(suffix)), backend=backend)
+    assert type(make_encoder(config)).__name__ == kind
+
+
+@pytest.mark.parametrize(
+    'config, expected',
+    [
+        (EncoderConfig(name='magic'), "encoder.name: expected one of ring_key, variational, got 'magic'"),
+        (EncoderConfig(name='variational'), 'encoder.weights: expected a .onnx or .safetensors file'),
+        (EncoderConfig(name='variational', weights='net.pth'), "file, got 'net.pth'"),
+        (
+            EncoderConfig(name='variational', weights='net.onnx', backend='torch'),
+            "encoder.backend: net.onnx is for the onnx backend, got 'torch'",
+        ),
+    ],
+)
+def test_settings_that_do_not_fit_are_refused(config: EncoderConfig, expected: str) -> None:
+    with pytest.raises(ConfigError) as refused:
+        make_encoder(config)
+    assert str(refused.value).startswith('parameter encoder.')
+    assert expected in str(refused.value)
+
+
+@pytest.mark.parametrize('suffix', ['.onnx', '.safetensors'])
+def test_missing_weights_are_named(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f'none{suffix}'
+    with pytest.raises(ModelError, match='no such weights file'):
+        make_encoder(EncoderConfig(name='variational', weights=str(path)))
+
+
+@pytest.mark.parametrize('suffix, package', [('.onnx', 'onnxruntime'), ('.safetensors', 'torch')])
+def test_missing_package_is_named(monkeypatch: pytest.MonkeyPatch, suffix: str, package: str) -> None:
+    monkeypatch.setattr(model_files.importlib.util, 'find_spec', lambda name: None)
+    with pytest.raises(ModelError, match=f'net{suffix}: needs the Python package {package}, which is not installed'):
+        make_encoder(EncoderConfig(name='variational', weights=f'net{suffix}'))
+
+
+def modules_after(code: str) -> set[str]:
+    """Top-level modules that a fresh interpreter holds after running `code`."""
+    code = textwrap.dedent(code) + '\nimport sys; print(*{name.partition(".")[0] for name in sys.modules})'
+    project = Path(offradar_ros.__file__).parent.parent
+    done = subprocess.run([sys.executable, '-c', code], cwd=project, capture_output=True, text=True, check=True)
+    return set(done.stdout.split())
+
+
+def test_the_ring_key_loads_neither_runtime_nor_ros() -> None:
+    loaded = modules_after("""
+        from offradar_ros.config import EncoderConfig
+        from offradar_ros.encoders.registry import make_encoder
+        make_encoder(EncoderConfig())
+    """)
+    assert 'offradar_ros' in loaded
+    assert not loaded & {'torch', 'rclpy', 'onnx', 'onnxruntime'}
+
+
+def test_the_onnx_backend_loads_neither_torch_nor_ros(small_onnx: Path) -> None:
+    loaded = modules_after(f"""
+        import numpy as np
+        from offradar_ros.config import EncoderConfig
+        from offradar_ros.encoders.registry import make_encoder
+        from offradar_ros.types import PolarScan
+        encoder = make_encoder(EncoderConfig(name='variational', weights={str(small_onnx)!r}))
+        power = np.full((400, 300), 50, np.uint8)
+        encoder.encode(PolarScan(0, power, np.arange(400) * np.pi / 200, 0.5))
+    """)
+    assert {'offradar_ros', 'onnxruntime'} <= loaded
+    assert not loaded & {'torch', 'rclpy', 'onnx'}
+
+
+def test_the_check_of_loaded_modules_can_fail() -> None:
+    assert 'torch' in modules_after('import offradar_ros.encoders.torch_backend')

@@ -1,0 +1,189 @@
+"""Both runtimes of the learned encoder, side by side."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+torch = pytest.importorskip('torch')
+onnx = pytest.importorskip('onnx')
+pytest.importorskip('onnxruntime')
+
+from offradar_ros.encoders.image_encoder import ImageEncoder  # noqa: E402
+from offradar_ros.encoders.network_config import NetworkConfig  # noqa: E402
+from offradar_ros.encoders.network_files import load_network, save_network  # noqa: E402
+from offradar_ros.encoders.onnx_backend import OnnxEncoder  # noqa: E402
+from offradar_ros.encoders.onnx_export import export_onnx  # noqa: E402
+from offradar_ros.encoders.protocol import Encoder  # noqa: E402
+from offradar_ros.encoders.torch_backend import TorchEncoder  # noqa: E402
+from offradar_ros.encoders.weights import read_header  # noqa: E402
+from offradar_ros.errors import ModelError, RefusedInput  # noqa: E402
+from offradar_ros.types import PolarScan  # noqa: E402
+
+AGREEMENT = 1e-4
+
+
+@pytest.fixture(params=['onnx', 'torch'])
+def encoder(request: pytest.FixtureRequest, small_weights: Path, small_onnx: Path) -> ImageEncoder:
+    return OnnxEncoder(small_onnx) if request.param == 'onnx' else TorchEncoder(small_weights)
+
+
+def assert_agree(one: np.ndarray, two: np.ndarray) -> None:
+    assert one.shape == two.shape
+    assert one.dtype == two.dtype == np.float32
+    assert np.abs(one - two).max() <= AGREEMENT * np.abs(two).max()
+
+
+def random_images(count: int, side: int) -> np.ndarray:
+    speckle = np.random.default_rng(9).gamma(1.5, 20.0, (count, side, side))
+    return np.minimum(speckle, 255).astype(np.uint8)
+
+
+def test_backends_agree_on_a_scan(small_weights: Path, small_onnx: Path, street: PolarScan) -> None:
+    one, two = OnnxEncoder(small_onnx), TorchEncoder(small_weights)
+    assert one.info.fingerprint == two.info.fingerprint == read_header(small_weights).fingerprint
+    assert_agree(one.encode(street).mean, two.encode(street).mean)
+    assert_agree(one.encode(street).variance, two.encode(street).variance)
+
+
+@pytest.mark.parametrize('backbone, descriptor', [('compact', 'z_i'), ('vgg16', 'z_i_plus_mu')])
+def test_backends_agree_at_full_size(
+    save_random: Callable[[NetworkConfig], Path], backbone: str, descriptor: str
+) -> None:
+    weights = save_random(NetworkConfig(backbone=backbone, descriptor=descriptor))
+    exported = weights.with_suffix('.onnx')
+    header = export_onnx(weights, exported)
+    one, two = OnnxEncoder(exported), TorchEncoder(weights)
+    assert one.header == two.header == header
+    images = random_images(2, 256)
+    for found, expected in zip(one.infer(images), two.infer(images), strict=True):
+        assert_agree(found, expected)
+        assert found.std(axis=1).min() > 1e-3  # not agreement on a constant
+    exported.unlink()
+    weights.unlink()
+
+
+def test_backends_agree_on_recorded_scans(real_data: Path, small_weights: Path, small_onnx: Path) -> None:
+    one, two = OnnxEncoder(small_onnx), TorchEncoder(small_weights)
+    for path in sorted(real_data.glob('oxford_tiny/radar/*.png'))[:3]:
+        power = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)[:, 11:]
+        scan = PolarScan(0, power, np.arange(400) * np.pi / 200, 0.0432)
+        assert_agree(one.encode(scan).mean, two.encode(scan).mean)
+        assert_agree(one.encode(scan).variance, two.encode(scan).variance)
+
+
+def test_is_an_encoder(encoder: ImageEncoder, street: PolarScan) -> None:
+    embedding = encoder.encode(street)
+    assert isinstance(encoder, Encoder)
+    assert encoder.info.name == 'variational'
+    assert encoder.info.metadata['description'] == 'random weights of a test'
+    assert embedding.mean.shape == embedding.variance.shape == (encoder.info.dimension,) == (8,)
+    assert embedding.stamp_ns == street.stamp_ns
+    assert embedding.model == encoder.info.fingerprint
+    assert embedding.uncertainty > 0
+    np.testing.assert_array_equal(embedding.mean, encoder.encode(street).mean)
+
+
+def test_batches_and_single_images_give_the_same(encoder: ImageEncoder) -> None:
+    images = random_images(5, 64)
+    together = encoder.infer(images)
+    for i in range(5):
+        for whole, single in zip(together, encoder.infer(images[i : i + 1]), strict=True):
+            np.testing.assert_allclose(whole[i], single[0], rtol=1e-4, atol=1e-6)
+
+
+def test_threads_do_not_change_the_embedding(small_onnx: Path, street: PolarScan) -> None:
+    one, two = OnnxEncoder(small_onnx, threads=1).encode(street), OnnxEncoder(small_onnx).encode(street)
+    np.testing.assert_allclose(one.mean, two.mean, rtol=1e-5, atol=1e-7)
+
+
+@pytest.mark.parametrize('shape', [(0, 0), (0, 300), (400, 0), (400, 300)])
+def test_scans_without_signal_are_refused(encoder: ImageEncoder, shape: tuple[int, int]) -> None:
+    scan = PolarScan(5, np.zeros(shape, np.uint8), np.arange(shape[0]) * 2 * np.pi / max(1, shape[0]), 0.5)
+    with pytest.raises(RefusedInput, match='scan at 5 ns') as refused:
+        encoder.encode(scan)
+    assert refused.value.cause == 'no_signal'
+
+
+def test_signal_outside_the_image_is_no_signal(encoder: ImageEncoder, street: PolarScan) -> None:
+    power = np.zeros_like(street.power)
+    power[:, :2] = power[:, 250:] = 200
+    with pytest.raises(RefusedInput, match='no power within its Cartesian image'):
+        encoder.encode(dataclasses.replace(street, power=power))
+
+
+@pytest.mark.parametrize('value', [float('nan'), float('inf')])
+def test_numbers_that_are_not_finite_are_passed_on(
+    tmp_path: Path, small_weights: Path, street: PolarScan, value: float
+) -> None:
+    network, _ = load_network(small_weights)
+    with torch.no_grad():
+        network.z_i.bias[3] = value
+        network.log_variance.bias[5] = math.nan
+    weights, exported = tmp_path / 'odd.safetensors', tmp_path / 'odd.onnx'
+    save_network(weights, network)
+    export_onnx(weights, exported)
+    for encoder in (TorchEncoder(weights), OnnxEncoder(exported)):
+        embedding = encoder.encode(street)
+        np.testing.assert_array_equal(np.isfinite(embedding.mean), np.arange(8) != 3)
+        np.testing.assert_array_equal(np.isfinite(embedding.variance), np.arange(8) != 5)
+
+
+def test_export_leaves_the_weights_header_and_nothing_else(small_weights: Path, small_onnx: Path) -> None:
+    model = onnx.load(small_onnx)
+    onnx.checker.check_model(model, full_check=True)
+    found = {prop.key: prop.value for prop in model.metadata_props}
+    assert found == read_header(small_weights).to_metadata()
+    assert {path.name for path in small_onnx.parent.iterdir()} == {small_weights.name, small_onnx.name}
+
+
+def test_export_of_weights_that_are_absent_writes_nothing(tmp_path: Path) -> None:
+    with pytest.raises(ModelError, match=r'none\.safetensors: no such weights file'):
+        export_onnx(tmp_path / 'none.safetensors', tmp_path / 'out.onnx')
+    assert not list(tmp_path.iterdir())
+
+
+def test_export_to_a_folder_that_is_absent_is_named(tmp_path: Path, small_weights: Path) -> None:
+    with pytest.raises(ModelError, match=r'out\.onnx: cannot be written'):
+        export_onnx(small_weights, tmp_path / 'absent' / 'out.onnx')
+
+
+@pytest.mark.parametrize('share', [0.0, 0.3, 0.999])
+def test_truncated_onnx_is_refused_in_one_line(tmp_path: Path, small_onnx: Path, share: float) -> None:
+    path, content = tmp_path / 'cut.onnx', small_onnx.read_bytes()
+    path.write_bytes(content[: int(share * len(content))])
+    with pytest.raises(ModelError, match=r'cut\.onnx: ') as refused:
+        OnnxEncoder(path)
+    assert '\n' not in str(refused.value)
+
+
+def test_foreign_onnx_is_refused(tmp_path: Path, small_onnx: Path) -> None:
+    model = onnx.load(small_onnx)
+    del model.metadata_props[:]
+    path = tmp_path / 'foreign.onnx'
+    onnx.save(model, path)
+    with pytest.raises(ModelError, match=r'foreign\.onnx: not offradar weights: .* no offradar\.settings'):
+        OnnxEncoder(path)
+
+
+def test_onnx_whose_graph_is_not_what_its_metadata_says_is_refused(tmp_path: Path, small_onnx: Path) -> None:
+    model = onnx.load(small_onnx)
+    for prop in model.metadata_props:
+        if prop.key == 'offradar.settings':
+            prop.value = NetworkConfig('compact', dimension=16, side_px=64).to_json()
+    path = tmp_path / 'swapped.onnx'
+    onnx.save(model, path)
+    with pytest.raises(ModelError, match=r'swapped\.onnx: expected inputs and outputs'):
+        OnnxEncoder(path)
+
+
+@pytest.mark.parametrize('make', [OnnxEncoder, TorchEncoder])
+def test_missing_file_is_named(tmp_path: Path, make: Callable[[Path], ImageEncoder]) -> None:
+    with pytest.raises(ModelError, match='absent: no such weights file'):
+        make(tmp_path / 'absent')

@@ -1,0 +1,67 @@
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from offradar_ros.encoders.network_config import BACKBONES, DESCRIPTORS, NetworkConfig
+from offradar_ros.errors import ConfigError
+
+
+@given(
+    st.builds(
+        NetworkConfig,
+        backbone=st.sampled_from(BACKBONES),
+        dimension=st.integers(1, 4096),
+        side_px=st.integers(1, 64).map(lambda n: 32 * n),
+        resolution_m=st.floats(0.01, 10.0),
+        min_range_m=st.floats(0.0, 50.0),
+        descriptor=st.sampled_from(DESCRIPTORS),
+    )
+)
+def test_json_round_trip(config: NetworkConfig) -> None:
+    assert NetworkConfig.from_json(config.to_json()) == config
+
+
+def test_default_is_the_papers_network() -> None:
+    config = NetworkConfig()
+    assert (config.backbone, config.dimension, config.descriptor) == ('vgg16', 128, 'z_i_plus_mu')
+    assert (config.cartesian.side_px, config.cartesian.resolution_m, config.cartesian.min_range_m) == (256, 0.5, 2.5)
+
+
+@pytest.mark.parametrize(
+    'name, value',
+    [
+        ('backbone', 'resnet'),
+        ('descriptor', 'z'),
+        ('dimension', 0),
+        ('side_px', 100),
+        ('side_px', 0),
+        ('side_px', 4096),
+        ('resolution_m', 0.0),
+        ('resolution_m', float('nan')),
+        ('min_range_m', -1.0),
+    ],
+)
+def test_values_that_no_network_has_are_refused(name: str, value: Any) -> None:
+    with pytest.raises(ConfigError, match=f'network setting {name}: expected .* got {value!r}'):
+        NetworkConfig(**{name: value})
+
+
+@pytest.mark.parametrize(
+    'change', [{'dimension': 128.0}, {'dimension': True}, {'side_px': '256'}, {'resolution_m': None}, {'more': 1}]
+)
+def test_values_of_another_type_are_refused(change: dict[str, Any]) -> None:
+    text = json.dumps({**json.loads(NetworkConfig().to_json()), **change})
+    with pytest.raises(ConfigError, match='network setting'):
+        NetworkConfig.from_json(text)
+
+
+@given(st.text(max_size=40) | st.dictionaries(st.text(max_size=9), st.integers(), max_size=3).map(json.dumps))
+def test_any_other_text_is_refused_in_one_line(text: str) -> None:
+    with pytest.raises(ConfigError) as refused:
+        NetworkConfig.from_json(text)
+    assert '\n' not in str(refused.value)

@@ -1,0 +1,144 @@
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from safetensors.numpy import load_file, save, save_file
+
+from offradar_ros import __version__
+from offradar_ros.encoders.network_config import NetworkConfig
+from offradar_ros.encoders.weights import WeightsHeader, load_weights, read_header, save_weights
+from offradar_ros.errors import ModelError
+
+CONFIG = NetworkConfig(backbone='compact', dimension=4, side_px=32)
+
+
+def tensors() -> dict[str, np.ndarray]:
+    rng = np.random.default_rng(0)
+    return {
+        'a.weight': rng.normal(size=(3, 4)).astype(np.float32),
+        'half': rng.normal(size=5).astype(np.float16),
+        'turned': rng.normal(size=(2, 6)).astype(np.float32).T,
+        'count': np.array(7, np.int64),
+    }
+
+
+@pytest.fixture
+def written(tmp_path: Path) -> Path:
+    path = tmp_path / 'net.safetensors'
+    save_weights(path, CONFIG, tensors(), 'four tensors')
+    return path
+
+
+def metadata(**changes: str) -> dict[str, str]:
+    header = WeightsHeader(CONFIG, 'ab' * 32)
+    return {**header.to_metadata(), **{f'offradar.{key}': value for key, value in changes.items()}}
+
+
+def test_round_trip(written: Path) -> None:
+    header, found = load_weights(written)
+    assert header == read_header(written)
+    assert header.config == CONFIG
+    assert header.description == 'four tensors'
+    assert header.created_by == f'offradar_ros {__version__}'
+    assert found.keys() == tensors().keys()
+    for name, tensor in tensors().items():
+        np.testing.assert_array_equal(found[name], tensor)
+        assert found[name].dtype == tensor.dtype
+        assert found[name].shape == tensor.shape
+
+
+def test_nothing_else_is_left_in_the_folder(written: Path) -> None:
+    assert list(written.parent.iterdir()) == [written]
+
+
+def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+    target = tmp_path / 'absent' / 'net.safetensors'
+    with pytest.raises(ModelError, match=r'net\.safetensors: cannot be written \(No such file'):
+        save_weights(target, CONFIG, tensors())
+
+
+def test_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ModelError, match=r'none\.safetensors: no such weights file'):
+        read_header(tmp_path / 'none.safetensors')
+
+
+@settings(max_examples=40, deadline=None)
+@given(cut=st.floats(0.0, 1.0, exclude_max=True))
+def test_truncated_file_is_refused_in_one_line(tmp_path_factory: pytest.TempPathFactory, cut: float) -> None:
+    path = tmp_path_factory.mktemp('cut') / 'cut.safetensors'
+    save_weights(path, CONFIG, tensors())
+    content = path.read_bytes()
+    path.write_bytes(content[: int(cut * len(content))])
+    with pytest.raises(ModelError, match=r'cut\.safetensors: ') as refused:
+        load_weights(path)
+    assert '\n' not in str(refused.value)
+
+
+@settings(max_examples=60, deadline=None)
+@given(at=st.floats(0.0, 1.0, exclude_max=True), flip=st.integers(1, 255))
+def test_a_changed_byte_never_gives_other_weights(
+    tmp_path_factory: pytest.TempPathFactory, at: float, flip: int
+) -> None:
+    path = tmp_path_factory.mktemp('flip') / 'flip.safetensors'
+    save_weights(path, CONFIG, tensors())
+    content = bytearray(path.read_bytes())
+    content[int(at * len(content))] ^= flip
+    path.write_bytes(content)
+    try:
+        header, found = load_weights(path)
+    except ModelError as error:
+        assert 'flip.safetensors: ' in str(error)
+        assert '\n' not in str(error)
+    else:  # the byte was of a text that says nothing about the output
+        assert header.config == CONFIG
+        assert all(np.array_equal(found[name], tensor) for name, tensor in tensors().items())
+
+
+@pytest.mark.parametrize('content', [b'', b'not weights', b'\x89PNG\r\n\x1a\n' + bytes(100), bytes(64)])
+def test_foreign_file_is_refused(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / 'foreign.safetensors'
+    path.write_bytes(content)
+    with pytest.raises(ModelError, match=r'foreign\.safetensors: not a readable safetensors file'):
+        read_header(path)
+
+
+@pytest.mark.parametrize('found', [None, {'format': 'pt'}])
+def test_weights_of_another_program_are_refused(tmp_path: Path, found: dict[str, str] | None) -> None:
+    path = tmp_path / 'other.safetensors'
+    save_file(tensors(), path, found)
+    with pytest.raises(ModelError, match=r'other\.safetensors: not offradar weights: its metadata has no offradar\.'):
+        load_weights(path)
+
+
+@pytest.mark.parametrize(
+    'changes, expected',
+    [
+        ({'settings': '{}'}, 'network settings: expected an object'),
+        ({'settings': 'nonsense'}, 'network settings: expected JSON'),
+        ({'fingerprint': 'xyz'}, 'offradar.fingerprint: expected 64 hexadecimal digits'),
+        ({'fingerprint': 'cd' * 32}, 'damaged or altered: expected fingerprint cdcd'),
+        (
+            {'settings': dataclasses.replace(CONFIG, descriptor='z_i').to_json()},
+            'damaged or altered',
+        ),
+    ],
+)
+def test_metadata_that_does_not_fit_is_refused(tmp_path: Path, changes: dict[str, Any], expected: str) -> None:
+    path = tmp_path / 'odd.safetensors'
+    path.write_bytes(save(load_file_of(tmp_path), metadata(**changes)))
+    with pytest.raises(ModelError) as refused:
+        load_weights(path)
+    assert str(refused.value).startswith(f'{path}: {expected}')
+
+
+def load_file_of(folder: Path) -> dict[str, np.ndarray]:
+    path = folder / 'good.safetensors'
+    save_weights(path, CONFIG, tensors())
+    found: dict[str, np.ndarray] = load_file(path)
+    return found
