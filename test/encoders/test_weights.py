@@ -63,6 +63,11 @@ def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
         save_weights(target, CONFIG, tensors())
 
 
+def test_a_folder_that_is_a_file_is_named(written: Path) -> None:
+    with pytest.raises(ModelError, match=r'inner\.safetensors: cannot be written \(Not a directory'):
+        save_weights(written / 'inner.safetensors', CONFIG, tensors())
+
+
 def test_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(ModelError, match=r'none\.safetensors: no such weights file'):
         read_header(tmp_path / 'none.safetensors')
