@@ -46,6 +46,11 @@ def problem(text: str) -> Finding:
     return Finding('problem', text)
 
 
+def counted(count: int, noun: str) -> str:
+    """A number and its noun, in the plural where it is not one."""
+    return f'{count} {noun}' if count == 1 else f'{count} {noun}s'
+
+
 def some(items: list[str], most: int = 3) -> str:
     """The first few of many, and how many more there are."""
     shown = ', '.join(items[:most])

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from offradar_ros.config import PositionConfig, RadarConfig
-from offradar_ros.datasets.check.findings import Finding, Findings, ok, problem
+from offradar_ros.datasets.check.findings import Finding, Findings, counted, ok, problem
 from offradar_ros.datasets.check.positions import check_positions
 from offradar_ros.datasets.check.scans import check_scans
 from offradar_ros.datasets.check.stamps import check_stamps
@@ -32,7 +32,9 @@ def check_folder(
 
 
 def _findings(sequence: RecordedSequence, max_gap_s: float, sample: int) -> Iterator[Finding]:
-    yield ok(f'{sequence.layout} sequence {sequence.name}: {len(sequence)} scans in {sequence.files[0].parent}')
+    yield ok(
+        f'{sequence.layout} sequence {sequence.name}: {counted(len(sequence), "scan")} in {sequence.files[0].parent}'
+    )
     for warning in sequence.warnings:
         yield problem(warning)
     yield from check_stamps(sequence.stamps_ns)

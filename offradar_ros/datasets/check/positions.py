@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from offradar_ros.datasets.check.findings import Finding, note, ok, problem
+from offradar_ros.datasets.check.findings import Finding, counted, note, ok, problem
 from offradar_ros.datasets.coverage import covered, seconds_apart
 from offradar_ros.datasets.position_file import PositionFile
 from offradar_ros.datasets.positions.track import DUPLICATE
@@ -39,13 +39,13 @@ def _contents(source: PositionFile, trajectory: Trajectory, tally: Counter[str],
     name = f'{source.title} ({source.path.name})'
     steps_s = np.diff(trajectory.stamps_ns) / 1e9
     rate = f', {1 / float(np.median(steps_s)):.1f} a second' if len(steps_s) else ''
-    yield ok(f'{name}: {len(trajectory)} positions{rate}')
+    yield ok(f'{name}: {counted(len(trajectory), "position")}{rate}')
     for reason, count in sorted(tally.items()):
-        text = f'{name}: {count} rows left out: {reason}'
+        text = f'{name}: {counted(count, "row")} left out: {reason}'
         yield note(text) if reason == DUPLICATE else problem(text)
     gaps = steps_s[steps_s > max_gap_s]
     if len(gaps):
-        yield note(f'{name}: {len(gaps)} gaps over {max_gap_s:g} s, the longest {gaps.max():.1f} s')
+        yield note(f'{name}: {counted(len(gaps), "gap")} over {max_gap_s:g} s, the longest {gaps.max():.1f} s')
 
 
 def _coverage(sequence: RecordedSequence, trajectory: Trajectory, max_gap_s: float) -> Iterator[Finding]:

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from offradar_ros.datasets.check.findings import Finding, note, ok, problem, some
+from offradar_ros.datasets.check.findings import Finding, counted, note, ok, problem, some
 from offradar_ros.datasets.sequence import RecordedSequence
 from offradar_ros.errors import DataError, RefusedInput
 from offradar_ros.types import PolarScan
@@ -47,13 +47,13 @@ def check_scans(sequence: RecordedSequence, sample: int = 0) -> Iterator[Finding
             anchors[_anchor(scan)] += 1
     for number, (shape, count) in enumerate(shapes.most_common()):
         azimuths, bins, resolution_m = shape
-        text = f'{count} scans of {azimuths} azimuths × {bins} range bins of {resolution_m:g} m'
+        text = f'{counted(count, "scan")} of {azimuths} azimuths × {bins} range bins of {resolution_m:g} m'
         yield ok(text) if number == 0 else problem(f'odd size: {text}, first {first_of_shape[shape]}')
     for fault, files in faults.items():
-        yield problem(f'{fault}: {len(files)} scans ({some(files)})')
+        yield problem(f'{fault}: {counted(len(files), "scan")} ({some(files)})')
     for anchor, count in anchors.most_common():
         if anchor:
-            yield ok(f'stamp of the scan is that of its {anchor} row: {count} scans')
+            yield ok(f'stamp of the scan is that of its {anchor} row: {counted(count, "scan")}')
 
 
 _REFUSALS = {

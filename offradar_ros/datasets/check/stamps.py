@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from offradar_ros.datasets.check.findings import Finding, note, ok, problem
+from offradar_ros.datasets.check.findings import Finding, counted, note, ok, problem
 
 # A scan that comes later than this many typical periods after the one before leaves a gap.
 _GAP_PERIODS = 1.5
@@ -23,20 +23,21 @@ def check_stamps(stamps_ns: NDArray[np.int64]) -> Iterator[Finding]:
     forward = steps[steps > 0]
     duration_s = (int(stamps_ns[-1]) - int(stamps_ns[0])) / 1e9
     if len(forward):
-        period_s = float(np.median(forward)) / 1e9
+        period_s = float(np.percentile(forward, 50, method='lower')) / 1e9
         yield ok(f'{duration_s:.1f} s at {1 / period_s:.2f} scans a second')
         late = np.flatnonzero(steps > _GAP_PERIODS * period_s * 1e9)
         if len(late):
             worst = int(late[np.argmax(steps[late])])
             yield problem(
-                f'{len(late)} gaps between scans, the longest {steps[worst] / 1e9:.2f} s after scan {worst} '
+                f'{counted(len(late), "gap")} between scans, the longest {steps[worst] / 1e9:.2f} s after scan {worst} '
                 f'(stamp {stamps_ns[worst]} ns)'
             )
     repeated = np.flatnonzero(steps == 0)
     if len(repeated):
         yield problem(
-            f'{len(repeated)} repeated stamps, first {stamps_ns[repeated[0]]} ns: only the first scan of each is used'
+            f'{counted(len(repeated), "repeated stamp")}, first {stamps_ns[repeated[0]]} ns: '
+            'only the first scan of each is used'
         )
     back = np.flatnonzero(steps < 0)
     if len(back):
-        yield problem(f'stamps go backwards {len(back)} times, first after scan {back[0]}')
+        yield problem(f'stamps go backwards {counted(len(back), "time")}, first after scan {back[0]}')

@@ -1,0 +1,58 @@
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from offradar_ros.errors import RefusedInput
+from offradar_ros.radar.stamps import StampGate
+
+SECOND = 10**9
+
+
+def test_growing_stamps_pass() -> None:
+    gate = StampGate(5 * SECOND)
+    assert [gate.check(s) for s in (0, 1, 10 * SECOND, 10**18)] == [False] * 4
+
+
+def test_a_repeated_stamp_is_refused_and_the_next_passes() -> None:
+    gate = StampGate(5 * SECOND)
+    gate.check(100)
+    with pytest.raises(RefusedInput) as refused:
+        gate.check(100)
+    assert refused.value.cause == 'repeated_stamp'
+    assert gate.check(101) is False
+
+
+def test_a_small_jump_back_is_refused_and_changes_nothing() -> None:
+    gate = StampGate(5 * SECOND)
+    gate.check(100 * SECOND)
+    for stamp in (99 * SECOND, 95 * SECOND):
+        with pytest.raises(RefusedInput) as refused:
+            gate.check(stamp)
+        assert refused.value.cause == 'stamp_backwards'
+    with pytest.raises(RefusedInput):
+        gate.check(100 * SECOND)
+
+
+def test_a_large_jump_back_is_a_restart() -> None:
+    gate = StampGate(5 * SECOND)
+    gate.check(100 * SECOND)
+    assert gate.check(95 * SECOND - 1) is True
+    assert gate.check(95 * SECOND) is False
+
+
+@given(st.lists(st.integers(0, 20 * SECOND), max_size=30))
+def test_what_passes_grows_between_restarts(stamps: list[int]) -> None:
+    gate, passed = StampGate(5 * SECOND), []
+    for stamp in stamps:
+        try:
+            restarted = gate.check(stamp)
+        except RefusedInput as refusal:
+            assert 0 <= passed[-1] - stamp <= 5 * SECOND
+            assert refusal.cause == ('repeated_stamp' if stamp == passed[-1] else 'stamp_backwards')
+            continue
+        if passed:
+            assert restarted == (stamp < passed[-1])
+            assert restarted == (passed[-1] - stamp > 5 * SECOND)
+        passed.append(stamp)
