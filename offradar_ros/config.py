@@ -101,7 +101,7 @@ class RadarConfig:
         64 * 2**20, 'a larger image is refused', unit='bytes', minimum=1024, maximum=2**31 - 1
     )
     restart_after_s: float = parameter(
-        5.0,
+        1.0,
         'a stamp that jumps back by more than this is a recording that starts again, by less is an error',
         unit='s',
         minimum=0.0,
@@ -165,6 +165,13 @@ class PositionConfig:
         minimum=0.0,
         maximum=600.0,
     )
+    restart_after_s: float = parameter(
+        1.0,
+        'a position that jumps back in time by more than this starts the recording again, by less is an error',
+        unit='s',
+        minimum=0.0,
+        maximum=1e6,
+    )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -191,6 +198,13 @@ class MapConfig:
     insert_unmatched: bool = parameter(True, 'whether a scan far from every place becomes one (false: constant size)')
     undo_depth: int = parameter(3, 'ended sessions that can be undone', minimum=0, maximum=1000)
     start_session: bool = parameter(True, 'whether a session starts with the node')
+    autosave_s: float = parameter(
+        10.0,
+        'how often the running session is made safe against a power cut; 0 turns this off',
+        unit='s',
+        minimum=0.0,
+        maximum=3600.0,
+    )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -216,6 +230,17 @@ class QueryConfig:
     )
     exclude_current_session: bool = parameter(
         True, 'whether scans mapped by the running session are left out of the search', read_only=False
+    )
+    position_sigma_m: float = parameter(
+        10.0,
+        'standard deviation of a match, as match_pose reports it',
+        unit='m',
+        minimum=0.0,
+        maximum=1000.0,
+        read_only=False,
+    )
+    map_path: str = parameter(
+        '', 'SQLite map opened read-only at start: for maps too large for a message, or to query without a map server'
     )
 
     def __post_init__(self) -> None:

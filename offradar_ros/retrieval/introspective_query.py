@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from offradar_ros.config import QueryConfig
 from offradar_ros.errors import RefusedInput
 from offradar_ros.mapping.embedding_check import embedding_problem
+from offradar_ros.mapping.place_columns import take_rows
 from offradar_ros.retrieval.place_index import PlaceIndex
 from offradar_ros.retrieval.thresholds import threshold_at
 from offradar_ros.types import Candidate, Embedding, Match, Outcome, PlaceTable, Reason, Rejection
@@ -38,13 +41,19 @@ class IntrospectiveQuery:
         self._committed, self._running = committed, PlaceIndex(committed.dimension)
         self._model = model_fingerprint
 
-    def update(self, table: PlaceTable, committed: bool) -> None:
+    def update(self, table: PlaceTable, model_fingerprint: str, committed: bool) -> None:
         """Take changed places: of ended sessions, or of the running one, which are kept apart.
 
-        RefusedInput (`no_map`, `wrong_dimension`, `invalid_place`) leaves the map as it was.
+        The first places of all start the map. RefusedInput (`wrong_model`, `wrong_dimension`, `invalid_place`) leaves
+        the map as it was.
         """
         if not self._model:
-            raise RefusedInput('no_map', f'{len(table)} changed places dropped: no map was loaded that they change')
+            self.load(take_rows(table, slice(0)), model_fingerprint)
+        elif self._model != model_fingerprint:
+            raise RefusedInput(
+                'wrong_model',
+                f'{len(table)} changed places are of model {model_fingerprint[:12]}, the map of {self._model[:12]}: dropped',
+            )
         if committed:
             self._committed.upsert(table)
             self._running.remove(table.place_ids)
@@ -85,9 +94,10 @@ class IntrospectiveQuery:
         k = self.config.top_k
         if self.config.exclude_current_session or not len(self._running):
             return tuple(self._committed.search(embedding.mean, k))
-        # A place that the running session changed is searched as it is now, not as it was.
-        found = self._committed.search(embedding.mean, k, without=self._running.place_ids)
-        found += self._running.search(embedding.mean, k)
+        # A place that the running session changed is searched as it is now, unless it now holds this very scan.
+        own = self._running.place_ids_at(embedding.stamp_ns)
+        found = self._committed.search(embedding.mean, k, without=np.setdiff1d(self._running.place_ids, own))
+        found += self._running.search(embedding.mean, k, without=own)
         return tuple(sorted(found, key=lambda candidate: (candidate.distance, candidate.place_id))[:k])
 
     def _rejection(

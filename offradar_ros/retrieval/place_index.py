@@ -41,6 +41,12 @@ class PlaceIndex:
         """(N,) int64, ascending; a view, valid until the next change."""
         return self._columns.table.place_ids
 
+    def place_ids_at(self, stamp_ns: int) -> NDArray[np.int64]:
+        """(M,) int64 ids of the places that hold the scan of this stamp."""
+        table = self._columns.table
+        found: NDArray[np.int64] = table.place_ids[table.stamps_ns == stamp_ns]
+        return found
+
     def upsert(self, table: PlaceTable) -> None:
         """Overwrite known places and add new ones; RefusedInput if a mean is not of d finite numbers."""
         self._refuse_unusable(table)
@@ -98,7 +104,8 @@ class PlaceIndex:
         for start in range(0, len(rows), _CHUNK):
             part = slice(start, start + _CHUNK)
             offsets = self._columns.table.means[rows[part]].astype(np.float64) - query
-            distances[part] = np.sqrt(np.sum(offsets * offsets, axis=1))
+            with np.errstate(over='ignore'):
+                distances[part] = np.sqrt(np.sum(offsets * offsets, axis=1))
         return distances
 
     def _candidate(self, row: int, distance: float) -> Candidate:

@@ -1,0 +1,1 @@
+"""Messages, parameters and diagnostics: what stands between the core and rclpy."""

@@ -1,0 +1,51 @@
+"""`offradar drive`: a bag through the whole pipeline without ROS, at full CPU speed."""
+
+from __future__ import annotations
+
+from collections import Counter
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.table import Table
+
+from offradar_ros.bags.reader import Bag
+from offradar_ros.cli.progress import progress_bar
+from offradar_ros.config import load_config
+from offradar_ros.encoders.registry import make_encoder
+from offradar_ros.mapping.sessions import SessionMap
+from offradar_ros.pipeline import DriveResult
+from offradar_ros.pipeline import drive as drive_through
+from offradar_ros.types import Match
+
+
+def drive(
+    bag: Annotated[Path, typer.Argument(help='rosbag2 folder.')],
+    params: Annotated[Path | None, typer.Option(help='Parameter file, as the nodes read it.')] = None,
+    map_path: Annotated[Path | None, typer.Option('--map', help='SQLite map file; in memory if left out.')] = None,
+    session: Annotated[str | None, typer.Option(help='Map the drive as a session of this name.')] = None,
+) -> None:
+    """Encode, map and query every scan of a bag, exactly as the nodes do."""
+    config = load_config(params, {'map.path': str(map_path)} if map_path else None)
+    encoder = make_encoder(config.encoder)
+    with (
+        SessionMap(config.map) as session_map,
+        Bag(bag) as opened,
+        progress_bar(f'driving {bag.name}') as progress,
+    ):
+        result = drive_through(opened, config, encoder, session_map, session=session, progress=progress)
+    _print(result)
+
+
+def _print(result: DriveResult) -> None:
+    answers = Counter('match' if isinstance(o, Match) else f'rejected: {o.reason.value}' for o in result.outcomes)
+    table = Table('answer', 'scans')
+    for answer, count in sorted(answers.items()):
+        table.add_row(answer, str(count))
+    for cause, count in sorted(result.refused.items()):
+        table.add_row(f'dropped: {cause}', str(count))
+    console = Console()
+    console.print(table)
+    if result.report:
+        console.print(result.report.summary(), highlight=False)

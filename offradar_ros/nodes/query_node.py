@@ -1,0 +1,97 @@
+"""Embeddings in, a match or a reasoned rejection out."""
+
+from __future__ import annotations
+
+import collections
+import math
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from sensor_msgs.msg import PointCloud2
+
+from offradar_ros.config import Config
+from offradar_ros.mapping.store import MapStore
+from offradar_ros.retrieval.introspective_query import IntrospectiveQuery
+from offradar_ros.ros import qos
+from offradar_ros.ros.diagnostics import WINDOW
+from offradar_ros.ros.embedding_message import embedding_record
+from offradar_ros.ros.outcome_message import match_message, match_pose_message, rejection_message
+from offradar_ros.ros.place_message import descriptors_record
+from offradar_ros.ros.run import run
+from offradar_ros.ros.stage_node import StageNode
+from offradar_ros.types import Match
+
+
+class QueryNode(StageNode):
+    """Answers each embedding exactly once, on `matches` (and `match_pose`) or on `rejections`."""
+
+    stages = ('query',)
+    timed_topic = 'embedding'
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__('query', **options)
+        self._uncertainties: collections.deque[float] = collections.deque(maxlen=WINDOW)
+        self._matches = self.publisher(PointCloud2, 'matches', qos.RESULTS)
+        self._poses = self.publisher(PoseWithCovarianceStamped, 'match_pose', qos.RESULTS)
+        self._rejections = self.publisher(DiagnosticArray, 'rejections', qos.RESULTS)
+        self.subscribe(PointCloud2, 'map/descriptors', qos.LATCHED, self._on_map)
+        self.subscribe(PointCloud2, 'map/updates', qos.UPDATES, self._on_update)
+        self.subscribe(PointCloud2, 'embedding', qos.RESULTS, self._on_embedding)
+
+    def configure(self) -> None:
+        """Start with an empty map, or with the file that `query.map_path` names."""
+        self._query = IntrospectiveQuery(self.config.query)
+        path = self.config.query.map_path
+        if path:
+            stored = MapStore.open_read_only(Path(path))
+            self._query.load(stored.committed(), stored.model.fingerprint if stored.model else '')
+
+    def activated(self) -> None:
+        """Say what is searched."""
+        self.get_logger().info(f'active: {self._query.places} places, rejects U above {self._query.threshold:.4f}')
+
+    def apply(self, config: Config) -> None:
+        """Thresholds may change while the node runs."""
+        super().apply(config)
+        if self.active:
+            self._query.reconfigure(config.query)
+
+    def periodic(self) -> None:
+        """Say what is searched, and with which threshold."""
+        self.status.facts |= {'places': str(self._query.places), 'threshold': f'{self._query.threshold:.4f}'}
+        if self._uncertainties:
+            self.status.facts['mean_uncertainty'] = f'{np.mean(self._uncertainties):.4f} (1 when calibrated)'
+
+    def _on_map(self, message: PointCloud2) -> None:
+        rows = descriptors_record(message, 'map/descriptors')
+        self._query.load(rows.table, rows.model)
+
+    def _on_update(self, message: PointCloud2) -> None:
+        if message.width:
+            rows = descriptors_record(message, 'map/updates')
+            self._query.update(rows.table, rows.model, committed=rows.committed)
+
+    def _on_embedding(self, message: PointCloud2) -> None:
+        outcome = self._query.query(embedding_record(message, 'embedding'))
+        if math.isfinite(outcome.uncertainty):
+            self._uncertainties.append(outcome.uncertainty)
+        if isinstance(outcome, Match):
+            self.status.counts['matched'] += 1
+            self._matches.publish(match_message(outcome))
+            self._poses.publish(match_pose_message(outcome, self.config.query.position_sigma_m))
+        else:
+            self.status.counts[f'rejected.{outcome.reason.value}'] += 1
+            self._rejections.publish(rejection_message(outcome))
+
+
+def main(args: list[str] | None = None) -> int:
+    """Entry point."""
+    return run(QueryNode, args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,56 @@
+"""Rates, latencies and drops of one node, once a second on /diagnostics."""
+
+from __future__ import annotations
+
+import collections
+import time
+from collections import Counter
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+
+from offradar_ros.ros.stamps import header
+
+WINDOW = 256
+
+
+class NodeStatus:
+    """Counts what a node handled and dropped; latencies in seconds over the last `WINDOW` messages."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+        self.handled = 0
+        self.drops: Counter[str] = Counter()
+        self.counts: Counter[str] = Counter()
+        self.facts: dict[str, str] = {}
+        self._latencies_s: collections.deque[float] = collections.deque(maxlen=WINDOW)
+        self._last_report_s = time.monotonic()
+        self._last_handled = 0
+        self._last_drops = 0
+
+    def handle(self, started_s: float) -> None:
+        """One message handled, begun at `started_s` of the steady clock."""
+        self.handled += 1
+        self._latencies_s.append(time.monotonic() - started_s)
+
+    def message(self, stamp_ns: int) -> DiagnosticArray:
+        """Report, and start the next period; WARN if anything was dropped in this one."""
+        now_s = time.monotonic()
+        rate_hz = (self.handled - self._last_handled) / max(now_s - self._last_report_s, 1e-9)
+        dropped = self.drops.total()
+        new_drops = dropped - self._last_drops
+        self._last_report_s, self._last_handled, self._last_drops = now_s, self.handled, dropped
+        values = {'handled': str(self.handled), 'rate_hz': f'{rate_hz:.2f}', 'dropped': str(dropped)}
+        if self._latencies_s:
+            p50, p99 = np.percentile(np.fromiter(self._latencies_s, np.float64), [50, 99]) * 1e3
+            values |= {'latency_p50_ms': f'{p50:.2f}', 'latency_p99_ms': f'{p99:.2f}'}
+        values |= {f'dropped.{cause}': str(count) for cause, count in sorted(self.drops.items())}
+        values |= {name: str(count) for name, count in sorted(self.counts.items())} | self.facts
+        status = DiagnosticStatus(
+            level=DiagnosticStatus.WARN if new_drops else DiagnosticStatus.OK,
+            name=self._name,
+            message=f'{new_drops} dropped in the last period' if new_drops else f'{rate_hz:.1f} Hz',
+            hardware_id='offradar_ros',
+            values=[KeyValue(key=key, value=value) for key, value in values.items()],
+        )
+        return DiagnosticArray(header=header(stamp_ns, ''), status=[status])

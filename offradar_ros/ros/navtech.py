@@ -1,0 +1,69 @@
+"""Navtech's own messages, where `navtech_msgs` is installed: encoder angles of every row, and the sensor's settings.
+
+RadarBScanMsg carries the image, `encoder_values` and `timestamps` (ns) a row; RadarConfigurationMessage carries
+`bin_size` in units of 1e-4 m.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+from typing import Any
+
+import numpy as np
+
+from offradar_ros.bags.records import scan_from_image
+from offradar_ros.config import RadarConfig
+from offradar_ros.errors import RefusedInput
+from offradar_ros.types import PolarScan
+
+BIN_SIZE_UNIT_M = 1e-4
+
+
+def message_types() -> tuple[type, type] | None:
+    """RadarBScanMsg and RadarConfigurationMsg, or None where navtech_msgs is not installed."""
+    try:
+        messages = importlib.import_module('navtech_msgs.msg')
+    except ImportError:
+        return None
+    configuration = getattr(messages, 'RadarConfigurationMsg', None) or getattr(
+        messages, 'RadarConfigurationMessage', None
+    )
+    scan = getattr(messages, 'RadarBScanMsg', None)
+    return (scan, configuration) if scan and configuration else None
+
+
+def configured(config: RadarConfig, message: Any) -> RadarConfig:
+    """The radar configuration with what the sensor says of itself; explicit parameters win."""
+    resolution_m = float(message.bin_size) * BIN_SIZE_UNIT_M * float(message.range_gain or 1.0)
+    if not 0.0 < resolution_m < 10.0 or not message.azimuth_samples or not message.encoder_size:
+        raise RefusedInput(
+            'wrong_configuration',
+            f'radar configuration has bin_size {message.bin_size}, azimuth_samples {message.azimuth_samples} and '
+            f'encoder_size {message.encoder_size}: expected all above zero (bin_size in 1e-4 m)',
+        )
+    return dataclasses.replace(
+        config,
+        range_resolution_m=config.range_resolution_m or resolution_m,
+        range_offset_m=config.range_offset_m or float(message.range_offset),
+        azimuth_samples=int(message.azimuth_samples),
+        encoder_size=int(message.encoder_size),
+    )
+
+
+def scan_from_b_scan(message: Any, config: RadarConfig) -> PolarScan:
+    """The scan in a RadarBScanMsg, its rows at their encoder angles."""
+    scan = scan_from_image(message.b_scan_img, dataclasses.replace(config, azimuth_axis='rows', metadata_columns='0'))
+    encoder = np.asarray(message.encoder_values, np.float64)
+    if len(encoder) != len(scan.power):
+        raise RefusedInput(
+            'wrong_size',
+            f'RadarBScanMsg has {len(scan.power)} rows but {len(encoder)} encoder values: expected as many',
+        )
+    azimuths_rad = (encoder / config.encoder_size * 2 * np.pi + config.azimuth_offset_rad) % (2 * np.pi)
+    stamps_ns = np.asarray(message.timestamps, np.int64)
+    return dataclasses.replace(
+        scan,
+        azimuths_rad=azimuths_rad,
+        azimuth_stamps_ns=stamps_ns if len(stamps_ns) == len(encoder) else None,
+    )

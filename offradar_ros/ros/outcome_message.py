@@ -1,0 +1,141 @@
+"""Match ↔ PointCloud2 and PoseWithCovarianceStamped; Rejection ↔ DiagnosticArray."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from sensor_msgs.msg import PointCloud2
+
+from offradar_ros.bags.records import stamp_ns
+from offradar_ros.errors import RefusedInput
+from offradar_ros.ros.clouds import from_cloud, to_cloud
+from offradar_ros.ros.place_message import MAP_FRAME
+from offradar_ros.ros.stamps import header
+from offradar_ros.types import Candidate, Match, Pose, Reason, Rejection
+
+CANDIDATE = np.dtype(
+    [
+        ('x', '<f4'),
+        ('y', '<f4'),
+        ('z', '<f4'),
+        ('distance', '<f4'),
+        ('uncertainty', '<f4'),
+        ('place_id', '<u4'),
+        ('yaw', '<f4'),
+        ('query_uncertainty', '<f8'),
+        ('threshold', '<f8'),
+    ]
+)
+
+
+def match_message(match: Match) -> PointCloud2:
+    """The top k places, nearest first; `uncertainty` is the place's, `query_uncertainty` the scan's."""
+    points = np.empty(len(match.candidates), CANDIDATE)
+    for point, candidate in zip(points, match.candidates, strict=True):
+        pose = candidate.pose
+        point['x'], point['y'], point['z'], point['yaw'] = pose.x_m, pose.y_m, pose.z_m, pose.yaw_rad
+        point['distance'], point['uncertainty'] = candidate.distance, candidate.uncertainty
+        point['place_id'] = candidate.place_id
+    points['query_uncertainty'], points['threshold'] = match.uncertainty, match.threshold
+    return to_cloud(points, header(match.stamp_ns, MAP_FRAME))
+
+
+def match_record(message: PointCloud2, topic: str) -> Match:
+    """The match in a message."""
+    points = from_cloud(message, list(CANDIDATE.names or ()), topic)
+    if not len(points):
+        raise RefusedInput('short_data', f'{topic}: expected at least one place in a match')
+    candidates = tuple(
+        Candidate(
+            int(p['place_id']),
+            float(p['distance']),
+            float(p['uncertainty']),
+            Pose(float(p['x']), float(p['y']), float(p['z']), float(p['yaw'])),
+        )
+        for p in points
+    )
+    first = points[0]
+    return Match(
+        stamp_ns(message.header.stamp), float(first['query_uncertainty']), float(first['threshold']), candidates
+    )
+
+
+def match_pose_message(match: Match, position_sigma_m: float) -> PoseWithCovarianceStamped:
+    """The best place as a pose for robot_localization or AMCL.
+
+    The descriptor does not change when the vehicle turns on the spot, so the heading is unknown: it is given as the
+    mapped scan's, with a variance of π².
+    """
+    pose = match.candidates[0].pose
+    yaw_rad = 0.0 if math.isnan(pose.yaw_rad) else pose.yaw_rad
+    message = PoseWithCovarianceStamped(header=header(match.stamp_ns, MAP_FRAME))
+    message.pose.pose.position.x, message.pose.pose.position.y = pose.x_m, pose.y_m
+    message.pose.pose.position.z = pose.z_m
+    message.pose.pose.orientation.z = math.sin(yaw_rad / 2)
+    message.pose.pose.orientation.w = math.cos(yaw_rad / 2)
+    covariance = np.zeros((6, 6))
+    covariance[range(3), range(3)] = position_sigma_m**2
+    covariance[range(3, 6), range(3, 6)] = np.pi**2
+    message.pose.covariance = covariance.reshape(-1)
+    return message
+
+
+def rejection_message(rejection: Rejection) -> DiagnosticArray:
+    """Reason, U, threshold and, as JSON, the candidates that would have been returned."""
+    candidates = [
+        {
+            'place_id': c.place_id,
+            'distance': c.distance,
+            'uncertainty': c.uncertainty,
+            'x': c.pose.x_m,
+            'y': c.pose.y_m,
+            'z': c.pose.z_m,
+            'yaw': None if math.isnan(c.pose.yaw_rad) else c.pose.yaw_rad,
+        }
+        for c in rejection.candidates
+    ]
+    values = {
+        'reason': rejection.reason.value,
+        'uncertainty': repr(rejection.uncertainty),
+        'threshold': repr(rejection.threshold),
+        'candidates': json.dumps(candidates),
+    }
+    status = DiagnosticStatus(
+        level=DiagnosticStatus.WARN,
+        name='query: rejection',
+        message=f'{rejection.reason.value}: {rejection.detail}',
+        values=[KeyValue(key=key, value=value) for key, value in values.items()],
+    )
+    return DiagnosticArray(header=header(rejection.stamp_ns, MAP_FRAME), status=[status])
+
+
+def rejection_record(message: DiagnosticArray, topic: str) -> Rejection:
+    """The rejection in a message; RefusedInput('wrong_fields') if it is not one."""
+    try:
+        status = message.status[0]
+        values = {item.key: item.value for item in status.values}
+        candidates = tuple(
+            Candidate(
+                c['place_id'],
+                c['distance'],
+                c['uncertainty'],
+                Pose(c['x'], c['y'], c['z'], math.nan if c['yaw'] is None else c['yaw']),
+            )
+            for c in json.loads(values['candidates'])
+        )
+        return Rejection(
+            stamp_ns(message.header.stamp),
+            Reason(values['reason']),
+            float(values['uncertainty']),
+            float(values['threshold']),
+            candidates,
+            status.message.partition(': ')[2],
+        )
+    except (IndexError, KeyError, ValueError, TypeError) as error:
+        raise RefusedInput(
+            'wrong_fields', f'{topic}: expected reason, uncertainty, threshold and candidates'
+        ) from error

@@ -1,0 +1,64 @@
+"""ROS parameters out of the configuration dataclasses: same names, descriptions, units and bounds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rclpy.exceptions import ParameterException
+from rclpy.node import Node
+from rclpy.parameter import Parameter as RosParameter
+
+from offradar_ros.config import Bounds, Config, parameters, replace_values
+from offradar_ros.errors import ConfigError
+
+
+def descriptor(bounds: Bounds, value: bool | int | float | str) -> ParameterDescriptor:
+    """What `ros2 param describe` shows."""
+    unit = f' [{bounds.unit}]' if bounds.unit else ''
+    described = ParameterDescriptor(description=bounds.description + unit, read_only=bounds.read_only)
+    if bounds.choices:
+        described.additional_constraints = 'one of ' + ', '.join(bounds.choices)
+    if bounds.minimum is not None and bounds.maximum is not None:
+        if isinstance(value, float):
+            described.floating_point_range = [
+                FloatingPointRange(from_value=float(bounds.minimum), to_value=float(bounds.maximum), step=0.0)
+            ]
+        else:
+            described.integer_range = [
+                IntegerRange(from_value=int(bounds.minimum), to_value=int(bounds.maximum), step=1)
+            ]
+    return described
+
+
+def declare(node: Node, config: Config, stages: Sequence[str]) -> Config:
+    """Declare the parameters of some stages; the configuration that they give, or ConfigError if one is invalid."""
+    values: dict[str, Any] = {}
+    for leaf in parameters(config):
+        if leaf.name.split('.')[0] in stages:
+            try:
+                values[leaf.name] = node.declare_parameter(
+                    leaf.name, leaf.value, descriptor(leaf.bounds, leaf.value)
+                ).value
+            except ParameterException as error:
+                given = node._parameter_overrides.get(leaf.name)
+                problem = leaf.bounds.problem(given.value) if given is not None else None
+                reason = problem or str(error).splitlines()[0]
+                raise ConfigError(f'parameter {leaf.name}: {reason}') from error
+    return replace_values(config, values)
+
+
+def changed(config: Config, updates: Sequence[RosParameter]) -> Config:
+    """The configuration after `updates`; those of other stages and of rclpy itself are passed over."""
+    known = {leaf.name for leaf in parameters(config)}
+    return replace_values(config, {p.name: p.value for p in updates if p.name in known})
+
+
+def judged(config: Config, updates: Sequence[RosParameter]) -> SetParametersResult:
+    """Whether `updates` may be set, and if not, why."""
+    try:
+        changed(config, updates)
+    except ConfigError as error:
+        return SetParametersResult(successful=False, reason=str(error))
+    return SetParametersResult(successful=True)

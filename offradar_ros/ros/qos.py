@@ -1,0 +1,18 @@
+"""Quality of service of every topic; each can be overridden by the standard ``qos_overrides`` parameters."""
+
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+
+def _reliable(depth: int, durability: DurabilityPolicy) -> QoSProfile:
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST, depth=depth, reliability=ReliabilityPolicy.RELIABLE, durability=durability
+    )
+
+
+# Best effort loses scans: 1.5 MB is several times a shared-memory segment and travels in fragments.
+SCANS = _reliable(5, DurabilityPolicy.VOLATILE)
+POSITIONS = _reliable(50, DurabilityPolicy.VOLATILE)
+RESULTS = _reliable(10, DurabilityPolicy.VOLATILE)
+# A subscriber that falls behind on these would hold a map that is not the server's.
+UPDATES = _reliable(1000, DurabilityPolicy.VOLATILE)
+LATCHED = _reliable(1, DurabilityPolicy.TRANSIENT_LOCAL)

@@ -1,0 +1,42 @@
+"""The map server's session services, for a process that drives a replay."""
+
+from __future__ import annotations
+
+import rclpy
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+from offradar_ros.errors import OffradarError
+
+
+class SessionClient:
+    """Calls the services of the node `map_server` and returns what they say; OffradarError if they refuse."""
+
+    def __init__(self, node: Node, timeout_s: float) -> None:
+        self._node = node
+        self._timeout_s = timeout_s
+
+    def start(self) -> str:
+        """Start a session."""
+        return self.call('start_session')
+
+    def end(self) -> str:
+        """End the session and return its merge report."""
+        return self.call('end_session')
+
+    def call(self, name: str) -> str:
+        """Any of the services, by name."""
+        client = self._node.create_client(Trigger, f'map_server/{name}')
+        try:
+            if not client.wait_for_service(self._timeout_s):
+                raise OffradarError(f'service map_server/{name}: no map server within {self._timeout_s:g} s')
+            future = client.call_async(Trigger.Request())
+            rclpy.spin_until_future_complete(self._node, future, timeout_sec=self._timeout_s)
+            response = future.result()
+            if response is None:
+                raise OffradarError(f'service map_server/{name}: no answer within {self._timeout_s:g} s')
+            if not response.success:
+                raise OffradarError(f'service map_server/{name}: {response.message}')
+            return str(response.message)
+        finally:
+            self._node.destroy_client(client)

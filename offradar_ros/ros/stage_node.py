@@ -1,0 +1,179 @@
+"""What the three nodes share: lifecycle with autostart, parameters, diagnostics, and surviving bad messages."""
+
+from __future__ import annotations
+
+import time
+import traceback
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.parameter import Parameter
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.subscription import Subscription
+
+from offradar_ros.config import Config
+from offradar_ros.errors import OffradarError, RefusedInput
+from offradar_ros.ros import parameters, qos
+from offradar_ros.ros.diagnostics import NodeStatus
+
+MessageT = TypeVar('MessageT')
+LOG_PERIOD_S = 5.0
+
+
+class StageNode(LifecycleNode):
+    """A lifecycle node around one stage of the core.
+
+    Subclasses name the configuration `stages` they declare, and build their core objects in `configure`, which may
+    raise OffradarError. Inputs are ignored unless the node is active.
+    """
+
+    stages: tuple[str, ...] = ()
+
+    def __init__(self, name: str, **options: Any) -> None:
+        super().__init__(name, **options)
+        self.config = parameters.declare(self, Config(), self.stages)
+        self._autostart = self.declare_parameter(
+            'autostart', True, ParameterDescriptor(description='configure and activate at start', read_only=True)
+        ).value
+        self.add_on_set_parameters_callback(self._judge_parameters)
+        self.add_post_set_parameters_callback(self._apply_parameters)
+        self.status = NodeStatus(f'{self.get_name()}: offradar_ros')
+        self.active = False
+        self._outputs: list[Publisher] = []
+        self._failure: OffradarError | None = None
+        self._last_logged_s: dict[str, float] = {}
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', qos.RESULTS)
+        # Diagnostics must go on while a paused replay holds the ROS clock.
+        self._report_timer = self.create_timer(1.0, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+    def start(self) -> None:
+        """Configure and activate, unless `autostart` is false; raises the error that prevented it."""
+        if not self._autostart:
+            return
+        for transition in (self.trigger_configure, self.trigger_activate):
+            if transition() != TransitionCallbackReturn.SUCCESS:
+                raise self._failure or OffradarError(f'{self.get_name()}: could not be activated')
+
+    def configure(self) -> None:
+        """Build the core objects; OffradarError leaves the node unconfigured."""
+        raise NotImplementedError
+
+    def activated(self) -> None:
+        """Called when the node has become active."""
+
+    def close(self) -> None:
+        """Release the core objects, losing nothing; called at cleanup and at exit."""
+
+    def apply(self, config: Config) -> None:
+        """Take over parameters that were changed at run time."""
+        self.config = config
+
+    def periodic(self) -> None:
+        """Called once a second while active."""
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Lifecycle transition."""
+        try:
+            self.configure()
+        except OffradarError as error:
+            self._failure = error
+            self.get_logger().error(str(error))
+            return TransitionCallbackReturn.FAILURE
+        except Exception:
+            self.get_logger().error(traceback.format_exc())
+            raise
+        return super().on_configure(state)
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Lifecycle transition."""
+        result = super().on_activate(state)
+        self.active = True
+        self.activated()
+        return result
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Lifecycle transition."""
+        self.active = False
+        return super().on_deactivate(state)
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Lifecycle transition."""
+        self.close()
+        return super().on_cleanup(state)
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Lifecycle transition."""
+        self.active = False
+        self.close()
+        return super().on_shutdown(state)
+
+    def publisher(self, message_type: type[MessageT], topic: str, profile: QoSProfile) -> Publisher:
+        """A lifecycle publisher whose quality of service can be overridden by parameters."""
+        publisher: Publisher = self.create_lifecycle_publisher(
+            message_type, topic, profile, qos_overriding_options=QoSOverridingOptions.with_default_policies()
+        )
+        self._outputs.append(publisher)
+        return publisher
+
+    def subscribe(
+        self, message_type: type[MessageT], topic: str, profile: QoSProfile, handle: Callable[[MessageT], None]
+    ) -> Subscription:
+        """A subscription that counts, says and survives whatever is wrong with a message."""
+
+        def guarded(message: MessageT) -> None:
+            if not self.active:
+                return
+            started_s = time.monotonic()
+            try:
+                handle(message)
+            except RefusedInput as problem:
+                self.refuse(problem, topic)
+            except Exception:
+                self.refuse(RefusedInput('internal_error', traceback.format_exc()), topic)
+            else:
+                if topic == self.timed_topic:
+                    self.status.handle(started_s)
+
+        return self.create_subscription(
+            message_type,
+            topic,
+            guarded,
+            profile,
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+        )
+
+    timed_topic = ''
+    """The input whose rate and latency the diagnostics report."""
+
+    def refuse(self, problem: RefusedInput, topic: str) -> None:
+        """Count a drop and say why, each cause at most once in a few seconds."""
+        self.status.drops[problem.cause] += 1
+        now_s = time.monotonic()
+        if now_s - self._last_logged_s.get(problem.cause, -LOG_PERIOD_S) >= LOG_PERIOD_S:
+            self._last_logged_s[problem.cause] = now_s
+            self.get_logger().warning(f'{topic}: {problem}')
+
+    def now_ns(self) -> int:
+        """The node's clock: simulated under use_sim_time."""
+        return int(self.get_clock().now().nanoseconds)
+
+    def _judge_parameters(self, updates: list[Parameter]) -> SetParametersResult:
+        return parameters.judged(self.config, updates)
+
+    def _apply_parameters(self, updates: list[Parameter]) -> None:
+        self.apply(parameters.changed(self.config, updates))
+
+    def _report(self) -> None:
+        if self.active:
+            self.periodic()
+        # A replay in lockstep asks here whether the nodes have found one another.
+        for output in self._outputs:
+            self.status.facts[f'subscribers.{output.topic_name}'] = str(output.get_subscription_count())
+        self._diagnostics.publish(self.status.message(self.now_ns()))

@@ -1,0 +1,51 @@
+"""Build of the ament_python package; also a plain pip package."""
+
+from glob import glob
+
+from setuptools import find_packages, setup
+
+PACKAGE = 'offradar_ros'
+NODES = ('encoder_node', 'map_server_node', 'query_node', 'replay_node')
+
+setup(
+    name=PACKAGE,
+    version='0.1.0',
+    packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
+        (f'share/{PACKAGE}', ['package.xml']),
+        (f'share/{PACKAGE}/params', sorted(glob('params/*'))),
+        (f'share/{PACKAGE}/launch', sorted(glob('launch/*.launch.py'))),
+        # Wheels ignore setup.cfg's install_scripts: these files are what `ros2 run` finds after `pip install`.
+        (f'lib/{PACKAGE}', [f'scripts/{node}' for node in NODES]),
+    ],
+    python_requires='>=3.10',
+    install_requires=[
+        'setuptools',
+        'numpy>=1.26',
+        'opencv-python-headless>=4.8',
+        'pyproj>=3.6',
+        'pyyaml>=6.0',
+        'rich>=13.0',
+        'rosbags>=0.10.5',
+        'typer>=0.12',
+    ],
+    extras_require={
+        'onnx': ['onnxruntime>=1.18'],
+        'plot': ['matplotlib>=3.7'],
+        'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
+        'torch': ['torch>=2.4', 'safetensors>=0.4', 'onnx>=1.16'],
+    },
+    zip_safe=False,
+    maintainer='offradar_ros maintainers',
+    maintainer_email='maintainers@offradar-ros.example',
+    description='Uncertainty-aware radar place recognition with map maintenance and introspective querying',
+    license='Apache-2.0',
+    package_data={PACKAGE: ['py.typed']},
+    entry_points={
+        'console_scripts': [
+            f'offradar = {PACKAGE}.cli.main:main',
+            *(f'{node} = {PACKAGE}.nodes.{node}:main' for node in NODES),
+        ],
+    },
+)
