@@ -126,7 +126,7 @@ class PlaceTable:
             positions_m=np.array([(p.pose.x_m, p.pose.y_m, p.pose.z_m) for p in places], np.float64).reshape(-1, 3),
             yaws_rad=np.array([p.pose.yaw_rad for p in places], np.float64),
             uncertainties=np.array([p.uncertainty for p in places], np.float32),
-            means=np.array([p.mean for p in places], np.float32).reshape(-1, dimension),
+            means=np.array([p.mean for p in places], np.float32).reshape(len(places), dimension),
         )
 
 

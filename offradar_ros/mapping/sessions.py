@@ -235,6 +235,15 @@ class SessionMap:
         """The places that the running session changed, as they are now."""
         return self._parent.rows(sorted(self._running.before) if self._running else [])
 
+    def places(self) -> PlaceTable:
+        """Every place as it is now, the running session's changes included."""
+        return self._parent.table()
+
+    @property
+    def dimension(self) -> int:
+        """d of the map's model; 0 until one is adopted."""
+        return self._parent.dimension
+
     def changed(self, merge: Merge) -> PlaceTable:
         """The places that one merge changed, as they are now."""
         return self._parent.rows(merge.place_ids)

@@ -52,7 +52,7 @@ class IntrospectiveQuery:
         elif self._model != model_fingerprint:
             raise RefusedInput(
                 'wrong_model',
-                f'{len(table)} changed places are of model {model_fingerprint[:12]}, the map of {self._model[:12]}: dropped',
+                f'{len(table)} places dropped: of model {model_fingerprint[:12]}, the map is of {self._model[:12]}',
             )
         if committed:
             self._committed.upsert(table)

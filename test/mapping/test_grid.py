@@ -1,0 +1,40 @@
+"""The position grid against looking at every point."""
+
+import math
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from offradar_ros.mapping.grid import PositionGrid
+
+coordinate = st.one_of(st.floats(-1e8, 1e8), st.integers(-40, 40).map(lambda n: n * 2.5), st.floats(-20.0, 20.0))
+point = st.tuples(coordinate, coordinate)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.lists(point, max_size=30), point, st.sampled_from([0.1, 2.5, 5.0, 1000.0]), st.floats(0.01, 30.0))
+def test_no_point_within_the_radius_is_missed(points, centre, cell_m, radius_m):
+    grid = PositionGrid(cell_m=max(cell_m, radius_m / 20))
+    for index, (x, y) in enumerate(points):
+        grid.add(index, x, y)
+    near = grid.near(*centre, radius_m)
+    assert len(near) == len(set(near))
+    within = {i for i, (x, y) in enumerate(points) if math.hypot(x - centre[0], y - centre[1]) < radius_m}
+    assert within <= set(near)
+
+
+def test_only_cells_beside_the_position_are_looked_at():
+    grid = PositionGrid(5.0)
+    for index in range(1000):
+        grid.add(index, 5.0 * index, 0.0)
+    assert len(grid.near(2500.0, 1.0, 5.0)) <= 3
+
+
+def test_a_removed_point_is_gone_and_the_others_stay():
+    grid = PositionGrid(5.0)
+    grid.add(0, 1.0, 1.0)
+    grid.add(1, 2.0, 2.0)
+    grid.remove(0, 1.0, 1.0)
+    assert grid.near(1.0, 1.0, 5.0) == [1]
+    grid.remove(1, 2.0, 2.0)
+    assert grid.near(1.0, 1.0, 5.0) == []

@@ -1,0 +1,124 @@
+"""Embeddings that wait for their position."""
+
+import itertools
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from offradar_ros.config import PositionConfig
+from offradar_ros.errors import RefusedInput
+from offradar_ros.mapping.pending import PendingEmbeddings
+from offradar_ros.types import Embedding, Pose
+
+SECOND = 10**9
+CONFIG = PositionConfig(max_gap_s=1.5, wait_s=10.0)
+
+
+def at(seconds: float) -> Embedding:
+    return Embedding(round(seconds * SECOND), np.zeros(2, np.float32), np.ones(2, np.float32))
+
+
+def position(pending: PendingEmbeddings, seconds: float):
+    return outcome(pending.add_position(round(seconds * SECOND), Pose(10.0 * seconds, 0.0)))
+
+
+def outcome(settled):
+    return [(one.embedding.stamp_ns / SECOND, one.pose.x_m if one.pose else None, one.cause) for one in settled]
+
+
+def test_an_embedding_waits_for_the_position_after_it():
+    pending = PendingEmbeddings(CONFIG)
+    assert position(pending, 1.0) == []
+    assert outcome(pending.add_embedding(at(1.5))) == []
+    assert len(pending) == 1
+    assert position(pending, 2.0) == [(1.5, 15.0, '')]
+
+
+def test_an_embedding_whose_position_is_known_settles_at_once():
+    pending = PendingEmbeddings(CONFIG)
+    position(pending, 1.0), position(pending, 2.0)
+    assert outcome(pending.add_embedding(at(1.25))) == [(1.25, 12.5, '')]
+
+
+def test_before_the_first_position_and_in_a_gap_there_is_none():
+    pending = PendingEmbeddings(CONFIG)
+    pending.add_embedding(at(0.5))
+    assert position(pending, 1.0) == [(0.5, None, 'no_position')]
+    pending.add_embedding(at(2.0))
+    assert position(pending, 3.0) == [(2.0, None, 'no_position')]
+
+
+def test_embeddings_leave_in_the_order_in_which_they_came():
+    pending = PendingEmbeddings(CONFIG)
+    position(pending, 1.0)
+    position(pending, 1.4)
+    pending.add_embedding(at(2.0))
+    assert outcome(pending.add_embedding(at(1.2))) == []
+    assert position(pending, 2.5) == [(2.0, 20.0, ''), (1.2, 12.0, '')]
+
+
+def test_an_embedding_is_dropped_when_no_position_comes_for_too_long():
+    pending = PendingEmbeddings(CONFIG)
+    position(pending, 1.0)
+    pending.add_embedding(at(2.0))
+    assert outcome(pending.add_embedding(at(12.0))) == []
+    assert outcome(pending.add_embedding(at(12.1))) == [(2.0, None, 'no_position')]
+    assert len(pending) == 2
+
+
+def test_flush_settles_what_can_be_and_drops_the_rest():
+    pending = PendingEmbeddings(CONFIG)
+    position(pending, 1.0), position(pending, 2.0)
+    for seconds in (5.0, 1.5, 6.0):
+        pending.add_embedding(at(seconds))
+    assert outcome(pending.flush()) == [(5.0, None, 'no_position'), (1.5, 15.0, ''), (6.0, None, 'no_position')]
+    assert pending.flush() == []
+
+
+def test_a_recording_that_starts_again():
+    pending = PendingEmbeddings(CONFIG)
+    position(pending, 100.0)
+    pending.add_embedding(at(100.5))
+    with pytest.raises(RefusedInput) as refused:
+        position(pending, 1.0)
+    assert refused.value.cause == 'position_stamp_backwards'
+    pending.clear()
+    assert position(pending, 1.0) == []
+    pending.add_embedding(at(1.5))
+    assert position(pending, 2.0) == [(1.5, 15.0, '')]
+
+
+def test_a_position_that_is_not_finite_is_refused_and_nothing_settles_by_it():
+    pending = PendingEmbeddings(CONFIG)
+    pending.add_embedding(at(0.5))
+    with pytest.raises(RefusedInput) as refused:
+        pending.add_position(SECOND, Pose(float('nan'), 0.0))
+    assert refused.value.cause == 'invalid_position'
+    assert len(pending) == 1
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(st.tuples(st.booleans(), st.integers(0, 40)), max_size=40))
+def test_every_embedding_settles_once_in_order_and_only_between_two_positions(events):
+    pending = PendingEmbeddings(CONFIG)
+    came, settled, known = [], [], []
+    for is_position, half_seconds in events:
+        stamp = half_seconds * SECOND // 2
+        if not is_position:
+            came.append(stamp)
+            settled += pending.add_embedding(at(half_seconds / 2))
+        elif not known or stamp > known[-1]:
+            known.append(stamp)
+            settled += pending.add_position(stamp, Pose(stamp / SECOND, 0.0))
+    settled += pending.flush()
+    assert [one.embedding.stamp_ns for one in settled] == came
+    for one in settled:
+        stamp = one.embedding.stamp_ns
+        bracketed = stamp in known or any(a < stamp < b and b - a <= 1.5 * SECOND for a, b in itertools.pairwise(known))
+        if one.pose:
+            assert bracketed and one.cause == ''
+            assert one.pose.x_m == pytest.approx(stamp / SECOND, abs=1e-9)
+        else:
+            assert one.cause == 'no_position'

@@ -1,0 +1,182 @@
+"""Every embedding is answered once: with a match, or with the first reason that holds."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from offradar_ros.config import QueryConfig
+from offradar_ros.errors import RefusedInput
+from offradar_ros.retrieval.introspective_query import IntrospectiveQuery
+from offradar_ros.types import Embedding, Match, Place, PlaceTable, Pose, Reason, Rejection
+
+MODEL, OTHER = 'a' * 64, 'b' * 64
+
+
+def places(*entries, session=1) -> PlaceTable:
+    """Places (id, mean) of dimension 2."""
+    made = [Place(i, session, i, Pose(i * 1.0, 0.0), 0.9, np.asarray(mean, np.float32)) for i, mean in entries]
+    return PlaceTable.from_places(made, 2)
+
+
+def scan(mean=(0.0, 0.0), uncertainty=1.0, model=MODEL, stamp=5) -> Embedding:
+    return Embedding(stamp, np.asarray(mean, np.float32), np.full(len(mean), uncertainty, np.float32), model)
+
+
+@pytest.fixture
+def searching() -> IntrospectiveQuery:
+    query = IntrospectiveQuery(QueryConfig(top_k=2, delta=0.5, levels=10, level=10))
+    query.load(places((1, (3, 4)), (2, (0, 1)), (3, (10, 0))), MODEL)
+    return query
+
+
+def ids(outcome) -> list:
+    return [candidate.place_id for candidate in outcome.candidates]
+
+
+def test_a_match_holds_the_nearest_places_in_order(searching):
+    outcome = searching.query(scan())
+    assert isinstance(outcome, Match)
+    assert ids(outcome) == [2, 1]
+    assert [c.distance for c in outcome.candidates] == [1.0, 5.0]
+    assert (outcome.stamp_ns, outcome.uncertainty, outcome.threshold) == (5, 1.0, 1.5)
+
+
+@pytest.mark.parametrize(('uncertainty', 'accepted'), [(1.5, True), (1.5001, False), (0.0, True), (100.0, False)])
+def test_above_the_threshold_it_is_uncertain_with_the_candidates_it_would_have_returned(
+    searching, uncertainty, accepted
+):
+    outcome = searching.query(scan(uncertainty=uncertainty))
+    assert isinstance(outcome, Match) == accepted
+    assert ids(outcome) == [2, 1]
+    if not accepted:
+        assert outcome.reason is Reason.UNCERTAIN
+        assert '1.5' in outcome.detail
+
+
+def test_too_far_from_every_place_it_is_unknown(searching):
+    far = scan((500.0, 0.0))
+    assert isinstance(searching.query(far), Match)
+    searching.reconfigure(dataclasses.replace(searching.config, max_distance=20.0))
+    outcome = searching.query(far)
+    assert isinstance(outcome, Rejection) and outcome.reason is Reason.UNKNOWN_PLACE
+    assert ids(outcome) == [3, 1] and '490' in outcome.detail and '20' in outcome.detail
+    assert isinstance(searching.query(scan((10.0, 20.0))), Match)
+
+
+def test_thresholds_change_while_it_runs(searching):
+    searching.reconfigure(dataclasses.replace(searching.config, level=0))
+    outcome = searching.query(scan(uncertainty=0.6))
+    assert isinstance(outcome, Rejection) and outcome.threshold == 0.5
+    searching.reconfigure(dataclasses.replace(searching.config, level=1, top_k=3))
+    assert ids(searching.query(scan(uncertainty=0.55))) == [2, 1, 3]
+
+
+@pytest.mark.parametrize(
+    'embedding',
+    [
+        scan((math.nan, 0.0)),
+        scan((0.0, math.inf)),
+        scan(uncertainty=math.nan),
+        scan(uncertainty=-0.5),
+        scan(()),
+        Embedding(5, np.zeros(2, np.float32), np.ones(3, np.float32), MODEL),
+    ],
+)
+def test_an_invalid_embedding_has_no_uncertainty(searching, embedding):
+    outcome = searching.query(embedding)
+    assert isinstance(outcome, Rejection) and outcome.reason is Reason.INVALID_EMBEDDING
+    assert math.isnan(outcome.uncertainty) and outcome.candidates == ()
+    assert outcome.stamp_ns == 5 and outcome.detail and '\n' not in outcome.detail
+
+
+def test_another_model_or_dimension_is_never_compared(searching):
+    outcome = searching.query(scan(model=OTHER))
+    assert outcome.reason is Reason.WRONG_MODEL and outcome.candidates == ()
+    assert 'bbbb' in outcome.detail and 'aaaa' in outcome.detail
+    outcome = searching.query(scan((0.0, 0.0, 0.0)))
+    assert outcome.reason is Reason.WRONG_MODEL and 'dimension 3, the map has 2' in outcome.detail
+
+
+def test_the_first_reason_in_order_counts(searching):
+    searching.reconfigure(dataclasses.replace(searching.config, level=0, max_distance=1.0))
+    assert searching.query(scan((math.nan, 9e9), model=OTHER)).reason is Reason.INVALID_EMBEDDING
+    assert searching.query(scan((0.0, 9e9), 2.0, model=OTHER)).reason is Reason.WRONG_MODEL
+    assert searching.query(scan((0.0, 9e9), 2.0)).reason is Reason.UNCERTAIN
+    searching.load(places(), MODEL)
+    assert searching.query(scan((0.0, 9e9), 2.0, model=OTHER)).reason is Reason.WRONG_MODEL
+    assert searching.query(scan((0.0, 9e9), 2.0)).reason is Reason.MAP_EMPTY
+
+
+def test_without_a_map_there_is_nothing_to_search_until_the_first_places_come():
+    query = IntrospectiveQuery(QueryConfig())
+    assert query.query(scan()).reason is Reason.MAP_EMPTY
+    query.update(places((1, (0, 0))), MODEL, committed=True)
+    assert isinstance(query.query(scan()), Match)
+
+
+def test_places_of_another_model_are_refused(searching):
+    for committed in (True, False):
+        with pytest.raises(RefusedInput) as refused:
+            searching.update(places((1, (0, 0))), OTHER, committed=committed)
+        assert refused.value.cause == 'wrong_model'
+    assert ids(searching.query(scan())) == [2, 1]
+
+
+def test_the_running_session_s_places_are_found_only_if_asked(searching):
+    searching.update(places((2, (8, 0)), (7, (0.5, 0)), session=2), MODEL, committed=False)
+    assert ids(searching.query(scan())) == [2, 1]
+    searching.reconfigure(dataclasses.replace(searching.config, exclude_current_session=False, top_k=4))
+    outcome = searching.query(scan())
+    # Place 2 counts once, as the running session left it.
+    assert ids(outcome) == [7, 1, 2, 3]
+    assert outcome.candidates[2].distance == 8.0
+    searching.reconfigure(dataclasses.replace(searching.config, exclude_current_session=True))
+    assert [c.distance for c in searching.query(scan()).candidates] == [1.0, 5.0, 10.0]
+
+
+def test_a_scan_never_finds_itself(searching):
+    searching.reconfigure(dataclasses.replace(searching.config, exclude_current_session=False, top_k=4))
+    searching.update(places((2, (8, 0)), (7, (0.5, 0)), session=2), MODEL, committed=False)
+    # Places 2 and 7 hold the scans of stamps 2 and 7: asked with such a scan, they are as they were before it.
+    assert [(c.place_id, c.distance) for c in searching.query(scan(stamp=2)).candidates] == [
+        (7, 0.5),
+        (2, 1.0),
+        (1, 5.0),
+        (3, 10.0),
+    ]
+    assert ids(searching.query(scan(stamp=7))) == [1, 2, 3]
+
+
+def test_once_committed_they_are_found_always(searching):
+    searching.update(places((2, (8, 0)), (7, (0.5, 0)), session=2), MODEL, committed=False)
+    searching.update(places((2, (8, 0)), (7, (0.5, 0)), session=2), MODEL, committed=True)
+    assert searching.places == 4
+    for exclude in (True, False):
+        searching.reconfigure(dataclasses.replace(searching.config, exclude_current_session=exclude, top_k=4))
+        assert ids(searching.query(scan())) == [7, 1, 2, 3]
+
+
+def test_a_session_s_first_places_answer_in_an_empty_map_if_asked():
+    query = IntrospectiveQuery(QueryConfig(exclude_current_session=False))
+    query.load(places(), MODEL)
+    query.update(places((1, (0, 0))), MODEL, committed=False)
+    assert isinstance(query.query(scan()), Match)
+    query.reconfigure(QueryConfig())
+    assert query.query(scan()).reason is Reason.MAP_EMPTY
+
+
+def test_loading_replaces_everything(searching):
+    searching.update(places((9, (0, 0))), MODEL, committed=False)
+    searching.load(places((4, (1, 1))), OTHER)
+    searching.reconfigure(dataclasses.replace(searching.config, exclude_current_session=False))
+    assert ids(searching.query(scan(model=OTHER))) == [4]
+    assert searching.query(scan()).reason is Reason.WRONG_MODEL
+
+
+def test_refused_places_leave_the_map_as_it_was(searching):
+    for committed in (True, False):
+        with pytest.raises(RefusedInput):
+            searching.update(places((2, (math.nan, 0))), MODEL, committed=committed)
+    assert ids(searching.query(scan())) == [2, 1]

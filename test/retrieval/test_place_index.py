@@ -1,0 +1,150 @@
+"""Exact search against distances computed pair by pair."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial.distance import cdist
+
+from offradar_ros.errors import RefusedInput
+from offradar_ros.retrieval.place_index import PlaceIndex
+from offradar_ros.types import PlaceTable
+
+
+def table_of(means, place_ids=None) -> PlaceTable:
+    means = np.asarray(means, np.float32)
+    count = len(means)
+    ids = np.arange(count) if place_ids is None else np.asarray(place_ids)
+    return PlaceTable(
+        place_ids=ids.astype(np.int64),
+        session_ids=np.ones(count, np.int32),
+        stamps_ns=ids.astype(np.int64) * 10,
+        positions_m=np.stack([ids * 1.0, ids * 2.0, ids * 3.0], axis=1),
+        yaws_rad=np.full(count, np.nan),
+        uncertainties=(ids / 10).astype(np.float32),
+        means=means,
+    )
+
+
+def slowly(entries: dict, query, k) -> list:
+    """(float32 distance, id) of the k nearest, every difference summed in Python."""
+    ranked = []
+    for place_id, mean in entries.items():
+        square = math.fsum((float(a) - float(b)) ** 2 for a, b in zip(mean, query, strict=True))
+        with np.errstate(over='ignore'):
+            ranked.append((float(np.float32(math.sqrt(square))), place_id))
+    return sorted(ranked)[:k]
+
+
+def found(index, query, k, **without):
+    return [(c.distance, c.place_id) for c in index.search(np.asarray(query, np.float32), k, **without)]
+
+
+value = st.one_of(
+    st.floats(-2, 2, width=32), st.sampled_from([0.0, 1.0, 1e4, 1e4 + 1e-3, -1e4, 3e-20, 1e-30, 1e19, -3e38])
+)
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    st.lists(st.lists(value, min_size=3, max_size=3), min_size=1, max_size=20),
+    st.lists(value, min_size=3, max_size=3),
+    st.integers(1, 25),
+)
+def test_any_numbers_however_close_or_large(means, query, k):
+    index = PlaceIndex(3)
+    index.upsert(table_of(means))
+    query = np.asarray(query, np.float32)
+    assert found(index, query, k) == slowly(dict(enumerate(np.asarray(means, np.float32))), query, k)
+
+
+def test_many_places_against_cdist():
+    rng = np.random.default_rng(0)
+    means = rng.normal(size=(3000, 64)).astype(np.float32)
+    index = PlaceIndex(64)
+    index.upsert(table_of(means))
+    for query in rng.normal(size=(10, 64)).astype(np.float32):
+        exact = cdist(query[None].astype(float), means.astype(float))[0]
+        assert [c.place_id for c in index.search(query, 25)] == np.argsort(exact)[:25].tolist()
+
+
+def test_near_duplicates_far_from_zero_keep_their_order():
+    """|x|² − 2 x·q alone loses every one of these differences in single precision."""
+    rng = np.random.default_rng(1)
+    centre = 100.0 + rng.normal(size=128)
+    means = (centre + 1e-4 * rng.normal(size=(500, 128))).astype(np.float32)
+    index = PlaceIndex(128)
+    index.upsert(table_of(means))
+    query = means[123]
+    assert found(index, query, 500) == slowly(dict(enumerate(means)), query, 500)
+    assert index.search(query, 1)[0].distance == 0.0
+
+
+def test_ties_go_by_place_id():
+    index = PlaceIndex(2)
+    index.upsert(table_of(np.ones((6, 2)), place_ids=[9, 4, 30, 2, 7, 5]))
+    assert [c.place_id for c in index.search(np.zeros(2, np.float32), 4)] == [2, 4, 5, 7]
+
+
+def test_k_beyond_the_map_and_an_empty_map():
+    index = PlaceIndex(2)
+    assert index.search(np.zeros(2, np.float32), 5) == []
+    index.upsert(table_of([[1, 0], [0, 2]]))
+    assert len(index.search(np.zeros(2, np.float32), 5)) == 2
+
+
+step = st.tuples(st.sampled_from(['upsert', 'remove', 'replace']), st.lists(st.integers(0, 30), max_size=12))
+
+
+@settings(max_examples=80, deadline=None)
+@given(st.lists(step, max_size=8), st.lists(st.integers(0, 30), max_size=5))
+def test_changes_leave_no_trace_of_what_was(steps, without):
+    index, entries = PlaceIndex(4), {}
+    rng = np.random.default_rng(7)
+    for verb, ids in steps:
+        means = rng.normal(size=(len(ids), 4)).astype(np.float32)
+        table = table_of(means.reshape(-1, 4), ids)
+        if verb == 'remove':
+            index.remove(np.array(ids, np.int64))
+            entries = {k: v for k, v in entries.items() if k not in ids}
+        else:
+            (index.upsert if verb == 'upsert' else index.replace_all)(table)
+            entries = (
+                dict(zip(ids, means, strict=True))
+                if verb == 'replace'
+                else entries | dict(zip(ids, means, strict=True))
+            )
+        assert len(index) == len(entries)
+        query = rng.normal(size=4).astype(np.float32)
+        assert found(index, query, 5) == slowly(entries, query, 5)
+        left = {k: v for k, v in entries.items() if k not in without}
+        assert found(index, query, 5, without=np.array(without, np.int64)) == slowly(left, query, 5)
+
+
+def test_a_candidate_carries_its_place():
+    index = PlaceIndex(2)
+    index.upsert(table_of([[3, 4]], place_ids=[8]))
+    (candidate,) = index.search(np.zeros(2, np.float32), 1)
+    assert (candidate.place_id, candidate.distance, candidate.uncertainty) == (8, 5.0, float(np.float32(0.8)))
+    assert (candidate.pose.x_m, candidate.pose.y_m, candidate.pose.z_m) == (8.0, 16.0, 24.0)
+    assert math.isnan(candidate.pose.yaw_rad)
+
+
+@pytest.mark.parametrize(
+    ('table', 'cause'),
+    [
+        (table_of([[1, 2, 3]]), 'wrong_dimension'),
+        (table_of([[1, math.nan]]), 'invalid_place'),
+        (table_of([[1, math.inf]]), 'invalid_place'),
+    ],
+)
+def test_unusable_places_are_refused_and_change_nothing(table, cause):
+    index = PlaceIndex(2)
+    index.upsert(table_of([[1, 2]]))
+    for change in (index.upsert, index.replace_all):
+        with pytest.raises(RefusedInput) as refused:
+            change(table)
+        assert refused.value.cause == cause
+    assert found(index, [1, 2], 1) == [(0.0, 0)]
