@@ -62,9 +62,9 @@ def _listing_differences(listing: Path, files: Sequence[Path]) -> list[str]:
     differences = []
     backwards = sum(later < earlier for earlier, later in itertools.pairwise(listed))
     if backwards:
-        differences.append(f'{listing}: stamps go backwards {backwards} times')
+        differences.append(f'{listing}: stamps that go backwards: {backwards}')
     if len(set(listed)) < len(listed):
-        differences.append(f'{listing}: {len(listed) - len(set(listed))} stamps are listed more than once')
+        differences.append(f'{listing}: stamps listed more than once: {len(listed) - len(set(listed))}')
     on_disk = {stamp_of_name(file) for file in files}
     missing = sorted(set(listed) - on_disk)
     extra = sorted(str(file.name) for file in files if stamp_of_name(file) not in set(listed))

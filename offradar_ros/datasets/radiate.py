@@ -41,7 +41,7 @@ def open_radiate(folder: Path, radar: RadarConfig) -> RecordedSequence:
         )
     backwards = [b.line for a, b in itertools.pairwise(frames) if b.stamp_ns < a.stamp_ns]
     if backwards:
-        warnings.append(f'{listing}: stamps go backwards {len(backwards)} times, first on line {backwards[0]}')
+        warnings.append(f'{listing}: stamps that go backwards: {len(backwards)}, first on line {backwards[0]}')
     kept = [frame for frame in frames if frame.name in found]
     if not kept:
         raise DataError(f'{listing}: none of the {len(frames)} listed scans has a file in {folder}')

@@ -72,7 +72,7 @@ def _checked_size(data: bytes, name: str) -> tuple[int, int]:
             break
         (checksum,) = struct.unpack_from('>I', data, end - 4)
         if zlib.crc32(memoryview(data)[at + 4 : end - 4]) != checksum:
-            raise DataError(f'{name}: damaged PNG, the checksum of a {kind.decode("latin-1")} chunk is wrong')
+            raise DataError(f'{name}: damaged PNG, the checksum of a {kind!r} chunk is wrong')
         if kind == b'IHDR' and length == 13:
             width, height, depth, colour = struct.unpack_from('>IIBB', data, at + 8)
             if (depth, colour) != (8, 0):

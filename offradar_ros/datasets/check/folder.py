@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from offradar_ros.config import PositionConfig, RadarConfig
@@ -21,22 +21,27 @@ def check_folder(
     radar: RadarConfig | None = None,
     position: PositionConfig | None = None,
     sample: int = 0,
+    progress: Callable[[int, int], None] | None = None,
 ) -> Findings:
     """Open a folder, decode every scan (or `sample` of them, evenly spread) and read every position file.
+
+    `progress` is called before each scan with its number, from 1, and how many there are.
 
     DataError where the folder holds no recognised scans; whatever else is wrong is a finding.
     """
     sequence = open_sequence(path, layout, radar)
     max_gap_s = (position or PositionConfig()).max_gap_s
-    return Findings(Path(path), sequence.layout, tuple(_findings(sequence, max_gap_s, sample)))
+    return Findings(Path(path), sequence.layout, tuple(_findings(sequence, max_gap_s, sample, progress)))
 
 
-def _findings(sequence: RecordedSequence, max_gap_s: float, sample: int) -> Iterator[Finding]:
+def _findings(
+    sequence: RecordedSequence, max_gap_s: float, sample: int, progress: Callable[[int, int], None] | None
+) -> Iterator[Finding]:
     yield ok(
         f'{sequence.layout} sequence {sequence.name}: {counted(len(sequence), "scan")} in {sequence.files[0].parent}'
     )
     for warning in sequence.warnings:
         yield problem(warning)
     yield from check_stamps(sequence.stamps_ns)
-    yield from check_scans(sequence, sample)
+    yield from check_scans(sequence, sample, progress)
     yield from check_positions(sequence, max_gap_s)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -18,8 +18,13 @@ _ROW_STAMP_SLACK_NS = 50_000_000
 _LOST_ROW_STEPS = 1.5
 
 
-def check_scans(sequence: RecordedSequence, sample: int = 0) -> Iterator[Finding]:
-    """Findings from decoding every scan, or `sample` of them, evenly spread, where that is not 0."""
+def check_scans(
+    sequence: RecordedSequence, sample: int = 0, progress: Callable[[int, int], None] | None = None
+) -> Iterator[Finding]:
+    """Findings from decoding every scan, or `sample` of them, evenly spread, where that is not 0.
+
+    `progress` is called with the number of the scan at hand and how many there are.
+    """
     indices = list(range(len(sequence)))
     if 0 < sample < len(sequence):
         indices = [int(i) for i in np.linspace(0, len(sequence) - 1, sample).round()]
@@ -28,7 +33,9 @@ def check_scans(sequence: RecordedSequence, sample: int = 0) -> Iterator[Finding
     first_of_shape: dict[tuple[int, int, float], str] = {}
     faults: dict[str, list[str]] = {}
     anchors: Counter[str] = Counter()
-    for index in indices:
+    for done, index in enumerate(indices, start=1):
+        if progress is not None:
+            progress(done, len(indices))
         file = sequence.files[index].name
         try:
             scan = sequence.scan(index)
@@ -36,7 +43,8 @@ def check_scans(sequence: RecordedSequence, sample: int = 0) -> Iterator[Finding
             yield problem(str(error))
             continue
         except RefusedInput as refusal:
-            faults.setdefault(_REFUSALS.get(refusal.cause, str(refusal)), []).append(file)
+            reason = str(refusal).removeprefix(f'{sequence.files[index]}: ')
+            faults.setdefault(_REFUSALS.get(refusal.cause, reason), []).append(file)
             continue
         shape = (int(scan.power.shape[0]), int(scan.power.shape[1]), scan.range_resolution_m)
         shapes[shape] += 1
