@@ -89,11 +89,20 @@ class PolarToCartesian:
         at = (np.arange(_ANGLE_STEPS) + 0.5) / _ANGLE_STEPS
         row = np.interp(at, around, np.arange(rows + 2))
         steps = np.diff(around)
-        typical = float(np.median(steps))
-        before = np.clip(np.searchsorted(around, at, side='right') - 1, 0, rows)
+        typical = float(np.median(steps[1:-1])) if rows > 1 else 1.0
+        if steps.max() > _GAP_STEPS * typical:
+            row = self._with_gaps(row, at, around, typical)
+        return np.asarray(row.astype(np.float32)[self._angle_index], np.float32)
+
+    @staticmethod
+    def _with_gaps(
+        row: NDArray[np.float64], at: NDArray[np.float64], around: NDArray[np.float64], typical: float
+    ) -> NDArray[np.float64]:
+        """`row`, but outside the image where the angle `at` (turns) is in a gap between the azimuths `around`."""
+        steps = np.diff(around)
+        before = np.clip(np.searchsorted(around, at, side='right') - 1, 0, len(steps) - 1)
         into, left = at - around[before], around[before + 1] - at
         in_gap = steps[before] > _GAP_STEPS * typical
         # A row covers half a step to either side, also where its neighbour is missing.
         row = np.where(in_gap, np.where(into < left, before, before + 1), row)
-        row = np.where(in_gap & (np.minimum(into, left) > 0.5 * typical), _OUTSIDE, row)
-        return np.asarray(row.astype(np.float32)[self._angle_index], np.float32)
+        return np.where(in_gap & (np.minimum(into, left) > 0.5 * typical), _OUTSIDE, row)

@@ -183,6 +183,15 @@ def test_a_missing_part_of_the_rotation_is_never_filled() -> None:
     assert image[~missing & far & (bearing > 92) & (bearing < 285)].min() == 200
 
 
+@pytest.mark.parametrize('rows', [2, 3, 5])
+def test_the_first_few_rows_of_a_rotation_fill_no_more_than_theirs(rows: int) -> None:
+    azimuths = np.arange(rows) * (2 * np.pi / 400)
+    image = PolarToCartesian(CONFIG)(PolarScan(1, np.full((rows, 3000), 200, np.uint8), azimuths, 0.05))
+    assert image[:, :126].max() == 0
+    assert image[128:].max() == 0
+    assert image[:100, 128].max() == 200
+
+
 def test_one_lost_row_is_bridged() -> None:
     azimuths = np.delete(np.arange(400) * (2 * np.pi / 400), 77)
     scan = PolarScan(1, np.full((399, 3000), 200, np.uint8), azimuths, 0.05)
