@@ -1,27 +1,25 @@
-"""rosbag2 folders (MCAP or SQLite storage) as raw messages, and as a RadarSequence."""
+"""rosbag2 folders (MCAP or SQLite storage) as raw messages."""
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
+import struct
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
-from offradar_ros.bags.records import point_from_fix, pose_from_odometry, scan_from_image, stamp_ns
-from offradar_ros.bags.topics import FIX_TYPE, IMAGE_TYPE, ODOMETRY_TYPE
-from offradar_ros.config import RadarConfig
+from offradar_ros.bags.topics import IMAGE_TYPE
 from offradar_ros.errors import DataError, RefusedInput
-from offradar_ros.geometry import Trajectory
-from offradar_ros.types import PolarScan
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
+# CDR: 4 bytes of encapsulation, then the header's stamp, in every message that starts with std_msgs/Header.
+STAMP_OFFSET = 4
+STAMP = struct.Struct('<iI')
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -125,71 +123,7 @@ def scan_topic(bag: Bag) -> str:
     raise DataError(f'{bag.path}: expected one topic of {IMAGE_TYPE} with polar scans, found {held}')
 
 
-class BagSequence:
-    """A bag as a RadarSequence, with random access by log time.
-
-    Scans keep their header stamps. Refused images are not hidden: `scan` raises RefusedInput for them.
-    """
-
-    layout = 'bag'
-
-    def __init__(self, path: str | Path, radar: RadarConfig | None = None) -> None:
-        self.path = Path(path)
-        self.name = self.path.name
-        self._radar = radar or RadarConfig()
-        with Bag(path) as bag:
-            self._topic = scan_topic(bag)
-            rows = [(m.log_ns, _header_stamp_ns(m.cdr)) for m in bag.messages([self._topic])]
-            self.trajectory = read_trajectory(bag)
-        if not rows:
-            raise DataError(f'{self.path}: topic {self._topic} holds no scans')
-        self._log_ns = [log for log, _ in rows]
-        self.stamps_ns: NDArray[np.int64] = np.array([stamp for _, stamp in rows], np.int64)
-
-    def __len__(self) -> int:
-        return len(self._log_ns)
-
-    def scan(self, index: int) -> PolarScan:
-        """Scan `index` in order of log time."""
-        log_ns = self._log_ns[index]
-        same_time_before = self._log_ns[:index].count(log_ns)
-        with Bag(self.path) as bag:
-            found = list(bag.messages([self._topic], log_ns, log_ns + 1))
-            return scan_from_image(bag.decode(found[same_time_before]), self._radar)
-
-
-def _header_stamp_ns(cdr: bytes) -> int:
-    # Every message with a leading std_msgs/Header starts, after the 4 bytes of encapsulation, with sec and nanosec.
-    seconds, nanoseconds = np.frombuffer(cdr, '<i4', 1, 4)[0], np.frombuffer(cdr, '<u4', 1, 8)[0]
+def header_stamp_ns(cdr: bytes) -> int:
+    """Header stamp of a message's raw bytes, nanoseconds, without decoding the rest."""
+    seconds, nanoseconds = STAMP.unpack_from(cdr, STAMP_OFFSET)
     return int(seconds) * 10**9 + int(nanoseconds)
-
-
-def read_trajectory(bag: Bag) -> Trajectory | None:
-    """Positions of a bag: fixes where it has them, else odometry; invalid and repeated ones are left out."""
-    for msgtype in (FIX_TYPE, ODOMETRY_TYPE):
-        topics = bag.topics_of(msgtype)
-        if topics:
-            return _trajectory(bag, topics[0], geodetic=msgtype == FIX_TYPE)
-    return None
-
-
-def _trajectory(bag: Bag, topic: str, *, geodetic: bool) -> Trajectory:
-    rows: list[tuple[int, float, float, float, float]] = []
-    for raw in bag.messages([topic]):
-        message = bag.decode(raw)
-        stamp = stamp_ns(message.header.stamp)
-        if rows and stamp <= rows[-1][0]:
-            continue
-        with contextlib.suppress(RefusedInput):
-            if geodetic:
-                point = point_from_fix(message)
-                rows.append((stamp, point.latitude_deg, point.longitude_deg, point.altitude_m, np.nan))
-            else:
-                pose = pose_from_odometry(message)
-                rows.append((stamp, pose.x_m, pose.y_m, pose.z_m, pose.yaw_rad))
-    return Trajectory(
-        stamps_ns=np.array([row[0] for row in rows], np.int64),
-        positions=np.array([row[1:4] for row in rows], np.float64).reshape(-1, 3),
-        yaws_rad=np.array([row[4] for row in rows], np.float64),
-        geodetic=geodetic,
-    )

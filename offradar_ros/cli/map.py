@@ -11,7 +11,6 @@ from rich.table import Table
 
 from offradar_ros.mapping.store import MapStore
 
-
 REPORTED = ('inserted', 'replaced', 'kept', 'places_after', 'mean_uncertainty_before', 'mean_uncertainty_after')
 
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from offradar_ros.bags.reader import BagSequence, is_bag
+from offradar_ros.bags.reader import is_bag
+from offradar_ros.bags.sequence import BagSequence
 from offradar_ros.config import RadarConfig
 from offradar_ros.datasets.registry import open_sequence
 from offradar_ros.datasets.sequence import RadarSequence

@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 import functools
 import importlib
-import struct
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -20,7 +19,7 @@ from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import PointCloud2
 
-from offradar_ros.bags.reader import Bag, RawMessage, scan_topic
+from offradar_ros.bags.reader import STAMP, STAMP_OFFSET, Bag, RawMessage, header_stamp_ns, scan_topic
 from offradar_ros.config import PositionConfig, RadarConfig
 from offradar_ros.errors import OffradarError, RefusedInput
 from offradar_ros.pipeline import in_lockstep_order
@@ -33,9 +32,6 @@ CLOCK_PERIOD_S = 0.025
 DISCOVERY_S = 4.0
 SETTLE_S = 1.0
 SILENT_SCANS = 3
-# CDR: 4 bytes of encapsulation, then the header's stamp, in every message that starts with std_msgs/Header.
-STAMP_OFFSET = 4
-STAMP = struct.Struct('<iI')
 
 
 @dataclasses.dataclass(frozen=True)
@@ -76,12 +72,6 @@ class Answers:
 
 def _fields(answers: Answers) -> dict[str, Any]:
     return {field.name: getattr(answers, field.name) for field in dataclasses.fields(answers)}
-
-
-def read_stamp(cdr: bytes) -> int:
-    """Header stamp of a message's raw bytes, nanoseconds."""
-    seconds, nanoseconds = STAMP.unpack_from(cdr, STAMP_OFFSET)
-    return int(seconds) * 10**9 + int(nanoseconds)
 
 
 def with_stamp(cdr: bytes, stamp_ns: int) -> bytes:
@@ -155,7 +145,7 @@ class Player:
             self._publish(message)
             if message.topic != self._scan_topic:
                 continue
-            stamp = read_stamp(message.cdr)
+            stamp = header_stamp_ns(message.cdr)
             try:
                 gate.check(stamp)
             except RefusedInput:
@@ -191,7 +181,7 @@ class Player:
             return now_ns
         self._tick(message.log_ns)
         self._publishers[message.topic].publish(message.cdr)
-        return read_stamp(message.cdr)
+        return header_stamp_ns(message.cdr)
 
     def _tick(self, stamp_ns: int) -> None:
         if not self._options.restamp:
@@ -240,7 +230,7 @@ class Player:
 
     def _listen(self, topic: str, kind: type, profile: QoSProfile) -> None:
         heard = self._heard[topic] = Counter()
-        note: Callable[[bytes], None] = lambda cdr: heard.update([read_stamp(cdr)])  # noqa: E731
+        note: Callable[[bytes], None] = lambda cdr: heard.update([header_stamp_ns(cdr)])  # noqa: E731
         self._node.create_subscription(kind, topic, note, profile, raw=True)
 
     def _present(self) -> tuple[str, ...]:

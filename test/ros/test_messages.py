@@ -1,0 +1,191 @@
+"""Records survive the way through messages and CDR bytes; messages of others are refused by topic."""
+
+from __future__ import annotations
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import PointCloud2, PointField
+
+from offradar_ros.encoders.protocol import ModelInfo
+from offradar_ros.errors import RefusedInput
+from offradar_ros.ros.clouds import from_cloud
+from offradar_ros.ros.embedding_message import embedding_message, embedding_record, model_message, model_record
+from offradar_ros.ros.outcome_message import (
+    match_message,
+    match_pose_message,
+    match_record,
+    rejection_message,
+    rejection_record,
+)
+from offradar_ros.ros.place_message import (
+    PlaceRows,
+    descriptors_message,
+    descriptors_record,
+    map_message,
+    receipt_message,
+)
+from offradar_ros.types import Candidate, Embedding, Match, Place, PlaceTable, Pose, Reason, Rejection
+
+MODEL = 'ab' * 32
+STAMP_NS = 1_600_000_000_123_456_789
+
+float32s = st.floats(width=32)
+stamps = st.integers(0, 2**31 * 10**9 - 1)
+
+
+def sent(message: Any) -> Any:
+    return deserialize_message(serialize_message(message), type(message))
+
+
+@settings(max_examples=50, deadline=None)
+@given(stamp=stamps, values=st.lists(st.tuples(float32s, float32s), max_size=200))
+def test_an_embedding_of_any_numbers_survives(stamp: int, values: list[tuple[float, float]]) -> None:
+    mean, variance = np.array(values, np.float32).reshape(-1, 2).T
+    message = sent(embedding_message(Embedding(stamp, mean, variance, MODEL), 'radar'))
+    back = embedding_record(message, 'embedding')
+    assert (message.header.frame_id, message.height, message.width) == ('radar', 1, len(mean))
+    assert back.stamp_ns == stamp
+    assert back.model == (MODEL if len(mean) else '')
+    np.testing.assert_array_equal(back.mean, mean)
+    np.testing.assert_array_equal(back.variance, variance)
+
+
+def test_an_embedding_is_a_cloud_of_named_float32_fields() -> None:
+    mean = np.arange(4, dtype=np.float32)
+    message = embedding_message(Embedding(STAMP_NS, mean, mean + 1, MODEL), 'radar')
+    fields = {field.name: (field.offset, field.datatype, field.count) for field in message.fields}
+    assert fields['mean'] == (0, PointField.FLOAT32, 1)
+    assert fields['variance'] == (4, PointField.FLOAT32, 1)
+    first_mean = np.frombuffer(bytes(message.data), np.float32)[0 :: message.point_step // 4]
+    np.testing.assert_array_equal(first_mean, mean)
+
+
+def test_a_model_survives() -> None:
+    info = ModelInfo('ring_key', MODEL, 128, {'rings': '128', 'note': 'ümlaut "quoted"'})
+    assert model_record(sent(model_message(info)), 'embedding/model') == info
+
+
+@pytest.mark.parametrize('message', [DiagnosticStatus(), DiagnosticStatus(name='other')])
+def test_another_status_is_no_model(message: DiagnosticStatus) -> None:
+    with pytest.raises(RefusedInput, match='embedding/model: expected fingerprint'):
+        model_record(message, 'embedding/model')
+
+
+def table(count: int, dimension: int) -> PlaceTable:
+    rng = np.random.default_rng(count)
+    return PlaceTable.from_places(
+        [
+            Place(
+                place_id=int(2**31 + i),
+                session_id=i % 3,
+                stamp_ns=STAMP_NS + i,
+                pose=Pose(*rng.normal(0, 1e4, 3), math.nan if i % 2 else 0.25),
+                uncertainty=float(np.float32(rng.random())),
+                mean=rng.normal(size=dimension).astype(np.float32),
+            )
+            for i in range(count)
+        ],
+        dimension,
+    )
+
+
+@pytest.mark.parametrize(('count', 'dimension'), [(0, 8), (1, 1), (3, 128), (500, 16)])
+@pytest.mark.parametrize('committed', [True, False])
+def test_places_survive_to_the_last_bit(count: int, dimension: int, committed: bool) -> None:
+    before = table(count, dimension)
+    back = descriptors_record(sent(descriptors_message(PlaceRows(before, MODEL, committed), STAMP_NS)), 'map/updates')
+    for name in ('place_ids', 'session_ids', 'stamps_ns', 'positions_m', 'yaws_rad', 'uncertainties', 'means'):
+        np.testing.assert_array_equal(getattr(back.table, name), getattr(before, name), err_msg=name)
+    assert back.table.means.shape == (count, dimension)
+    if count:
+        assert (back.model, back.committed) == (MODEL, committed)
+
+
+def test_the_map_view_shows_uncertainty_as_intensity() -> None:
+    places = table(5, 4)
+    points = from_cloud(sent(map_message(places, STAMP_NS)), ['x', 'y', 'z', 'intensity'], 'map')
+    np.testing.assert_array_equal(points['intensity'], places.uncertainties)
+    np.testing.assert_allclose(points['x'], places.positions_m[:, 0], rtol=1e-6)
+
+
+def test_a_receipt_has_a_stamp_and_no_points() -> None:
+    message = sent(receipt_message(STAMP_NS))
+    assert (message.width, message.header.stamp.nanosec) == (0, STAMP_NS % 10**9)
+
+
+CANDIDATES = (
+    Candidate(7, 0.5, 0.25, Pose(1.0, 2.0, 3.0, 0.5)),
+    Candidate(4_000_000_000, 1.5, 1.25, Pose(-4.0, 5.0, 0.0, math.nan)),
+)
+
+
+def same_candidates(found: tuple[Candidate, ...], expected: tuple[Candidate, ...]) -> None:
+    np.testing.assert_array_equal(
+        [(c.place_id, c.distance, c.uncertainty, c.pose.x_m, c.pose.y_m, c.pose.z_m, c.pose.yaw_rad) for c in found],
+        [(c.place_id, c.distance, c.uncertainty, c.pose.x_m, c.pose.y_m, c.pose.z_m, c.pose.yaw_rad) for c in expected],
+    )
+
+
+def test_a_match_survives() -> None:
+    match = Match(STAMP_NS, 0.123456789012345, 1.1, CANDIDATES)
+    back = match_record(sent(match_message(match)), 'matches')
+    assert (back.stamp_ns, back.uncertainty, back.threshold) == (match.stamp_ns, match.uncertainty, match.threshold)
+    same_candidates(back.candidates, CANDIDATES)
+
+
+def test_a_match_is_a_pose_of_unknown_heading() -> None:
+    message = sent(match_pose_message(Match(STAMP_NS, 0.5, 1.0, CANDIDATES), 10.0))
+    covariance = np.array(message.pose.covariance).reshape(6, 6)
+    assert (message.header.frame_id, message.pose.pose.position.x) == ('map', 1.0)
+    assert 2 * math.atan2(message.pose.pose.orientation.z, message.pose.pose.orientation.w) == pytest.approx(0.5)
+    assert covariance[0, 0] == 100.0
+    assert covariance[5, 5] == pytest.approx(math.pi**2)
+    np.testing.assert_array_equal(covariance, np.diag(np.diag(covariance)))
+
+
+@pytest.mark.parametrize('reason', list(Reason))
+@pytest.mark.parametrize('uncertainty', [0.1, math.nan])
+@pytest.mark.parametrize('candidates', [(), CANDIDATES])
+def test_a_rejection_survives(reason: Reason, uncertainty: float, candidates: tuple[Candidate, ...]) -> None:
+    rejection = Rejection(STAMP_NS, reason, uncertainty, 1.1, candidates, 'U 2: above the threshold: 1.1')
+    back = rejection_record(sent(rejection_message(rejection)), 'rejections')
+    assert (back.stamp_ns, back.reason, back.threshold, back.detail) == (STAMP_NS, reason, 1.1, rejection.detail)
+    np.testing.assert_equal(back.uncertainty, uncertainty)
+    same_candidates(back.candidates, candidates)
+
+
+@pytest.mark.parametrize('message', [DiagnosticArray(), DiagnosticArray(status=[DiagnosticStatus()])])
+def test_another_array_is_no_rejection(message: DiagnosticArray) -> None:
+    with pytest.raises(RefusedInput, match='rejections: expected reason'):
+        rejection_record(message, 'rejections')
+
+
+def test_a_cloud_without_our_fields_is_refused_by_topic() -> None:
+    with pytest.raises(RefusedInput, match='embedding: expected fields mean, variance, model') as refusal:
+        embedding_record(PointCloud2(height=1), 'embedding')
+    assert refusal.value.cause == 'wrong_fields'
+
+
+@pytest.mark.parametrize(
+    'damage',
+    [
+        {'width': 9},
+        {'is_bigendian': True},
+        {'point_step': 2},
+        {'data': b''},
+    ],
+)
+def test_a_cloud_that_lies_about_its_size_is_refused(damage: dict[str, Any]) -> None:
+    mean = np.ones(4, np.float32)
+    message = embedding_message(Embedding(STAMP_NS, mean, mean, MODEL), 'radar')
+    fields = {name: getattr(message, name) for name in ('fields', 'width', 'height', 'point_step', 'data', 'is_bigendian')}
+    with pytest.raises(RefusedInput):
+        from_cloud(SimpleNamespace(**(fields | damage)), ['mean'], 'embedding')

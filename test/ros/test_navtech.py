@@ -1,0 +1,73 @@
+"""Navtech's own messages, where they are installed: here stand-ins with the same fields."""
+
+from __future__ import annotations
+
+import sys
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from offradar_ros.config import RadarConfig
+from offradar_ros.errors import RefusedInput
+from offradar_ros.ros import navtech
+
+
+def configuration(**changes: Any) -> SimpleNamespace:
+    fields = {
+        'azimuth_samples': 400, 'encoder_size': 5600, 'bin_size': 438.0, 'range_in_bins': 100,
+        'range_gain': 1.0, 'range_offset': -0.31,
+    }
+    return SimpleNamespace(**(fields | changes))  # fmt: skip
+
+
+def b_scan(rows: int = 400, encoders: list[int] | None = None) -> SimpleNamespace:
+    power = np.random.default_rng(0).integers(1, 200, (rows, 100), np.uint8)
+    image = SimpleNamespace(
+        header=SimpleNamespace(stamp=SimpleNamespace(sec=12, nanosec=34), frame_id='b_scan_extended'),
+        height=rows, width=100, step=100, encoding='8UC1', data=power.tobytes(),
+    )  # fmt: skip
+    angles = [(7 + 14 * row) % 5600 for row in range(rows)] if encoders is None else encoders
+    return SimpleNamespace(b_scan_img=image, encoder_values=angles, timestamps=list(range(rows)))
+
+
+def test_bin_size_is_in_tenths_of_a_millimetre() -> None:
+    config = navtech.configured(RadarConfig(), configuration())
+    assert config.range_resolution_m == pytest.approx(0.0438)
+    assert config.range_offset_m == -0.31
+
+
+def test_explicit_parameters_win_over_what_the_sensor_says() -> None:
+    config = navtech.configured(RadarConfig(range_resolution_m=0.0432), configuration())
+    assert config.range_resolution_m == 0.0432
+
+
+@pytest.mark.parametrize('changes', [{'bin_size': 0.0}, {'azimuth_samples': 0}, {'encoder_size': 0}])
+def test_a_configuration_of_zeros_is_refused(changes: dict[str, Any]) -> None:
+    with pytest.raises(RefusedInput, match='expected all above zero'):
+        navtech.configured(RadarConfig(), configuration(**changes))
+
+
+def test_rows_lie_at_their_encoder_angles() -> None:
+    scan = navtech.scan_from_b_scan(b_scan(), navtech.configured(RadarConfig(), configuration()))
+    np.testing.assert_allclose(scan.azimuths_rad, (7 + 14 * np.arange(400)) / 5600 * 2 * np.pi)
+    assert (scan.stamp_ns, scan.range_resolution_m) == (12_000_000_034, pytest.approx(0.0438))
+    np.testing.assert_array_equal(scan.azimuth_stamps_ns, np.arange(400))
+
+
+def test_a_scan_with_too_few_angles_is_refused() -> None:
+    with pytest.raises(RefusedInput, match='400 rows but 3 encoder values'):
+        navtech.scan_from_b_scan(b_scan(encoders=[1, 2, 3]), navtech.configured(RadarConfig(), configuration()))
+
+
+def test_without_the_package_there_is_nothing_to_subscribe_to() -> None:
+    assert navtech.message_types() is None
+
+
+def test_the_package_is_found_when_installed(monkeypatch: pytest.MonkeyPatch) -> None:
+    messages = ModuleType('navtech_msgs.msg')
+    messages.RadarBScanMsg, messages.RadarConfigurationMsg = int, float  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, 'navtech_msgs', ModuleType('navtech_msgs'))
+    monkeypatch.setitem(sys.modules, 'navtech_msgs.msg', messages)
+    assert navtech.message_types() == (int, float)
