@@ -2,7 +2,7 @@
 
 Model: each azimuth is one ray from where the radar then is. A wall returns by its face's angle to the ray and hides
 what is behind it but for a twelfth of the power; poles, trees and cars return equally on all sides; everything falls
-with the square of range. Returns spread over the beam's width and a range cell, lie on clutter from the ground and
+with range. Returns spread over the beam's width and a range cell, lie on clutter from the ground and
 on receiver noise, and are multiplied by speckle. The recorded byte is power in half decibels.
 """
 
@@ -22,6 +22,9 @@ Array = NDArray[np.float64]
 _REFERENCE_M = 10.0
 """Range that powers of the world are given for."""
 
+_FALL = 1.2
+"""Returns fall with this power of range, as the upper quantiles of recorded scans do between 5 m and 160 m."""
+
 _THROUGH = 1.0 / 12.0
 """Share of the power that passes a wall, there and back."""
 
@@ -31,7 +34,7 @@ _SEEN_WALLS = 3
 _VEHICLE_M = 2.4
 """The radar's own vehicle returns from nearer than this."""
 
-_GROUND = 2.0
+_GROUND = 1.0
 """Clutter from the ground at the reference range."""
 
 
@@ -65,13 +68,14 @@ class RadarModel:
         self.sensor = sensor
         self._cell_m = sensor.bins_per_cell * sensor.range_resolution_m
         self._cells = -(-sensor.range_bins // sensor.bins_per_cell)
-        self.azimuths_rad = np.arange(sensor.azimuths) * (2.0 * np.pi / sensor.azimuths)
+        self.azimuths_rad: Array = np.arange(sensor.azimuths, dtype=np.float64) * (2.0 * np.pi / sensor.azimuths)
         ranges_m = (np.arange(self._cells) + 0.5) * self._cell_m
         self._clutter = (_GROUND * (_REFERENCE_M / np.maximum(ranges_m, 4.0)) ** 2).astype(np.float32)
         self._clutter[ranges_m < _VEHICLE_M] = 10.0**2.0
         self._noise = np.float32(10.0 ** (sensor.noise_decibels / 10.0))
-        self._beam = _gaussian(sensor.beam_width_rad / 2.355 / (2.0 * np.pi / sensor.azimuths))
-        self._spread = _gaussian(0.15 / self._cell_m)
+        row_rad = 2.0 * np.pi / sensor.azimuths
+        self._beam = _with_skirt(sensor.beam_width_rad / 2.355 / row_rad, 0.1 / row_rad)
+        self._spread = _with_skirt(0.18 / self._cell_m, 1.2 / self._cell_m)
 
     def render(
         self, reflectors: Reflectors, poses: Array, rng: np.random.Generator, degradation: Degradation | None = None
@@ -107,7 +111,7 @@ class RadarModel:
         rows, walls, range_m = rows[order], walls[order], range_m[order]
         passed = np.arange(len(rows)) - np.searchsorted(rows, rows)
         incidence = np.abs(across[rows, walls]) / np.hypot(*along[walls].T)
-        returned = near.wall_powers[walls] * (0.02 + 0.98 * incidence**6) * _THROUGH**passed
+        returned = near.wall_powers[walls] * (0.03 + 0.97 * incidence**6) * _THROUGH**passed
         seen = passed < _SEEN_WALLS
         self._add(power, rows[seen], range_m[seen], returned[seen])
         hits_m = np.full((len(poses), _SEEN_WALLS), np.inf)
@@ -116,20 +120,16 @@ class RadarModel:
 
     def _add_scatterers(self, power: Array, near: Reflectors, poses: Array, hits_m: Array) -> None:
         """Each scatterer returns on the azimuth that points at it when the radar looks there."""
-        middle = poses[len(poses) // 2]
-        for pose in (middle, None):
-            origin = np.broadcast_to(middle, (len(near.scatterers_m), 3)) if pose is not None else poses[rows]
-            offset = near.scatterers_m - origin[:, :2]
-            azimuth = origin[:, 2] - np.arctan2(offset[:, 1], offset[:, 0])
-            rows = np.rint(azimuth / (2.0 * np.pi) * len(poses)).astype(np.intp) % len(poses)
-        range_m = np.hypot(offset[:, 0], offset[:, 1])
+        middle = np.broadcast_to(poses[len(poses) // 2], (len(near.scatterers_m), 3))
+        rows, _ = _seen_from(middle, near.scatterers_m, len(poses))
+        rows, range_m = _seen_from(poses[rows], near.scatterers_m, len(poses))
         passed = np.sum(hits_m[rows] < range_m[:, None], axis=1)
         self._add(power, rows, range_m, near.scatterer_powers * _THROUGH**passed)
 
     def _add(self, power: Array, rows: NDArray[np.intp], range_m: Array, returned: Array) -> None:
         cells = (range_m / self._cell_m).astype(np.intp)
         inside = cells < self._cells
-        falling = (_REFERENCE_M / np.maximum(range_m, 2.0)) ** 2
+        falling = (_REFERENCE_M / np.maximum(range_m, 2.0)) ** _FALL
         flat = rows[inside] * self._cells + cells[inside]
         power += np.bincount(flat, (returned * falling)[inside], len(power))
 
@@ -142,19 +142,29 @@ class RadarModel:
     def _speckle(self, rng: np.random.Generator) -> NDArray[np.float32]:
         """Mean 1, alike over neighbouring azimuths as the beam overlaps them."""
         looks = rng.standard_exponential((self.sensor.azimuths, self._cells), np.float32)
-        return (looks + np.roll(looks, 1, axis=0)) * np.float32(0.5)
+        overlapping: NDArray[np.float32] = (looks + np.roll(looks, 1, axis=0)) * np.float32(0.5)
+        return overlapping
 
     def _recorded(self, half_decibels: NDArray[np.float32]) -> NDArray[np.uint8]:
         """Cells to range bins, rounded to bytes."""
         sensor = self.sensor
         if sensor.bins_per_cell > 1:
             size = (self._cells * sensor.bins_per_cell, sensor.azimuths)
-            half_decibels = cv2.resize(half_decibels, size, interpolation=cv2.INTER_LINEAR)
+            half_decibels = np.asarray(cv2.resize(half_decibels, size, interpolation=cv2.INTER_LINEAR), np.float32)
         return np.clip(np.rint(half_decibels[:, : sensor.range_bins]), 0, 255).astype(np.uint8)
 
 
-def _gaussian(sigma: float) -> NDArray[np.float32]:
-    """Weights that add up to one, over ±3σ."""
-    reach = int(np.ceil(3.0 * sigma))
-    weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2)
-    return (weights / weights.sum()).astype(np.float32)
+def _seen_from(poses: Array, points_m: Array, azimuths: int) -> tuple[NDArray[np.intp], Array]:
+    """(S,) row that looks at each of (S, 2) points from its pose, and the range."""
+    offset = points_m - poses[:, :2]
+    clockwise = poses[:, 2] - np.arctan2(offset[:, 1], offset[:, 0])
+    rows = np.rint(clockwise / (2.0 * np.pi) * azimuths).astype(np.intp) % azimuths
+    return rows, np.hypot(offset[:, 0], offset[:, 1])
+
+
+def _with_skirt(sigma: float, skirt_sigma: float) -> NDArray[np.float32]:
+    """A lobe of standard deviation `sigma` steps with the wide side lobes, 25 dB down, of strong returns."""
+    reach = int(np.ceil(2.5 * skirt_sigma))
+    steps = np.arange(-reach, reach + 1)
+    weights = np.exp(-0.5 * (steps / sigma) ** 2) + 0.003 * np.exp(-0.5 * (steps / skirt_sigma) ** 2)
+    return np.asarray(weights / weights.sum(), np.float32)

@@ -80,7 +80,7 @@ class SimulatedSequence:
     def trajectory(self) -> Trajectory:
         """True WGS-84 positions every 0.1 s, from before the first scan to after the last."""
         count = int(len(self) * self.sensor.rotation_s / _POSITION_PERIOD_S) + 4
-        seconds = _POSITION_PERIOD_S * np.arange(-1, count)
+        seconds = _POSITION_PERIOD_S * np.arange(-1, count, dtype=np.float64)
         poses = self._traversal.poses_at(seconds)
         enu = np.column_stack([poses[:, :2], np.zeros(len(poses))])
         return Trajectory(

@@ -15,7 +15,7 @@ from offradar_ros.simulation.world import World
 Array = NDArray[np.float64]
 
 _CAR = np.array([(x, y) for x in (-2.1, -0.7, 0.7, 2.1) for y in (-0.9, 0.9)])
-_CAR_POWER = 10.0**3.8
+_CAR_POWER = 10.0**4.5
 
 
 @dataclasses.dataclass(frozen=True)
@@ -90,7 +90,9 @@ class Traversal:
 def _along(route: Route, start_m: float, driven_m: Array, left_m: Array, reverse: bool) -> Array:
     if not reverse:
         return route.at(start_m + driven_m, left_m)
-    return route.at(start_m - driven_m, -left_m) + (0.0, 0.0, np.pi)
+    poses = route.at(start_m - driven_m, -left_m)
+    poses[:, 2] += np.pi
+    return poses
 
 
 def _cars(poses: Array) -> Array:

@@ -100,15 +100,15 @@ def _street_side(rng: np.random.Generator, start: Array, end: Array) -> tuple[Ar
         if rng.random() < built_up:
             corners = place(along + width * np.array([0, 1, 1, 0]), setback + depth * np.array([0, 0, 1, 1]))
             walls.append(np.stack([corners, np.roll(corners, -1, axis=0)], axis=1))
-            wall_powers += [_from_decibels(rng.uniform(40.0, 56.0))] * 4
+            wall_powers += [_from_decibels(rng.uniform(50.0, 66.0))] * 4
         elif rng.random() < green:
             centre = place(np.array(along + width / 2), np.array(rng.uniform(7.0, 20.0)))
             scatterers.append(centre + rng.normal(0.0, 1.2, (16, 2)))
-            powers.append(_from_decibels(rng.uniform(22.0, 36.0, 16)))
+            powers.append(_from_decibels(rng.uniform(30.0, 46.0, 16)))
         along += width + (rng.uniform(2.0, 10.0) if rng.random() < 0.5 else 0.0)
     poles = np.arange(rng.uniform(5.0, 20.0), length, rng.uniform(18.0, 35.0))
     scatterers.append(place(poles, np.full(len(poles), 6.0) + rng.normal(0.0, 0.3, len(poles))))
-    powers.append(_from_decibels(rng.uniform(38.0, 50.0, len(poles))))
+    powers.append(_from_decibels(rng.uniform(44.0, 58.0, len(poles))))
     spots = np.arange(18.0, length - 18.0, 6.5) if rng.random() < 0.6 else np.empty(0)
     headings = np.full(len(spots), np.arctan2(forward[1], forward[0]))
     parking = np.column_stack([place(spots, np.full(len(spots), 4.8)), headings])
