@@ -16,7 +16,7 @@ class SimulatedSensor:
         rotation_s: time of one rotation.
         beam_width_rad: half-power width of the antenna's beam.
         cell_m: range over which returns and speckle are alike, as the transmitter's bandwidth and window make it.
-        noise_decibels: typical receiver noise, in the recorded unit of half decibels above zero.
+        noise_decibels: mean power of the receiver's noise, decibels above the recorded zero.
     """
 
     azimuths: int = 400
