@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 import shutil
 from collections.abc import Callable
@@ -51,9 +52,7 @@ def test_the_official_reader_reads_the_same(street: Callable[..., Any], tmp_path
     assert len(images) == 3
     for index, image in enumerate(images):
         assert (image.encoding, image.height, image.step) == ('8UC1', 400, 576)
-        np.testing.assert_array_equal(
-            np.frombuffer(image.data, np.uint8).reshape(400, 576), sequence.scan(index).power
-        )
+        np.testing.assert_array_equal(np.frombuffer(image.data, np.uint8).reshape(400, 576), sequence.scan(index).power)
     fixes = [message for _, channel, _, message in messages if channel.topic == '/gps/fix']
     assert all(abs(fix.latitude - 51.75) < 1e-3 and fix.status.status == 0 for fix in fixes)
 
@@ -97,7 +96,7 @@ def test_position_offset_moves_positions_only(street: Callable[..., Any], tmp_pa
     assert joined.trajectory is not None
     metric = joined.trajectory.in_frame(LocalFrame(joined.trajectory.origin()))  # type: ignore[arg-type]
     poses = [metric.at(int(stamp), 10**9) for stamp in joined.stamps_ns]
-    steps = [math.hypot(b.x_m - a.x_m, b.y_m - a.y_m) for a, b in zip(poses, poses[1:], strict=False)]  # type: ignore[union-attr]
+    steps = [math.hypot(b.x_m - a.x_m, b.y_m - a.y_m) for a, b in itertools.pairwise(poses)]  # type: ignore[union-attr]
     np.testing.assert_allclose(steps, 1.25, atol=1e-3)
 
 

@@ -1,0 +1,60 @@
+"""Nodes in a ROS domain of their own: as processes, or within the test where messages are sent by hand."""
+
+from __future__ import annotations
+
+import itertools
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from live_nodes import Observer
+from rclpy.parameter import Parameter
+
+from offradar_ros.ros.processes import Stack
+from offradar_ros.ros.stage_node import StageNode
+
+# Domains above 101 use ports that Linux gives to other programs; each worker has twenty of its own.
+_FIRST = 10 + 20 * int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0').removeprefix('gw'))
+_domains = itertools.cycle(range(_FIRST, _FIRST + 20))
+
+
+@pytest.fixture
+def domain_id() -> int:
+    return next(_domains)
+
+
+@pytest.fixture
+def observer(domain_id: int) -> Iterator[Observer]:
+    observer = Observer(domain_id)
+    yield observer
+    observer.close()
+
+
+@pytest.fixture
+def start_node(observer: Observer) -> Iterator[Callable[..., StageNode]]:
+    """Starts a node within the test: `start_node(EncoderNode, {'radar.profile': 'cts350x'})`."""
+    nodes: list[StageNode] = []
+
+    def start(kind: type[StageNode], parameters: dict[str, Any] | None = None) -> StageNode:
+        given = [Parameter(name, value=value) for name, value in (parameters or {}).items()]
+        node = kind(context=observer.context, parameter_overrides=given)
+        nodes.append(node)
+        node.start()
+        observer.add(node)
+        return node
+
+    yield start
+    for node in nodes:
+        node.close()
+
+
+@pytest.fixture
+def stack(tmp_path: Path, domain_id: int) -> Callable[..., Stack]:
+    """The three nodes as processes: `with stack({'map.path': …}) as nodes:`."""
+
+    def make(parameters: dict[str, Any] | None = None, **options: Any) -> Stack:
+        return Stack(tmp_path / 'logs', domain_id, {'map.start_session': False} | (parameters or {}), **options)
+
+    return make

@@ -1,0 +1,288 @@
+"""Whatever arrives, a node counts it, says why, and answers the next good message."""
+
+from __future__ import annotations
+
+import array
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from live_nodes import Observer, wait_until
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import Image, NavSatFix, NavSatStatus, PointCloud2
+from std_msgs.msg import Header
+
+from offradar_ros.encoders.protocol import ModelInfo
+from offradar_ros.nodes.encoder_node import EncoderNode
+from offradar_ros.nodes.map_server_node import MapServerNode
+from offradar_ros.nodes.query_node import QueryNode
+from offradar_ros.ros import qos
+from offradar_ros.ros.embedding_message import embedding_message, model_message
+from offradar_ros.ros.place_message import PlaceRows, descriptors_message
+from offradar_ros.ros.stage_node import StageNode
+from offradar_ros.ros.stamps import header
+from offradar_ros.types import Embedding, Place, PlaceTable, Pose, Rejection
+
+SECOND = 10**9
+MODEL = ModelInfo('ring_key', 'ab' * 32, 8, {})
+
+
+def image(stamp_ns: int = SECOND, **changes: Any) -> Image:
+    power = np.random.default_rng(stamp_ns).integers(1, 200, (400, 576), np.uint8)
+    fields: dict[str, Any] = {
+        'header': Header(stamp=Time(sec=stamp_ns // SECOND, nanosec=stamp_ns % SECOND), frame_id='radar'),
+        'height': 400,
+        'width': 576,
+        'step': 576,
+        'encoding': '8UC1',
+        'data': array.array('B', power.tobytes()),
+    }
+    return Image(**(fields | changes))
+
+
+BAD_IMAGES = {
+    'wrong_encoding': {'encoding': 'bgr8'},
+    'short_step': {'step': 500},
+    'short_data': {'data': array.array('B', bytes(576 * 399))},
+    'empty_image': {'height': 0, 'width': 0, 'step': 0, 'data': array.array('B')},
+    'image_too_large': {
+        'height': 20_000,
+        'width': 15_000,
+        'step': 15_000,
+        'data': array.array('B', bytes(300_000_000)),
+    },
+    'no_signal': {'data': array.array('B', bytes(400 * 576))},
+    'unknown_range_resolution': {'width': 300, 'step': 576},
+}
+
+
+@pytest.mark.parametrize('cause', BAD_IMAGES)
+def test_a_bad_image_is_counted_and_answered_as_invalid(
+    observer: Observer, start_node: Callable[..., StageNode], cause: str
+) -> None:
+    node = start_node(EncoderNode)
+    embeddings = observer.hear(PointCloud2, 'embedding')
+    send = observer.speaker(Image, 'radar_data/b_scan_image', qos.SCANS)
+    send(image(SECOND, **BAD_IMAGES[cause]))
+    send(image(2 * SECOND))
+    wait_until(lambda: len(embeddings) == 2)
+    assert node.status.drops == {cause: 1}
+    assert [message.width for message in embeddings] == [0, 128]
+    assert embeddings[0].header.stamp.sec == 1
+
+
+def test_wrong_size_is_refused_where_the_parameters_say_what_to_expect(
+    observer: Observer, start_node: Callable[..., StageNode]
+) -> None:
+    node = start_node(EncoderNode, {'radar.metadata_columns': '11'})
+    send = observer.speaker(Image, 'radar_data/b_scan_image', qos.SCANS)
+    send(image(width=8))
+    wait_until(lambda: node.status.drops['wrong_size'] == 1)
+
+
+def test_repeated_and_backward_stamps_are_dropped_and_a_restart_is_not(
+    observer: Observer, start_node: Callable[..., StageNode]
+) -> None:
+    node = start_node(EncoderNode)
+    embeddings = observer.hear(PointCloud2, 'embedding')
+    send = observer.speaker(Image, 'radar_data/b_scan_image', qos.SCANS)
+    for stamp_s in (100.0, 100.25, 100.25, 100.0, 100.5, 50.0, 50.25):
+        send(image(round(stamp_s * SECOND)))
+    wait_until(lambda: len(embeddings) == 5)
+    assert node.status.drops == {'repeated_stamp': 1, 'stamp_backwards': 1}
+    stamps = [m.header.stamp.sec + m.header.stamp.nanosec / SECOND for m in embeddings]
+    assert stamps == [100.0, 100.25, 100.5, 50.0, 50.25]
+
+
+def test_drops_are_on_the_diagnostics_topic(observer: Observer, start_node: Callable[..., StageNode]) -> None:
+    start_node(EncoderNode)
+    heard = observer.hear(DiagnosticArray, '/diagnostics')
+    send = observer.speaker(Image, 'radar_data/b_scan_image', qos.SCANS)
+    send(image(encoding='rgb8'))
+    told = wait_until(lambda: [s for m in heard for s in m.status if s.level == DiagnosticStatus.WARN])[0]
+    values = {item.key: item.value for item in told.values}
+    assert told.name == 'encoder: offradar_ros'
+    assert values['dropped.wrong_encoding'] == '1'
+
+
+def embedding(stamp_ns: int = SECOND, model: str = MODEL.fingerprint, **changes: Any) -> Embedding:
+    mean = np.random.default_rng(stamp_ns).normal(size=8).astype(np.float32)
+    fields: dict[str, Any] = {'mean': mean, 'variance': np.ones(8, np.float32)}
+    return Embedding(stamp_ns, model=model, **(fields | changes))
+
+
+def places(count: int = 3) -> PlaceTable:
+    rows = [Place(i, 1, i, Pose(10.0 * i, 0.0), 0.9, embedding(1000 + i).mean) for i in range(count)]
+    return PlaceTable.from_places(rows, 8)
+
+
+def spoiled(name: str, value: float) -> dict[str, Any]:
+    array_ = np.ones(8, np.float32)
+    array_[3] = value
+    return {name: array_}
+
+
+BAD_EMBEDDINGS = {
+    'nan mean': (spoiled('mean', math.nan), 'invalid_embedding'),
+    'infinite mean': (spoiled('mean', math.inf), 'invalid_embedding'),
+    'nan variance': (spoiled('variance', math.nan), 'invalid_embedding'),
+    'negative variance': (spoiled('variance', -1.0), 'invalid_embedding'),
+    'no numbers': ({'mean': np.empty(0, np.float32), 'variance': np.empty(0, np.float32)}, 'invalid_embedding'),
+    'another model': ({'model': 'cd' * 32}, 'wrong_model'),
+    'another dimension': ({'mean': np.ones(5, np.float32), 'variance': np.ones(5, np.float32)}, 'wrong_model'),
+}
+
+
+@pytest.mark.parametrize('name', BAD_EMBEDDINGS)
+def test_the_query_answers_a_bad_embedding_with_the_reason(
+    observer: Observer, start_node: Callable[..., StageNode], name: str
+) -> None:
+    changes, reason = BAD_EMBEDDINGS[name]
+    node = start_node(QueryNode)
+    outcomes = observer.hear_outcomes()
+    latched = observer.speaker(PointCloud2, 'map/descriptors', qos.LATCHED)
+    latched(descriptors_message(PlaceRows(places(), MODEL.fingerprint, committed=True), 0))
+    send = observer.speaker(PointCloud2, 'embedding', qos.RESULTS)
+    wait_until(lambda: node._query.places == 3)
+    send(embedding_message(embedding(SECOND, **changes), 'radar'))
+    send(embedding_message(embedding(2 * SECOND), 'radar'))
+    wait_until(lambda: len(outcomes) == 2)
+    assert isinstance(outcomes[0], Rejection)
+    assert (outcomes[0].stamp_ns, outcomes[0].reason) == (SECOND, reason)
+    assert not isinstance(outcomes[1], Rejection)
+
+
+@pytest.mark.parametrize('node_type', [QueryNode, MapServerNode])
+def test_a_cloud_that_is_no_embedding_is_counted(
+    observer: Observer, start_node: Callable[..., StageNode], node_type: type[StageNode]
+) -> None:
+    node = start_node(node_type)
+    send = observer.speaker(PointCloud2, 'embedding', qos.RESULTS)
+    send(PointCloud2(height=1, width=5))
+    wait_until(lambda: node.status.drops['wrong_fields'] == 1)
+
+
+def fix(stamp_ns: int, status: int = NavSatStatus.STATUS_FIX, **changes: float) -> NavSatFix:
+    fields: dict[str, Any] = {'latitude': 51.75, 'longitude': -1.25, 'altitude': 70.0}
+    return NavSatFix(header=header(stamp_ns, 'gps'), status=NavSatStatus(status=status), **(fields | changes))
+
+
+class Mapping:
+    """A map server that is told of embeddings and fixes."""
+
+    def __init__(self, observer: Observer, start_node: Callable[..., StageNode], **parameters: Any) -> None:
+        self.node = start_node(MapServerNode, {'map.autosave_s': 0.0} | parameters)
+        self.model = observer.speaker(DiagnosticStatus, 'embedding/model', qos.LATCHED)
+        self.embed = observer.speaker(PointCloud2, 'embedding', qos.RESULTS)
+        self.fix = observer.speaker(NavSatFix, 'gps/fix', qos.POSITIONS)
+        self.updates = observer.hear(PointCloud2, 'map/updates', qos.UPDATES)
+        wait_until(lambda: observer.node.count_publishers('map/updates') == 1)
+        self.model(model_message(MODEL))
+        wait_until(lambda: self.node._stage.map.model is not None)
+
+    @property
+    def places(self) -> int:
+        return len(self.node._stage.map)
+
+
+@pytest.fixture
+def mapping(observer: Observer, start_node: Callable[..., StageNode]) -> Mapping:
+    return Mapping(observer, start_node)
+
+
+def test_a_scan_between_two_fixes_is_mapped_and_one_without_is_dropped(mapping: Mapping) -> None:
+    mapping.fix(fix(10 * SECOND))
+    mapping.embed(embedding_message(embedding(9 * SECOND), 'radar'))
+    mapping.embed(embedding_message(embedding(10 * SECOND + 500), 'radar'))
+    wait_until(lambda: mapping.node.status.drops['no_position'] == 1)
+    assert mapping.places == 0
+    mapping.fix(fix(11 * SECOND))
+    wait_until(lambda: mapping.places == 1)
+
+
+@pytest.mark.parametrize(
+    ('bad', 'cause'),
+    [
+        (fix(10 * SECOND + 1, NavSatStatus.STATUS_NO_FIX), 'no_fix'),
+        (fix(10 * SECOND + 1, latitude=math.nan), 'invalid_position'),
+        (fix(10 * SECOND + 1, latitude=91.0), 'invalid_position'),
+        (fix(10 * SECOND), 'repeated_position_stamp'),
+        (fix(10 * SECOND - 1), 'position_stamp_backwards'),
+    ],
+)
+def test_a_bad_fix_is_counted_and_never_interpolated_with(mapping: Mapping, bad: NavSatFix, cause: str) -> None:
+    mapping.fix(fix(10 * SECOND))
+    mapping.fix(bad)
+    wait_until(lambda: mapping.node.status.drops[cause] == 1)
+    mapping.embed(embedding_message(embedding(10 * SECOND + 1000), 'radar'))
+    mapping.fix(fix(11 * SECOND))
+    wait_until(lambda: mapping.places == 1)
+    assert mapping.node._stage.map.places().positions_m[0] == pytest.approx([0.0, 0.0, 0.0], abs=1e-6)
+
+
+def test_embeddings_of_another_model_never_reach_the_map(mapping: Mapping) -> None:
+    mapping.fix(fix(10 * SECOND))
+    mapping.fix(fix(11 * SECOND))
+    mapping.embed(embedding_message(embedding(10 * SECOND + 1, 'cd' * 32), 'radar'))
+    mapping.embed(embedding_message(embedding(10 * SECOND + 2, **spoiled('mean', math.nan)), 'radar'))
+    mapping.embed(embedding_message(embedding(10 * SECOND + 3), 'radar'))
+    wait_until(lambda: mapping.places == 1)
+    assert mapping.node.status.drops == {'wrong_model': 1, 'invalid_embedding': 1}
+
+
+def test_another_model_is_refused_once_the_map_has_places(mapping: Mapping) -> None:
+    mapping.fix(fix(10 * SECOND))
+    mapping.fix(fix(11 * SECOND))
+    mapping.embed(embedding_message(embedding(10 * SECOND + 1), 'radar'))
+    wait_until(lambda: mapping.places == 1)
+    mapping.model(model_message(ModelInfo('ring_key', 'cd' * 32, 8, {})))
+    wait_until(lambda: mapping.node.status.drops['wrong_model'] == 1)
+    assert mapping.node._stage.map.model == MODEL
+
+
+def test_every_embedding_is_acknowledged_with_its_stamp(mapping: Mapping) -> None:
+    for i in range(3):
+        mapping.embed(embedding_message(embedding((i + 1) * SECOND), 'radar'))
+    wait_until(lambda: len(mapping.updates) >= 3)
+    assert [message.header.stamp.sec for message in mapping.updates] == [1, 2, 3]
+    assert all(message.width == 0 for message in mapping.updates)
+
+
+def test_odometry_serves_as_position(observer: Observer, start_node: Callable[..., StageNode]) -> None:
+    node = start_node(MapServerNode, {'position.source': 'odometry'})
+    observer.speaker(DiagnosticStatus, 'embedding/model', qos.LATCHED)(model_message(MODEL))
+    pose = observer.speaker(Odometry, 'odometry', qos.POSITIONS)
+    embed = observer.speaker(PointCloud2, 'embedding', qos.RESULTS)
+    for second, x in ((10, 4.0), (11, 8.0)):
+        odometry = Odometry(header=header(second * SECOND, 'map'))
+        odometry.pose.pose.position.x = x
+        pose(odometry)
+    spoilt = Odometry(header=header(12 * SECOND, 'map'))
+    spoilt.pose.pose.position.y = math.nan
+    pose(spoilt)
+    embed(embedding_message(embedding(10 * SECOND + SECOND // 4), 'radar'))
+    wait_until(lambda: len(node._stage.map) == 1)
+    assert node._stage.map.places().positions_m[0].tolist() == [5.0, 0.0, 0.0]
+    wait_until(lambda: node.status.drops == {'invalid_position': 1})
+
+
+def test_a_model_that_arrives_after_the_first_scans_loses_none(
+    observer: Observer, start_node: Callable[..., StageNode]
+) -> None:
+    node = start_node(MapServerNode)
+    send_fix = observer.speaker(NavSatFix, 'gps/fix', qos.POSITIONS)
+    embed = observer.speaker(PointCloud2, 'embedding', qos.RESULTS)
+    updates = observer.hear(PointCloud2, 'map/updates', qos.UPDATES)
+    wait_until(lambda: observer.node.count_publishers('map/updates') == 1)
+    send_fix(fix(10 * SECOND))
+    send_fix(fix(11 * SECOND))
+    for i in range(3):
+        embed(embedding_message(embedding(10 * SECOND + i), 'radar'))
+    wait_until(lambda: len(updates) == 3)
+    observer.speaker(DiagnosticStatus, 'embedding/model', qos.LATCHED)(model_message(MODEL))
+    wait_until(lambda: len(node._stage.map) == 1)
+    assert node.status.drops == {}

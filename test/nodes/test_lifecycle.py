@@ -1,0 +1,231 @@
+"""Nodes start by themselves or as told, take parameters within bounds, and end cleanly without losing anything."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticStatus
+from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from live_nodes import WAIT_S, Observer, replay, wait_until
+from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+from rcl_interfaces.srv import DescribeParameters, SetParameters
+from sensor_msgs.msg import PointCloud2
+from std_srvs.srv import Trigger
+
+from offradar_ros.mapping.store import MapStore
+from offradar_ros.nodes.encoder_node import EncoderNode
+from offradar_ros.nodes.map_server_node import MapServerNode
+from offradar_ros.nodes.query_node import QueryNode
+from offradar_ros.ros import qos
+from offradar_ros.ros.processes import Stack
+from offradar_ros.ros.stage_node import StageNode
+
+NODES = ['encoder_node', 'map_server_node', 'query_node']
+
+
+def state(observer: Observer, node: str) -> int:
+    return int(observer.call(GetState, f'{node}/get_state', GetState.Request()).current_state.id)
+
+
+def change(observer: Observer, node: str, transition: int) -> bool:
+    request = ChangeState.Request(transition=Transition(id=transition))
+    return bool(observer.call(ChangeState, f'{node}/change_state', request).success)
+
+
+@pytest.mark.parametrize(
+    ('kind', 'name'), [(EncoderNode, 'encoder'), (MapServerNode, 'map_server'), (QueryNode, 'query')]
+)
+def test_without_autostart_a_node_waits_to_be_told(
+    observer: Observer, start_node: Callable[..., StageNode], kind: type[StageNode], name: str
+) -> None:
+    start_node(kind, {'autostart': False})
+    assert state(observer, name) == State.PRIMARY_STATE_UNCONFIGURED
+    assert change(observer, name, Transition.TRANSITION_CONFIGURE)
+    assert change(observer, name, Transition.TRANSITION_ACTIVATE)
+    assert state(observer, name) == State.PRIMARY_STATE_ACTIVE
+    assert change(observer, name, Transition.TRANSITION_DEACTIVATE)
+    assert change(observer, name, Transition.TRANSITION_CLEANUP)
+    assert change(observer, name, Transition.TRANSITION_CONFIGURE)
+    assert change(observer, name, Transition.TRANSITION_ACTIVATE)
+
+
+def test_a_configuration_that_fails_leaves_the_node_unconfigured(
+    observer: Observer, start_node: Callable[..., StageNode], tmp_path: Path
+) -> None:
+    start_node(MapServerNode, {'autostart': False, 'map.path': str(tmp_path / 'no folder' / 'map.db')})
+    assert not change(observer, 'map_server', Transition.TRANSITION_CONFIGURE)
+    assert state(observer, 'map_server') == State.PRIMARY_STATE_UNCONFIGURED
+
+
+def test_the_model_reaches_a_late_subscriber(observer: Observer, start_node: Callable[..., StageNode]) -> None:
+    start_node(EncoderNode)
+    heard = observer.hear(DiagnosticStatus, 'embedding/model', qos.LATCHED)
+    model = wait_until(lambda: heard)[0]
+    assert model.name == 'ring_key'
+    assert len(model.hardware_id) == 64
+
+
+def set_parameter(observer: Observer, node: str, name: str, value: ParameterValue) -> Any:
+    request = SetParameters.Request(parameters=[Parameter(name=name, value=value)])
+    return observer.call(SetParameters, f'{node}/set_parameters', request).results[0]
+
+
+def test_thresholds_change_at_run_time_within_bounds(observer: Observer, start_node: Callable[..., StageNode]) -> None:
+    node = start_node(QueryNode)
+    level = ParameterValue(type=ParameterType.PARAMETER_INTEGER, integer_value=5)
+    assert set_parameter(observer, 'query', 'query.level', level).successful
+    assert node._query.threshold == 1.0
+    too_high = ParameterValue(type=ParameterType.PARAMETER_INTEGER, integer_value=11)
+    refused = set_parameter(observer, 'query', 'query.level', too_high)
+    assert not refused.successful
+    assert 'expected at most query.levels = 10, got 11' in refused.reason
+    assert node._query.threshold == 1.0
+
+
+def test_the_map_file_cannot_be_swapped_under_a_running_server(
+    observer: Observer, start_node: Callable[..., StageNode]
+) -> None:
+    start_node(MapServerNode)
+    other = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value='other.db')
+    assert not set_parameter(observer, 'map_server', 'map.path', other).successful
+
+
+def test_parameters_describe_themselves(observer: Observer, start_node: Callable[..., StageNode]) -> None:
+    start_node(MapServerNode)
+    request = DescribeParameters.Request(names=['map.match_distance_m'])
+    (described,) = observer.call(DescribeParameters, 'map_server/describe_parameters', request).descriptors
+    assert '[m]' in described.description
+    assert described.floating_point_range[0].from_value == 0.01
+
+
+def run_node(name: str, environment: dict[str, str], *arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, '-m', f'offradar_ros.nodes.{name}', '--ros-args', *arguments]
+    return subprocess.run(command, env=environment, capture_output=True, text=True, timeout=WAIT_S, check=False)
+
+
+@pytest.mark.parametrize(
+    ('name', 'arguments', 'said'),
+    [
+        ('map_server_node', ['-p', 'map.path:=/no/such/folder/map.db'], '/no/such/folder'),
+        ('map_server_node', ['-p', 'map.match_distance_m:=-1.0'], 'map.match_distance_m: expected at least 0.01 m'),
+        ('query_node', ['-p', 'query.map_path:=/no/such/map.db'], '/no/such/map.db'),
+        ('encoder_node', ['-p', 'encoder.name:=variational'], 'encoder.weights: expected a .onnx or .safetensors'),
+        ('encoder_node', ['-p', 'radar.profile:=lidar'], 'radar.profile: expected one of auto'),
+    ],
+)
+def test_a_start_that_must_fail_is_one_line_and_status_1(
+    stack: Callable[..., Stack], name: str, arguments: list[str], said: str
+) -> None:
+    ended = run_node(name, stack().environment, *arguments)
+    errors = [line for line in ended.stderr.splitlines() if line.startswith('error: ')]
+    assert ended.returncode == 1, ended.stderr
+    assert len(errors) == 1
+    assert said in errors[0]
+    assert 'Traceback' not in ended.stderr
+
+
+@pytest.mark.parametrize('signals', [[signal.SIGINT], [signal.SIGINT, signal.SIGINT], [signal.SIGTERM]])
+def test_every_signal_ends_every_node_cleanly(stack: Callable[..., Stack], signals: list[signal.Signals]) -> None:
+    with stack() as nodes:
+        nodes.wait_until_ready()
+        for number in signals:
+            for node in nodes.nodes.values():
+                node.process.send_signal(number)
+            time.sleep(0.05)
+        assert [node.wait(WAIT_S) for node in nodes.nodes.values()] == [0, 0, 0]
+        assert all('Traceback' not in node.log.read_text() for node in nodes.nodes.values())
+
+
+def test_an_interrupt_ends_the_session_and_keeps_it(
+    stack: Callable[..., Stack], street_bag: Callable[..., Path], tmp_path: Path
+) -> None:
+    with stack({'map.path': str(tmp_path / 'map.db'), 'map.start_session': True}) as nodes:
+        nodes.wait_until_ready()
+        replay(nodes, street_bag('drive', count=8), '--lockstep')
+        server = nodes.nodes['map_server_node']
+        server.process.send_signal(signal.SIGINT)
+        assert server.wait(WAIT_S) == 0
+        assert 'session ended at exit' in server.log.read_text()
+    stored = MapStore.open_read_only(tmp_path / 'map.db')
+    assert [session.state for session in stored.sessions] == ['ended']
+    assert len(stored.places) > 0
+
+
+def test_an_ended_session_survives_a_kill_and_is_searched_after(
+    stack: Callable[..., Stack], street_bag: Callable[..., Path], tmp_path: Path
+) -> None:
+    parameters = {'map.path': str(tmp_path / 'map.db'), 'query.delta': 100.0}
+    first = street_bag('first', count=8)
+    with stack(parameters) as nodes:
+        nodes.wait_until_ready()
+        replay(nodes, first, '--lockstep', '--session')
+        nodes.nodes['map_server_node'].process.kill()
+    with sqlite3.connect(tmp_path / 'map.db') as connection:
+        assert connection.execute('PRAGMA integrity_check').fetchone() == ('ok',)
+    with stack(parameters) as nodes:
+        nodes.wait_until_ready()
+        again = replay(nodes, street_bag('again', count=8, noise_seed=5), '--lockstep')
+    assert '8 scans, 8 embeddings, 8 matches, 0 rejections' in again
+
+
+def test_a_map_can_be_queried_without_a_map_server(
+    stack: Callable[..., Stack], street_bag: Callable[..., Path], tmp_path: Path
+) -> None:
+    with stack({'map.path': str(tmp_path / 'map.db')}) as nodes:
+        nodes.wait_until_ready()
+        replay(nodes, street_bag('first', count=8), '--lockstep', '--session')
+    parameters = {'query.map_path': str(tmp_path / 'map.db'), 'query.delta': 100.0}
+    with stack(parameters, names=('encoder_node', 'query_node')) as nodes:
+        nodes.wait_until_ready()
+        printed = replay(nodes, street_bag('again', count=8, noise_seed=5), '--lockstep')
+    assert '8 scans, 8 embeddings, 8 matches, 0 rejections, 0 unanswered' in printed
+
+
+def trigger(observer: Observer, service: str) -> Any:
+    return observer.call(Trigger, f'map_server/{service}', Trigger.Request())
+
+
+def test_sessions_are_services(
+    observer: Observer, stack: Callable[..., Stack], street_bag: Callable[..., Path], tmp_path: Path
+) -> None:
+    path = tmp_path / 'map.db'
+    descriptors = observer.hear(PointCloud2, 'map/descriptors', qos.LATCHED)
+    with stack({'map.path': str(path)}) as nodes:
+        nodes.wait_until_ready()
+        assert not trigger(observer, 'end_session').success
+        assert trigger(observer, 'start_session').success
+        assert not trigger(observer, 'start_session').success
+        replay(nodes, street_bag('drive', count=8), '--lockstep')
+        assert trigger(observer, 'save').success
+        ended = trigger(observer, 'end_session')
+        assert ended.success
+        assert 'inserted' in ended.message
+        mapped = len(MapStore.open_read_only(path).places)
+        wait_until(lambda: descriptors and descriptors[-1].width == mapped)
+        undone = trigger(observer, 'undo_session')
+        assert undone.success, undone.message
+        assert len(MapStore.open_read_only(path).places) == 0
+        wait_until(lambda: descriptors[-1].width == 0)
+        assert not trigger(observer, 'undo_session').success
+        cleared = trigger(observer, 'clear')
+        assert cleared.success
+        assert Path(cleared.message.rpartition(' ')[2]).exists()
+
+
+def test_no_node_loads_torch(domain_id: int) -> None:
+    program = (
+        'import sys; import offradar_ros.nodes.encoder_node, offradar_ros.nodes.map_server_node, '
+        'offradar_ros.nodes.query_node, offradar_ros.nodes.replay_node; sys.exit("torch" in sys.modules)'
+    )
+    environment = {**os.environ, 'ROS_DOMAIN_ID': str(domain_id)}
+    assert subprocess.run([sys.executable, '-c', program], env=environment, check=False).returncode == 0

@@ -1,0 +1,115 @@
+"""The pipeline, the replay in lockstep and the live nodes answer the same recording alike."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from live_nodes import Observer, key, replay, wait_until
+
+from offradar_ros.bags.reader import Bag
+from offradar_ros.config import load_config
+from offradar_ros.encoders.registry import make_encoder
+from offradar_ros.mapping.sessions import SessionMap
+from offradar_ros.mapping.store import MapStore
+from offradar_ros.pipeline import drive
+from offradar_ros.ros.processes import Stack
+from offradar_ros.types import Match, Outcome, PlaceTable
+
+PARAMETERS = {'map.match_distance_m': 4.0, 'query.top_k': 3, 'query.delta': 0.4, 'encoder.ring_key.variance_scale': 2.1}
+SCANS = 16
+
+
+@pytest.fixture
+def drives(street_bag: Callable[..., Path]) -> list[tuple[Path, bool]]:
+    """Two mapping sessions and one that only asks, partly spoiled; each an hour after the one before."""
+    hour_ns = 3600 * 10**9
+    start_ns = 1_600_000_000 * 10**9
+    return [
+        (street_bag('first', count=SCANS, start_ns=start_ns), True),
+        (street_bag('second', count=SCANS, start_ns=start_ns + hour_ns, lane_m=1.0, noise_seed=1), True),
+        (
+            street_bag(
+                'third', count=SCANS, start_ns=start_ns + 2 * hour_ns, lane_m=-1.0, noise_seed=2, spoiled=(3, 4, 9)
+            ),
+            False,
+        ),
+    ]
+
+
+def through_pipeline(drives: list[tuple[Path, bool]], path: Path, **parameters: Any) -> list[Outcome]:
+    config = load_config(overrides=PARAMETERS | {'map.path': str(path)} | parameters)
+    outcomes: list[Outcome] = []
+    for bag, mapped in drives:
+        with Bag(bag) as opened, SessionMap(config.map) as session_map:
+            result = drive(
+                opened, config, make_encoder(config.encoder), session_map, session='drive' if mapped else None
+            )
+        outcomes += result.outcomes
+    return outcomes
+
+
+def through_nodes(
+    drives: list[tuple[Path, bool]],
+    path: Path,
+    stack: Callable[..., Stack],
+    observer: Observer,
+    *play: str,
+    **parameters: Any,
+) -> list[Outcome]:
+    outcomes = observer.hear_outcomes()
+    with stack(PARAMETERS | {'map.path': str(path)} | parameters) as nodes:
+        nodes.wait_until_ready()
+        for bag, mapped in drives:
+            replay(nodes, bag, *play, *(['--session'] if mapped else []))
+        wait_until(lambda: len(outcomes) == SCANS * len(drives))
+    return outcomes
+
+
+def table_of(path: Path) -> PlaceTable:
+    return MapStore.open_read_only(path).places
+
+
+def assert_same_map(one: Path, other: Path) -> None:
+    a, b = table_of(one), table_of(other)
+    assert a.place_ids.tolist() == b.place_ids.tolist()
+    assert a.stamps_ns.tolist() == b.stamps_ns.tolist()
+    assert a.session_ids.tolist() == b.session_ids.tolist()
+    assert a.positions_m.tobytes() == b.positions_m.tobytes()
+    assert a.means.tobytes() == b.means.tobytes()
+    assert a.uncertainties.tobytes() == b.uncertainties.tobytes()
+
+
+def test_lockstep_gives_what_the_pipeline_gives(
+    drives: list[tuple[Path, bool]], tmp_path: Path, stack: Callable[..., Stack], observer: Observer
+) -> None:
+    expected = through_pipeline(drives, tmp_path / 'pipeline.db')
+    found = through_nodes(drives, tmp_path / 'nodes.db', stack, observer, '--lockstep')
+    assert [key(outcome) for outcome in found] == [key(outcome) for outcome in expected]
+    assert_same_map(tmp_path / 'nodes.db', tmp_path / 'pipeline.db')
+    # The comparison means something only if there is something to compare.
+    assert sum(isinstance(outcome, Match) for outcome in expected) > SCANS
+    assert {o.reason.value for o in expected if not isinstance(o, Match)} == {'map_empty', 'uncertain'}
+
+
+def test_live_at_twice_real_time_gives_what_the_pipeline_gives(
+    drives: list[tuple[Path, bool]], tmp_path: Path, stack: Callable[..., Stack], observer: Observer
+) -> None:
+    expected = through_pipeline(drives, tmp_path / 'pipeline.db')
+    found = through_nodes(drives, tmp_path / 'nodes.db', stack, observer, '--rate', '2')
+    assert [key(outcome) for outcome in found] == [key(outcome) for outcome in expected]
+    assert_same_map(tmp_path / 'nodes.db', tmp_path / 'pipeline.db')
+
+
+def test_a_drive_can_be_matched_to_itself_but_never_a_scan_to_itself(
+    drives: list[tuple[Path, bool]], tmp_path: Path
+) -> None:
+    first = drives[:1]
+    without = through_pipeline(first, tmp_path / 'without.db')
+    assert all(not isinstance(outcome, Match) for outcome in without)
+    with_own = through_pipeline(first, tmp_path / 'with.db', **{'query.exclude_current_session': False})
+    matches = [outcome for outcome in with_own if isinstance(outcome, Match)]
+    assert matches
+    assert all(candidate.distance > 0.0 for match in matches for candidate in match.candidates)

@@ -1,0 +1,103 @@
+"""What the node tests share: a node of their own to speak and listen with, and a replay to its end."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import PointCloud2
+
+from offradar_ros.ros import qos
+from offradar_ros.ros.outcome_message import match_record, rejection_record
+from offradar_ros.ros.processes import Stack
+from offradar_ros.types import Match, Outcome
+
+os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+WAIT_S = 20.0
+
+
+def wait_until(done: Callable[[], Any], timeout_s: float = WAIT_S) -> Any:
+    """Poll until `done()` is true and return it; fails the test if that takes longer."""
+    deadline_s = time.monotonic() + timeout_s
+    while not (found := done()):
+        assert time.monotonic() < deadline_s, f'not so after {timeout_s:g} s: {done}'
+        time.sleep(0.01)
+    return found
+
+
+class Observer:
+    """A node of the test's own that publishes what it is told to and keeps what it hears."""
+
+    def __init__(self, domain_id: int) -> None:
+        self.context = rclpy.context.Context()
+        rclpy.init(context=self.context, domain_id=domain_id)
+        self.node = Node('observer', context=self.context)
+        self._executor = SingleThreadedExecutor(context=self.context)
+        self._executor.add_node(self.node)
+        self._thread = threading.Thread(target=self._executor.spin, daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        self._executor.shutdown(WAIT_S)
+        self._thread.join(WAIT_S)
+        self.node.destroy_node()
+        rclpy.shutdown(context=self.context)
+
+    def add(self, node: Node) -> None:
+        self._executor.add_node(node)
+
+    def hear(self, kind: type, topic: str, profile: QoSProfile = qos.RESULTS, *, raw: bool = False) -> list[Any]:
+        heard: list[Any] = []
+        self.node.create_subscription(kind, topic, heard.append, profile, raw=raw)
+        return heard
+
+    def hear_outcomes(self) -> list[Outcome]:
+        outcomes: list[Outcome] = []
+        self.node.create_subscription(
+            PointCloud2, 'matches', lambda m: outcomes.append(match_record(m, 'matches')), qos.RESULTS
+        )
+        self.node.create_subscription(
+            DiagnosticArray, 'rejections', lambda m: outcomes.append(rejection_record(m, 'rejections')), qos.RESULTS
+        )
+        return outcomes
+
+    def speaker(self, kind: type, topic: str, profile: QoSProfile) -> Callable[[Any], None]:
+        """A function that publishes, ready once something listens."""
+        publisher = self.node.create_publisher(kind, topic, profile)
+        wait_until(lambda: publisher.get_subscription_count() > 0)
+        return publisher.publish
+
+    def call(self, kind: type, service: str, request: Any) -> Any:
+        client = self.node.create_client(kind, service)
+        assert client.wait_for_service(WAIT_S), service
+        future = client.call_async(request)
+        wait_until(future.done)
+        return future.result()
+
+
+def replay(nodes: Stack, bag: Path, *arguments: str, timeout_s: float = 60.0) -> str:
+    """Run replay_node to its end and return what it printed; fails the test if it fails."""
+    process = nodes.start('replay_node', [str(bag), *arguments], f'replay_{time.monotonic_ns()}')
+    try:
+        status = process.wait(timeout_s)
+        printed = process.log.read_text()
+        assert status == 0, printed
+        return printed
+    finally:
+        process.stop()
+
+
+def key(outcome: Outcome) -> tuple[Any, ...]:
+    """What two paths must agree on, to the last bit."""
+    kind = 'match' if isinstance(outcome, Match) else outcome.reason.value
+    found = tuple((c.place_id, c.distance, c.uncertainty) for c in outcome.candidates)
+    return outcome.stamp_ns, kind, outcome.uncertainty, outcome.threshold, found
