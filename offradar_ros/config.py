@@ -139,7 +139,7 @@ class RingKeyConfig:
 class EncoderConfig:
     """Which encoder, and where it runs."""
 
-    name: str = parameter('ring_key', 'encoder', choices=('ring_key', 'variational'))
+    name: str = parameter('ring_key', 'what makes an embedding of a scan', choices=('ring_key', 'variational'))
     weights: str = parameter('', 'weights file (.onnx or .safetensors) of a learned encoder')
     backend: str = parameter(
         'auto',
@@ -291,6 +291,8 @@ def replace_values(config: ConfigT, values: Mapping[str, Any]) -> ConfigT:
 
 
 def _checked(leaf: Parameter, value: Any) -> Any:
+    if isinstance(value, int) and not -(2**63) <= value < 2**63:
+        raise ConfigError(f'parameter {leaf.name}: expected a number of 64 bits, as ROS parameters are')
     if isinstance(leaf.value, float) and isinstance(value, int) and not isinstance(value, bool):
         value = float(value)
     if type(value) is not type(leaf.value):
@@ -328,20 +330,27 @@ def read_parameters(path: str | Path) -> dict[str, Any]:
     """Dotted names and values of a parameter file, ROS (any node's ``ros__parameters``) or plain; ConfigError."""
     try:
         tree = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        return _parameters_of(tree)
+    # ValueError: PyYAML on a date such as 2001-99-99; RecursionError: an alias inside its own anchor.
+    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
         reason = str(error).splitlines()[0]
         raise ConfigError(f'{path}: not a readable YAML parameter file ({reason})') from error
-    if tree is None:
-        return {}
-    if not isinstance(tree, Mapping):
-        raise ConfigError(f'{path}: expected a mapping of parameters, got {type(tree).__name__}')
+
+
+def _parameters_of(tree: Any) -> dict[str, Any]:
     values: dict[str, Any] = {}
-    for key, branch in tree.items():
+    for key, branch in _mapping(tree).items():
         if isinstance(branch, Mapping) and 'ros__parameters' in branch:
-            values.update(flatten(branch['ros__parameters'] or {}))
+            values.update(flatten(_mapping(branch['ros__parameters'])))
         else:
             values.update(flatten({key: branch}))
     return values
+
+
+def _mapping(tree: Any) -> Mapping[str, Any]:
+    if not isinstance(tree, (Mapping, type(None))):
+        raise ValueError(f'expected a mapping of parameters, got {type(tree).__name__}')
+    return tree or {}
 
 
 def load_config(path: str | Path | None = None, overrides: Mapping[str, Any] | None = None) -> Config:

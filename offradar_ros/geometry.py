@@ -43,11 +43,13 @@ class LocalFrame:
 
     def __init__(self, origin: GeoPoint) -> None:
         self.origin = origin
+        # float() because NumPy's scalars have a repr that PROJ reads as zero.
+        latitude, longitude, altitude = map(float, dataclasses.astuple(origin))
         self._pipeline = pyproj.Transformer.from_pipeline(
             '+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad '
             '+step +proj=cart +ellps=WGS84 '
-            f'+step +proj=topocentric +ellps=WGS84 +lon_0={origin.longitude_deg!r} +lat_0={origin.latitude_deg!r} '
-            f'+h_0={origin.altitude_m!r}'
+            f'+step +proj=topocentric +ellps=WGS84 +lon_0={longitude!r} +lat_0={latitude!r} '
+            f'+h_0={altitude!r}'
         )
 
     def to_enu(self, points_lla: NDArray[np.float64]) -> NDArray[np.float64]:

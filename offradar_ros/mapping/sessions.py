@@ -20,7 +20,11 @@ from offradar_ros.types import Embedding, PlaceTable, Pose
 
 @dataclasses.dataclass
 class _Running:
-    """The session under way. `before` holds what each place it changed held when it started."""
+    """The session under way.
+
+    `before` holds what each place it changed held when it started, `unsaved` the places that changed since it was
+    last written to disk.
+    """
 
     session_id: int
     name: str
@@ -30,6 +34,7 @@ class _Running:
     before: Before = dataclasses.field(default_factory=dict)
     merges: collections.Counter[MergeKind] = dataclasses.field(default_factory=collections.Counter)
     dropped: collections.Counter[str] = dataclasses.field(default_factory=collections.Counter)
+    unsaved: set[int] = dataclasses.field(default_factory=set)
     saved: bool = False
 
 
@@ -153,6 +158,7 @@ class SessionMap:
             running.before[merge.place_ids[0]] = None
         for place in merge.before:
             running.before.setdefault(place.place_id, place)
+        running.unsaved.update(merge.place_ids)
         return merge
 
     def note_dropped(self, cause: str) -> None:
@@ -168,7 +174,7 @@ class SessionMap:
         undoable = [*self._undoable, (session, running.before)][
             max(0, len(self._undoable) + 1 - self.config.undo_depth) :
         ]
-        self._write(session, running.before, undoable)
+        self._write(session, running, undoable)
         self._undoable, self._running = undoable, None
         return report
 
@@ -183,7 +189,7 @@ class SessionMap:
         if running:
             report = self._report(running).as_dict()
             session = StoredSession(running.session_id, running.name, running.stamp_ns, 'running', report)
-            self._write(session, running.before, [*self._undoable, (session, running.before)])
+            self._write(session, running, [*self._undoable, (session, running.before)])
             running.saved = True
 
     def undo_session(self) -> UndoReport:
@@ -276,15 +282,16 @@ class SessionMap:
             mean_uncertainty_after=self._parent.mean_uncertainty,
         )
 
-    def _write(self, session: StoredSession, before: Before, undoable: list[tuple[StoredSession, Before]]) -> None:
+    def _write(self, session: StoredSession, running: _Running, undoable: list[tuple[StoredSession, Before]]) -> None:
         if not self._store:
             return
-        ids = sorted(before)
+        ids = sorted(running.unsaved)
         self._store.write_session(
             session,
             changed=self._parent.rows(ids),
             anchors_m=self._parent.anchors(ids),
-            before=before,
+            before={place_id: running.before[place_id] for place_id in ids},
             next_place_id=self._parent.next_place_id,
             undoable=[kept.session_id for kept, _ in undoable],
         )
+        running.unsaved.clear()

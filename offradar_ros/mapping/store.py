@@ -81,9 +81,9 @@ class MapStore:
         next_place_id: int,
         undoable: list[int],
     ) -> None:
-        """Store a session with all that it changed so far.
+        """Store a session and what it changed since it was last stored.
 
-        `changed` holds the session's places as they are now and `before` what they held before it; sessions not in
+        `changed` holds those places as they are now and `before` what they held before the session; sessions not in
         `undoable` lose what undoing them needs.
         """
         by_session = session.session_id

@@ -1,0 +1,177 @@
+"""One configuration, the same through every door, and clear words where it is wrong."""
+
+import dataclasses
+import math
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from offradar_ros.config import (
+    Config,
+    QueryConfig,
+    flatten,
+    load_config,
+    parameters,
+    read_parameters,
+    replace_values,
+    write_parameters,
+)
+from offradar_ros.errors import ConfigError
+
+LEAVES = {leaf.name: leaf for leaf in parameters(Config())}
+
+
+def slowly_allowed(leaf) -> st.SearchStrategy:
+    """Any value that the leaf's description says is allowed."""
+    bounds = leaf.bounds
+    if bounds.choices:
+        return st.sampled_from(bounds.choices)
+    if isinstance(leaf.value, bool):
+        return st.booleans()
+    if isinstance(leaf.value, int):
+        return st.integers(int(bounds.minimum), int(bounds.maximum))
+    if isinstance(leaf.value, float):
+        return st.floats(bounds.minimum, bounds.maximum)
+    return st.text(st.characters(blacklist_categories=['Cs', 'Cc']), max_size=20)
+
+
+allowed = st.lists(st.sampled_from(sorted(LEAVES)), unique=True, max_size=6).flatmap(
+    lambda names: st.fixed_dictionaries({name: slowly_allowed(LEAVES[name]) for name in names})
+)
+
+
+@pytest.mark.parametrize('name', sorted(LEAVES))
+def test_every_parameter_says_what_it_is_and_its_default_is_allowed(name):
+    leaf = LEAVES[name]
+    assert len(leaf.bounds.description) > 10 and '\n' not in leaf.bounds.description
+    assert leaf.bounds.problem(leaf.value) is None
+    if isinstance(leaf.value, (int, float)) and not isinstance(leaf.value, bool):
+        assert leaf.bounds.minimum is not None and leaf.bounds.maximum is not None
+    if name.rsplit('_', 1)[-1] in ('m', 's', 'rad', 'px', 'bytes'):
+        assert leaf.bounds.unit == name.rsplit('_', 1)[-1]
+
+
+@settings(max_examples=60, deadline=None)
+@given(allowed)
+def test_python_and_yaml_are_the_same_door(tmp_path_factory, values):
+    if values.get('query.level', 10) > values.get('query.levels', 10):
+        with pytest.raises(ConfigError, match=r'query\.level: expected at most query\.levels'):
+            load_config(overrides=values)
+        return
+    config = load_config(overrides=values)
+    leaves = {leaf.name: leaf.value for leaf in parameters(config)}
+    assert leaves == {name: leaf.value for name, leaf in LEAVES.items()} | values
+    path = tmp_path_factory.mktemp('config') / 'params.yaml'
+    write_parameters(path, leaves, comment='What was used\nand why')
+    assert load_config(path) == config
+    assert path.read_text(encoding='utf-8').startswith('# What was used\n# and why\n/**:')
+
+
+def test_a_file_and_then_overrides(tmp_path):
+    path = tmp_path / 'params.yaml'
+    path.write_text('map:\n  match_distance_m: 25\n  replace: worst\n')
+    config = load_config(path, {'map.replace': 'all'})
+    assert (config.map.match_distance_m, config.map.replace) == (25.0, 'all')
+    assert type(config.map.match_distance_m) is float
+    assert config.query == QueryConfig()
+
+
+def test_any_node_s_parameters_and_plain_ones_are_read(tmp_path):
+    path = tmp_path / 'params.yaml'
+    path.write_text('/**:\n  ros__parameters:\n    map: {replace: all}\nquery.top_k: 3\n/x:\n  ros__parameters:\n')
+    assert read_parameters(path) == {'map.replace': 'all', 'query.top_k': 3}
+    path.write_text('')
+    assert read_parameters(path) == {}
+
+
+@pytest.mark.parametrize(
+    ('values', 'words'),
+    [
+        ({'map.match_distance': 5.0}, 'parameter map.match_distance is unknown'),
+        ({'map': 5}, 'parameter map is unknown'),
+        ({'map.match_distance_m': 0.0}, 'parameter map.match_distance_m: expected at least 0.01 m, got 0'),
+        ({'map.match_distance_m': 1e9}, 'expected at most 1000 m, got 1e\\+09'),
+        ({'map.match_distance_m': math.nan}, 'expected a finite number, got nan'),
+        ({'map.match_distance_m': math.inf}, 'expected a finite number'),
+        ({'map.match_distance_m': '5'}, "expected float, got '5'"),
+        ({'map.match_distance_m': True}, 'expected float, got True'),
+        ({'map.match_distance_m': 10**400}, 'map.match_distance_m: expected a number of 64 bits'),
+        ({'query.top_k': 10**400}, 'query.top_k: expected a number of 64 bits'),
+        ({'query.top_k': 2.0}, 'expected int, got 2.0'),
+        ({'query.top_k': True}, 'expected int, got True'),
+        ({'map.insert_unmatched': 1}, 'expected bool, got 1'),
+        ({'map.path': None}, 'expected str, got None'),
+        ({'map.replace': 'best'}, "expected one of nearest, worst, all, got 'best'"),
+        ({'query.level': 11}, r'query\.level: expected at most query\.levels = 10, got 11'),
+    ],
+)
+def test_a_wrong_value_is_named_with_what_was_expected(values, words):
+    with pytest.raises(ConfigError, match=words) as wrong:
+        replace_values(Config(), values)
+    assert '\n' not in str(wrong.value)
+
+
+def test_two_values_that_need_each_other_are_set_together():
+    config = replace_values(Config(), {'query.level': 50, 'query.levels': 100})
+    assert (config.query.level, config.query.levels) == (50, 100)
+
+
+@pytest.mark.parametrize(
+    'text',
+    [
+        'a: [1',
+        '- a',
+        'a: 2001-99-99',
+        'a: &a {b: *a}',
+        '? [1]\n: 2',
+        '\x00',
+        'a: !!python/object/apply:os.getcwd []',
+        '/**: {ros__parameters: [1]}',
+        'a: ' + '[' * 3000,
+        'just words',
+        '1: 2',
+    ],
+)
+def test_a_file_that_holds_no_parameters_is_named(tmp_path, text):
+    path = tmp_path / 'params.yaml'
+    path.write_text(text)
+    with pytest.raises(ConfigError) as wrong:
+        load_config(path)
+    assert '\n' not in str(wrong.value)
+    assert str(path) in str(wrong.value) or 'parameter 1 is unknown' in str(wrong.value)
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.binary(max_size=60) | st.text(alphabet='ab:{}[]&*!?-# \n\t\'"0./', max_size=60).map(str.encode))
+def test_any_file_is_read_or_refused(tmp_path_factory, content):
+    path = tmp_path_factory.mktemp('config') / 'params.yaml'
+    path.write_bytes(content)
+    try:
+        load_config(path)
+    except ConfigError as wrong:
+        assert '\n' not in str(wrong)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(ConfigError, match=r'nowhere\.yaml: not a readable YAML'):
+        load_config(tmp_path / 'nowhere.yaml')
+
+
+nested = st.recursive(
+    st.integers(), lambda inner: st.dictionaries(st.text('abc', min_size=1, max_size=2), inner, min_size=1, max_size=3)
+)
+
+
+@given(st.dictionaries(st.text('abc', min_size=1, max_size=2), nested, max_size=3))
+def test_flattened_names_lead_to_their_values(tree):
+    for name, value in flatten(tree).items():
+        branch = tree
+        for part in name.split('.'):
+            branch = branch[part]
+        assert branch == value
+
+
+def test_configurations_are_frozen():
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        Config().map.replace = 'all'
