@@ -34,7 +34,9 @@ class WriterLock:
                 pass
             except OSError as error:
                 os.close(file)
-                raise MapError(f'{path}: the map is in use by another process that writes it') from error
+                busy = isinstance(error, BlockingIOError)
+                why = 'is in use by another process that writes it' if busy else f'cannot be locked ({error.strerror})'
+                raise MapError(f'{path}: the map {why}') from error
             os.close(file)
 
     def release(self) -> None:
