@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
@@ -13,11 +12,13 @@ from numpy.typing import NDArray
 
 from offradar_ros.cli.progress import progress_bar
 from offradar_ros.cli.source import open_source
-from offradar_ros.config import EncoderConfig, Value, load_config, write_parameters
+from offradar_ros.config import Config, Value, load_config, parameters, write_parameters
 from offradar_ros.datasets.sequence import RadarSequence
 from offradar_ros.encoders.calibration import largest_deviation, run_uncertainties, variance_factor
 from offradar_ros.encoders.registry import make_encoder
 from offradar_ros.types import PolarScan
+
+SCALE = 'encoder.ring_key.variance_scale'
 
 
 def calibrate(
@@ -29,30 +30,22 @@ def calibrate(
     """Scale the ring key's variance so that U is 1 on average, and set Δ to the drive's largest |U − 1|."""
     config = load_config(params)
     sequence = open_source(source, layout, config.radar)
-    uncertainties = _uncertainties(sequence, config.encoder)
-    factor = variance_factor(uncertainties) if config.encoder.name == 'ring_key' else 1.0
-    uncertainties = uncertainties * factor
-    delta = largest_deviation(uncertainties)
-    values: dict[str, Value] = {'encoder.name': config.encoder.name}
-    if config.encoder.name == 'ring_key':
-        values |= {
-            f'encoder.ring_key.{field.name}': getattr(config.encoder.ring_key, field.name)
-            for field in dataclasses.fields(config.encoder.ring_key)
-        }
-        values['encoder.ring_key.variance_scale'] = config.encoder.ring_key.variance_scale * factor
-    else:
-        values['encoder.weights'] = config.encoder.weights
-    values |= {'query.delta': delta, 'query.levels': config.query.levels, 'query.level': config.query.levels}
-    write_parameters(out, values, f'Written by offradar calibrate over {len(uncertainties)} scans of {sequence.name}.')
+    values, uncertainties = calibrated(sequence, config)
+    comment = f'Written by offradar calibrate over {len(uncertainties)} scans of {sequence.name}.'
+    write_parameters(out, values, comment)
     typer.echo(
         f'{len(uncertainties)} scans: U {uncertainties.mean():.3f} on average, {uncertainties.min():.3f} to '
-        f'{uncertainties.max():.3f}, standard deviation {uncertainties.std():.3f}; delta {delta:.3f}'
+        f'{uncertainties.max():.3f}, standard deviation {uncertainties.std():.3f}; delta {values["query.delta"]:.3f}'
     )
     typer.echo(f'{out}: written')
 
 
-def _uncertainties(sequence: RadarSequence, config: EncoderConfig) -> NDArray[np.float64]:
-    encoder = make_encoder(config)
+def calibrated(sequence: RadarSequence, config: Config) -> tuple[dict[str, Value], NDArray[np.float64]]:
+    """Parameters for the encoder and the query, and the U of each scan with them.
+
+    A learned encoder's variance has its scale from training (prior at 1): only Δ is set for it.
+    """
+    encoder = make_encoder(config.encoder)
     with progress_bar(f'encoding {sequence.name}') as progress:
 
         def scans() -> Iterator[PolarScan]:
@@ -60,4 +53,14 @@ def _uncertainties(sequence: RadarSequence, config: EncoderConfig) -> NDArray[np
                 yield sequence.scan(index)
                 progress(index + 1, len(sequence))
 
-        return run_uncertainties(encoder, scans())
+        uncertainties = run_uncertainties(encoder, scans())
+    values: dict[str, Value] = {
+        leaf.name: leaf.value for leaf in parameters(config) if leaf.name.startswith('encoder.') and leaf.value != ''
+    }
+    if config.encoder.name == 'ring_key':
+        factor = variance_factor(uncertainties)
+        uncertainties = uncertainties * factor
+        values[SCALE] = config.encoder.ring_key.variance_scale * factor
+    delta = largest_deviation(uncertainties)
+    values |= {'query.delta': delta, 'query.levels': config.query.levels, 'query.level': config.query.levels}
+    return values, uncertainties

@@ -6,7 +6,9 @@ The recorded bytes are published as they are, never decoded and encoded again.
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import functools
+import json
 import signal
 import sys
 import time
@@ -32,6 +34,7 @@ def _arguments(argv: Sequence[str]) -> argparse.Namespace:
     parser.add_argument('--loop', type=int, default=1, metavar='N', help='play N times; 0 plays until stopped')
     parser.add_argument('--restamp', action='store_true', help='stamp messages with the time at which they are sent')
     parser.add_argument('--session', action='store_true', help='start a mapping session before and end it after')
+    parser.add_argument('--report', type=Path, metavar='FILE', help='write counts and latencies as JSON')
     parser.add_argument('--timeout', type=float, default=10.0, metavar='S', help='longest wait for an answer or a node')
     arguments = parser.parse_args(argv)
     if not 0.0 < arguments.rate <= 1000.0:
@@ -56,8 +59,11 @@ def _play(node: Node, arguments: argparse.Namespace) -> int:
         loops = iter(functools.partial(int, 1), 0) if arguments.loop == 0 else range(arguments.loop)
         for _ in loops:
             answers += player.play()
-        if sessions:
-            print(sessions.end(), flush=True)
+        session = sessions.end() if sessions else ''
+        if session:
+            print(session, flush=True)
+        if arguments.report:
+            arguments.report.write_text(json.dumps(dataclasses.asdict(answers) | {'session': session}), 'utf-8')
         print(answers.summary(time.monotonic() - started_s), flush=True)
     return 1 if arguments.lockstep and answers.unanswered else 0
 

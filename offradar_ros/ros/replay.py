@@ -28,6 +28,8 @@ from offradar_ros.ros import qos
 from offradar_ros.ros.stamps import time_message
 
 SUBSCRIBERS = 'subscribers.'
+ANSWERS = ('matches', 'rejections')
+"""One of the two answers each embedding."""
 CLOCK_PERIOD_S = 0.025
 DISCOVERY_S = 4.0
 SETTLE_S = 1.0
@@ -188,10 +190,10 @@ class Player:
             self._clock.publish(Clock(clock=time_message(stamp_ns)))
 
     def _is_answered(self, stamp: int) -> bool:
-        heard = {topic for topic in self._awaited if stamp in self._heard[topic]}
-        pending = set(self._awaited) - heard
-        # One of the two answers a query.
-        return not pending or pending in ({'matches'}, {'rejections'})
+        heard = [topic for topic in self._awaited if stamp in self._heard[topic]]
+        queried = any(topic in ANSWERS for topic in self._awaited)
+        others = [topic for topic in self._awaited if topic not in ANSWERS]
+        return all(topic in heard for topic in others) and (not queried or any(topic in ANSWERS for topic in heard))
 
     def _settle(self, sent: list[int]) -> None:
         """Wait for answers still on their way: bounded in all, and over when nothing more comes."""
@@ -207,7 +209,7 @@ class Player:
 
     def _answers(self, sent: list[int]) -> Answers:
         replies = self._heard['matches'] + self._heard['rejections']
-        counted = replies if 'matches' in self._awaited else self._heard['embedding']
+        counted = replies if any(topic in ANSWERS for topic in self._awaited) else self._heard['embedding']
         return Answers(
             scans=len(sent),
             embeddings=sum(self._heard['embedding'][stamp] for stamp in set(sent)),

@@ -186,6 +186,8 @@ def test_a_cloud_without_our_fields_is_refused_by_topic() -> None:
 def test_a_cloud_that_lies_about_its_size_is_refused(damage: dict[str, Any]) -> None:
     mean = np.ones(4, np.float32)
     message = embedding_message(Embedding(STAMP_NS, mean, mean, MODEL), 'radar')
-    fields = {name: getattr(message, name) for name in ('fields', 'width', 'height', 'point_step', 'data', 'is_bigendian')}
+    fields = {
+        name: getattr(message, name) for name in ('fields', 'width', 'height', 'point_step', 'data', 'is_bigendian')
+    }
     with pytest.raises(RefusedInput):
         from_cloud(SimpleNamespace(**(fields | damage)), ['mean'], 'embedding')

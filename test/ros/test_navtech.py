@@ -16,8 +16,12 @@ from offradar_ros.ros import navtech
 
 def configuration(**changes: Any) -> SimpleNamespace:
     fields = {
-        'azimuth_samples': 400, 'encoder_size': 5600, 'bin_size': 438.0, 'range_in_bins': 100,
-        'range_gain': 1.0, 'range_offset': -0.31,
+        'azimuth_samples': 400,
+        'encoder_size': 5600,
+        'bin_size': 438.0,
+        'range_in_bins': 100,
+        'range_gain': 1.0,
+        'range_offset': -0.31,
     }
     return SimpleNamespace(**(fields | changes))  # fmt: skip
 

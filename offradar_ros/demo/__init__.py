@@ -1,0 +1,1 @@
+"""The demonstration: simulated drives of one route through the real nodes."""

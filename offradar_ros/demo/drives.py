@@ -1,0 +1,51 @@
+"""What the demonstration drives: one route of a simulated town, three times."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+from offradar_ros.bags.writer import BagOptions, write_bag
+from offradar_ros.cli.calibrate import calibrated
+from offradar_ros.cli.progress import progress_bar
+from offradar_ros.cli.simulate import session_plan
+from offradar_ros.config import Config, write_parameters
+from offradar_ros.simulation.sequence import SimulatedSequence
+from offradar_ros.simulation.world import TownPlan, make_town
+
+SEED = 1
+SCANS = 400
+MAPPED = (True, True, False)
+DEGRADED = (0.2, 0.2, 0.35)
+CALIBRATION_SCANS = 120
+
+
+@dataclasses.dataclass(frozen=True)
+class Drive:
+    """One drive: its bag, whether it is mapped, and the stamps of its spoiled scans."""
+
+    name: str
+    bag: Path
+    mapped: bool
+    spoiled_ns: frozenset[int]
+
+
+def simulate_drives(folder: Path) -> list[Drive]:
+    """Write the bags of all drives, seeded."""
+    town = make_town(TownPlan(seed=SEED))
+    drives = []
+    for index, (mapped, degraded) in enumerate(zip(MAPPED, DEGRADED, strict=True)):
+        sequence = SimulatedSequence(town, session_plan(index, scans=SCANS, seed=SEED, degraded=degraded))
+        with progress_bar(f'simulating {sequence.name}') as progress:
+            bag = write_bag(sequence, folder / sequence.name, BagOptions(plain=True, overwrite=True), progress)
+        pairs = zip(sequence.stamps_ns, sequence.degradations, strict=True)
+        drives.append(Drive(sequence.name, bag, mapped, frozenset(int(s) for s, fault in pairs if fault)))
+    return drives
+
+
+def calibrate_on_a_clean_drive(path: Path) -> Path:
+    """Parameters from one more, undisturbed drive: U is 1 on average, Δ spans it."""
+    plan = session_plan(len(MAPPED), scans=CALIBRATION_SCANS, seed=SEED, degraded=0.0)
+    values, _ = calibrated(SimulatedSequence(make_town(TownPlan(seed=SEED)), plan), Config())
+    write_parameters(path, values, f'Calibrated over {CALIBRATION_SCANS} scans of a clean simulated drive.')
+    return path

@@ -1,0 +1,39 @@
+"""Simulate, calibrate, replay through the nodes, and show what came of it."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from pathlib import Path
+
+from rich.console import Console
+
+from offradar_ros.demo.drives import calibrate_on_a_clean_drive, simulate_drives
+from offradar_ros.demo.live import drive_live
+from offradar_ros.demo.report import draw_map, print_table
+from offradar_ros.demo.truth import judge
+from offradar_ros.errors import MapError
+from offradar_ros.mapping.store import MapStore
+
+
+def run_demo(out: Path, domain_id: int) -> None:
+    """The whole demonstration; everything it makes is under `out`, which is emptied first."""
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    shutil.rmtree(out, ignore_errors=True)
+    out.mkdir(parents=True)
+    console = Console()
+    console.print(
+        'Three drives of one route through a simulated town: the first builds the map, the second improves it,'
+    )
+    console.print('the third asks it where it is, with some scans blocked, flooded with noise or saturated.')
+    drives = simulate_drives(out / 'bags')
+    params = calibrate_on_a_clean_drive(out / 'calibrated.yaml')
+    driven = drive_live(drives, out, params, domain_id)
+    stored = MapStore.open_read_only(out / 'map.db')
+    if stored.origin is None:
+        raise MapError(f'{out / "map.db"}: has no origin: no position reached the map server')
+    judged = [judge(each, stored.origin) for each in driven]
+    print_table(judged, console)
+    picture = out / 'map.png'
+    draw_map(stored.committed(), judged[-1], picture)
+    console.print(f'map drawn in {picture}', highlight=False)

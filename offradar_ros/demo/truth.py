@@ -1,0 +1,65 @@
+"""Answers against where the vehicle really was."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from offradar_ros.bags.sequence import BagSequence
+from offradar_ros.demo.live import Driven
+from offradar_ros.geometry import GeoPoint, LocalFrame
+from offradar_ros.types import Match, Outcome
+
+TOLERANCE_M = 25.0
+"""A place within this of the scan is the right one (Sec. IV-C of the paper)."""
+
+MAX_GAP_NS = 1_500_000_000
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Judged:
+    """One drive's outcomes, row i one outcome.
+
+    Attributes:
+        positions_m: (N, 2) true positions in the map frame.
+        nearest_is_right: (N,) whether the best candidate, returned or withheld, is within `TOLERANCE_M`.
+        accepted: (N,) whether the query was answered with a match.
+        spoiled: (N,) whether the scan was degraded by the simulation.
+    """
+
+    driven: Driven
+    positions_m: NDArray[np.float64]
+    nearest_is_right: NDArray[np.bool_]
+    accepted: NDArray[np.bool_]
+    spoiled: NDArray[np.bool_]
+
+    def recall(self, chosen: NDArray[np.bool_]) -> float:
+        """Recall@1 over the chosen outcomes; NaN over none."""
+        return float(self.nearest_is_right[chosen].mean()) if chosen.any() else math.nan
+
+
+def judge(driven: Driven, origin: GeoPoint) -> Judged:
+    """Compare every outcome with the recorded position at its stamp."""
+    trajectory = BagSequence(driven.drive.bag).trajectory
+    if trajectory is None:
+        raise ValueError(f'{driven.drive.name} has no positions')
+    metric = trajectory.in_frame(LocalFrame(origin))
+    poses = [metric.at(outcome.stamp_ns, MAX_GAP_NS) for outcome in driven.outcomes]
+    positions = np.array([(math.nan, math.nan) if p is None else (p.x_m, p.y_m) for p in poses]).reshape(-1, 2)
+    return Judged(
+        driven,
+        positions,
+        np.array([_is_right(o, p) for o, p in zip(driven.outcomes, positions, strict=True)], np.bool_),
+        np.array([isinstance(o, Match) for o in driven.outcomes], np.bool_),
+        np.array([o.stamp_ns in driven.drive.spoiled_ns for o in driven.outcomes], np.bool_),
+    )
+
+
+def _is_right(outcome: Outcome, position: NDArray[np.float64]) -> bool:
+    if not outcome.candidates:
+        return False
+    pose = outcome.candidates[0].pose
+    return math.hypot(pose.x_m - position[0], pose.y_m - position[1]) <= TOLERANCE_M
