@@ -1,6 +1,6 @@
 """Build of the ament_python package; also a plain pip package."""
 
-from glob import glob
+from pathlib import Path
 
 from setuptools import find_packages, setup
 
@@ -14,8 +14,8 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),
-        (f'share/{PACKAGE}/params', sorted(glob('params/*'))),
-        (f'share/{PACKAGE}/launch', sorted(glob('launch/*.launch.py'))),
+        (f'share/{PACKAGE}/params', sorted(map(str, Path('params').iterdir()))),
+        (f'share/{PACKAGE}/launch', sorted(map(str, Path('launch').glob('*.launch.py')))),
         # Wheels ignore setup.cfg's install_scripts: these files are what `ros2 run` finds after `pip install`.
         (f'lib/{PACKAGE}', [f'scripts/{node}' for node in NODES]),
     ],
@@ -34,6 +34,18 @@ setup(
         'onnx': ['onnxruntime>=1.18'],
         'plot': ['matplotlib>=3.7'],
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
+        'test': [
+            'hypothesis',
+            'mcap',
+            'mcap-ros2-support',
+            'mypy',
+            'pytest',
+            'pytest-timeout',
+            'pytest-xdist',
+            'ruff',
+            'scipy',
+            'types-PyYAML',
+        ],
         'torch': ['torch>=2.4', 'safetensors>=0.4', 'onnx>=1.16'],
     },
     zip_safe=False,

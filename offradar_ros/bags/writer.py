@@ -1,6 +1,6 @@
 """Any RadarSequence to a rosbag2 folder with MCAP storage (zstd chunks).
 
-A bag is written to ``OUT.partial`` and renamed when it is complete, so that an interrupted run never leaves a bag that
+A bag is written within ``OUT.partial`` and moved out when it is complete, so that an interrupted run never leaves a bag that
 looks complete: a rosbag2 folder without ``metadata.yaml`` opens nowhere.
 """
 
@@ -66,11 +66,12 @@ def write_bag(
     partial = out.with_name(out.name + '.partial')
     try:
         shutil.rmtree(partial, ignore_errors=True)
-        partial.parent.mkdir(parents=True, exist_ok=True)
-        _write(sequence, partial, options, progress or (lambda _done, _total: None))
+        partial.mkdir(parents=True)
+        # The recording's file is named after its folder.
+        _write(sequence, partial / out.name, options, progress or (lambda _done, _total: None))
         if out.exists():
             shutil.rmtree(out)
-        partial.rename(out)
+        (partial / out.name).rename(out)
     except OSError as error:
         raise DataError(f'{out}: cannot be written ({error.strerror or error})') from error
     finally:

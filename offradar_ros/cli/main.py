@@ -15,6 +15,7 @@ from offradar_ros.cli.demo import demo
 from offradar_ros.cli.drive import drive
 from offradar_ros.cli.export import export
 from offradar_ros.cli.map import show_map
+from offradar_ros.cli.parameters import parameters
 from offradar_ros.cli.simulate import simulate
 from offradar_ros.errors import OffradarError
 
@@ -31,6 +32,7 @@ app.command()(calibrate)
 app.command()(drive)
 app.command('map')(show_map)
 app.command()(export)
+app.command()(parameters)
 app.command()(demo)
 
 

@@ -17,7 +17,6 @@ SEED = 1
 SCANS = 400
 MAPPED = (True, True, False)
 DEGRADED = (0.2, 0.2, 0.35)
-CALIBRATION_SCANS = 120
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,7 +44,7 @@ def simulate_drives(folder: Path) -> list[Drive]:
 
 def calibrate_on_a_clean_drive(path: Path) -> Path:
     """Parameters from one more, undisturbed drive: U is 1 on average, Δ spans it."""
-    plan = session_plan(len(MAPPED), scans=CALIBRATION_SCANS, seed=SEED, degraded=0.0)
+    plan = session_plan(len(MAPPED), scans=SCANS, seed=SEED, degraded=0.0)
     values, _ = calibrated(SimulatedSequence(make_town(TownPlan(seed=SEED)), plan), Config())
-    write_parameters(path, values, f'Calibrated over {CALIBRATION_SCANS} scans of a clean simulated drive.')
+    write_parameters(path, values, f'Calibrated over {SCANS} scans of a clean simulated drive.')
     return path

@@ -15,7 +15,7 @@ from rich.table import Table
 
 from offradar_ros.demo.truth import TOLERANCE_M, Judged
 from offradar_ros.mapping.stored_map import StoredSession
-from offradar_ros.types import Match, PlaceTable
+from offradar_ros.types import Match, PlaceTable, Reason
 
 
 def print_table(drives: list[Judged], sessions: Sequence[StoredSession], console: Console) -> None:
@@ -42,12 +42,18 @@ def _rows(drives: list[Judged]) -> dict[str, list[str]]:
         'unanswered': [str(j.driven.counts['unanswered']) for j in drives],
         'matches': [str(j.driven.counts['matches']) for j in drives],
         **{f'rejected: {reason}': [str(counter[reason]) for counter in rejected] for reason in reasons},
-        'spoiled scans rejected': [str(int((j.spoiled & ~j.accepted).sum())) for j in drives],
+        'rejected as uncertain, spoiled / clean': [_uncertain(j) for j in drives],
         f'Recall@1 within {TOLERANCE_M:g} m, every scan': recall([np.ones(len(j.accepted), bool) for j in drives]),
         'Recall@1 of the matches': recall([j.accepted for j in drives]),
         'Recall@1 had the rejected been answered': recall([~j.accepted for j in drives]),
         'latency, median / p99': [f'{p50:.0f} / {p99:.0f} ms' for p50, p99 in percentiles],
     }
+
+
+def _uncertain(judged: Judged) -> str:
+    outcomes = judged.driven.outcomes
+    uncertain = np.array([not isinstance(o, Match) and o.reason is Reason.UNCERTAIN for o in outcomes], np.bool_)
+    return f'{int((uncertain & judged.spoiled).sum())} / {int((uncertain & ~judged.spoiled).sum())}'
 
 
 def _map_rows(drives: list[Judged], sessions: Sequence[StoredSession]) -> dict[str, list[str]]:

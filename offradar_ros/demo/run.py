@@ -23,9 +23,9 @@ def run_demo(out: Path, domain_id: int) -> None:
     out.mkdir(parents=True)
     console = Console()
     console.print(
-        'Three drives of one route through a simulated town: the first builds the map, the second improves it,'
+        'Three drives of one route through a simulated town: the first builds the map, the second improves it, '
+        'the third asks it where it is. Some scans are blocked, flooded with noise or saturated.'
     )
-    console.print('the third asks it where it is, with some scans blocked, flooded with noise or saturated.')
     drives = simulate_drives(out / 'bags')
     params = calibrate_on_a_clean_drive(out / 'calibrated.yaml')
     driven = drive_live(drives, out, params, domain_id)
@@ -33,7 +33,7 @@ def run_demo(out: Path, domain_id: int) -> None:
     if stored.origin is None:
         raise MapError(f'{out / "map.db"}: has no origin: no position reached the map server')
     judged = [judge(each, stored.origin) for each in driven]
-    print_table(judged, console)
+    print_table(judged, stored.sessions, console)
     picture = out / 'map.png'
     draw_map(stored.committed(), judged[-1], picture)
     console.print(f'map drawn in {picture}', highlight=False)

@@ -1,0 +1,46 @@
+# Two commands on a fresh machine: `make demo` and `make test`.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+SOURCES := setup.py setup.cfg package.xml constraints.txt $(shell find offradar_ros scripts params launch resource -type f -not -name '*.pyc')
+INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
+
+.PHONY: demo test lint test-fast bench bag clean
+
+demo: $(VENV)/.demo
+	$(BIN)/offradar demo
+
+test: lint
+	$(BIN)/python -m pytest -n 2 --dist loadfile
+
+lint: $(VENV)/.test
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+# Without the tests that start nodes.
+test-fast: $(VENV)/.test
+	$(BIN)/python -m pytest -n 2 --dist loadfile --ignore test/nodes
+
+# The figures quoted in the README.
+bench: $(VENV)/.test
+	$(BIN)/python benchmarks/polar_to_cartesian.py
+	$(BIN)/python benchmarks/ring_key_uncertainty.py
+
+# Makes the recording in bags/ again.
+bag: $(VENV)/.demo
+	$(BIN)/offradar simulate bags --sessions 1 --scans 10 --seed 1 --overwrite
+
+$(VENV)/bin/python:
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/.demo: $(VENV)/bin/python $(SOURCES)
+	$(INSTALL) '.[ros,plot]'
+	touch $@
+
+$(VENV)/.test: $(VENV)/bin/python $(SOURCES)
+	$(INSTALL) '.[ros,plot,onnx,torch,test]'
+	touch $@
+
+clean:
+	rm -rf $(VENV) build demo_output *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -1,0 +1,49 @@
+"""The three nodes: `ros2 launch offradar_ros offradar.launch.py map:=/data/town.db`."""
+
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
+from launch_ros.substitutions import FindPackageShare
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Encoder, map server and query node in one namespace."""
+    params = LaunchConfiguration('params')
+    sim_time = {'use_sim_time': ParameterValue(LaunchConfiguration('use_sim_time'), value_type=bool)}
+    map_path = {'map.path': ParameterValue(LaunchConfiguration('map'), value_type=str)}
+    namespace = LaunchConfiguration('namespace')
+    scans = ('radar_data/b_scan_image', LaunchConfiguration('scans'))
+    fixes = ('gps/fix', LaunchConfiguration('fixes'))
+
+    def node(executable: str, name: str, *parameters: object, remappings: list[tuple[object, object]]) -> Node:
+        return Node(
+            package='offradar_ros',
+            executable=executable,
+            name=name,
+            namespace=namespace,
+            output='screen',
+            parameters=[params, sim_time, *parameters],
+            remappings=remappings,
+        )
+
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument(
+                'params',
+                default_value=PathJoinSubstitution([FindPackageShare('offradar_ros'), 'params', 'offradar.yaml']),
+                description='parameter file, as `offradar calibrate` or `offradar parameters --out` writes it',
+            ),
+            DeclareLaunchArgument('map', default_value='', description='SQLite file of the map; empty: in memory'),
+            DeclareLaunchArgument('namespace', default_value='', description='namespace of the nodes and topics'),
+            DeclareLaunchArgument('use_sim_time', default_value='false', description='follow /clock'),
+            DeclareLaunchArgument(
+                'scans', default_value='radar_data/b_scan_image', description='topic of the polar images'
+            ),
+            DeclareLaunchArgument('fixes', default_value='gps/fix', description='topic of the positions'),
+            node('encoder_node', 'encoder', remappings=[scans]),
+            node('map_server_node', 'map_server', map_path, remappings=[fixes]),
+            node('query_node', 'query', remappings=[]),
+        ]
+    )
