@@ -17,7 +17,7 @@ setup(
         (f'share/{PACKAGE}/params', sorted(map(str, Path('params').iterdir()))),
         (f'share/{PACKAGE}/launch', sorted(map(str, Path('launch').glob('*.launch.py')))),
         # Wheels ignore setup.cfg's install_scripts: these files are what `ros2 run` finds after `pip install`.
-        (f'lib/{PACKAGE}', [f'scripts/{node}' for node in NODES]),
+        (f'lib/{PACKAGE}', [f'scripts/{name}' for name in (*NODES, 'offradar')]),
     ],
     python_requires='>=3.10',
     install_requires=[
