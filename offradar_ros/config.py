@@ -132,7 +132,10 @@ class RingKeyConfig:
     sectors: int = parameter(20, 'azimuth sectors whose spread gives the variance', minimum=2, maximum=400)
     # 2.55 is what `offradar calibrate` gives on a clean drive of `offradar simulate`.
     variance_scale: float = parameter(
-        2.55, 'factor that makes U 1 on average over a calibration run (offradar calibrate)', minimum=1e-12, maximum=1e12
+        2.55,
+        'factor that makes U 1 on average over a calibration run (offradar calibrate)',
+        minimum=1e-12,
+        maximum=1e12,
     )
 
 
@@ -254,7 +257,6 @@ class Config:
     """Everything that the pipeline, the command line and the nodes can be told."""
 
     radar: RadarConfig = dataclasses.field(default_factory=RadarConfig)
-    cartesian: CartesianConfig = dataclasses.field(default_factory=CartesianConfig)
     encoder: EncoderConfig = dataclasses.field(default_factory=EncoderConfig)
     position: PositionConfig = dataclasses.field(default_factory=PositionConfig)
     map: MapConfig = dataclasses.field(default_factory=MapConfig)
@@ -363,7 +365,7 @@ def load_config(path: str | Path | None = None, overrides: Mapping[str, Any] | N
 
 
 def write_parameters(path: str | Path, values: Mapping[str, Value], comment: str = '') -> None:
-    """Write dotted names as a ROS parameter file for every node (``/**``)."""
+    """Write dotted names as a ROS parameter file for every node (``/**``); ConfigError where it cannot be written."""
     tree: dict[str, Any] = {}
     for name, value in values.items():
         *stages, leaf = name.split('.')
@@ -373,4 +375,7 @@ def write_parameters(path: str | Path, values: Mapping[str, Value], comment: str
         branch[leaf] = value
     text = yaml.safe_dump({'/**': {'ros__parameters': tree}}, sort_keys=False)
     header = ''.join(f'# {line}\n' for line in comment.splitlines())
-    Path(path).write_text(header + text, encoding='utf-8')
+    try:
+        Path(path).write_text(header + text, encoding='utf-8')
+    except OSError as error:
+        raise ConfigError(f'{path}: the parameter file cannot be written ({error.strerror})') from error

@@ -55,7 +55,7 @@ def write_bag(
     """Write scans, ``gps/fix`` and ``ground_truth/odometry`` in order of time; returns the folder.
 
     Positions are those of the drive and of the few seconds around it, so that its ends can be interpolated. Raises
-    DataError if the sequence is empty, or `out` exists or cannot be written.
+    DataError if the sequence is empty, or `out` exists, is not a bag that may be replaced, or cannot be written.
     """
     options = options or BagOptions()
     out = Path(out)
@@ -63,6 +63,8 @@ def write_bag(
         raise DataError(f'{sequence.name}: holds no scans: nothing to convert')
     if out.exists() and not options.overwrite:
         raise DataError(f'{out}: exists already: choose another folder or pass --overwrite')
+    if out.exists() and not (out / 'metadata.yaml').exists():
+        raise DataError(f'{out}: exists and is not a bag: not overwritten, choose another folder')
     partial = out.with_name(out.name + '.partial')
     try:
         shutil.rmtree(partial, ignore_errors=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
@@ -16,6 +17,7 @@ from offradar_ros.config import Config, Value, load_config, parameters, write_pa
 from offradar_ros.datasets.sequence import RadarSequence
 from offradar_ros.encoders.calibration import largest_deviation, run_uncertainties, variance_factor
 from offradar_ros.encoders.registry import make_encoder
+from offradar_ros.errors import DataError, RefusedInput
 from offradar_ros.types import PolarScan
 
 SCALE = 'encoder.ring_key.variance_scale'
@@ -34,8 +36,9 @@ def calibrate(
     comment = f'Written by offradar calibrate over {len(uncertainties)} scans of {sequence.name}.'
     write_parameters(out, values, comment)
     typer.echo(
-        f'{len(uncertainties)} scans: U {uncertainties.mean():.3f} on average, {uncertainties.min():.3f} to '
-        f'{uncertainties.max():.3f}, standard deviation {uncertainties.std():.3f}; delta {values["query.delta"]:.3f}'
+        f'{len(uncertainties)} of {len(sequence)} scans: U {uncertainties.mean():.3f} on average, '
+        f'{uncertainties.min():.3f} to {uncertainties.max():.3f}, standard deviation {uncertainties.std():.3f}; '
+        f'delta {values["query.delta"]:.3f}'
     )
     typer.echo(f'{out}: written')
 
@@ -43,17 +46,21 @@ def calibrate(
 def calibrated(sequence: RadarSequence, config: Config) -> tuple[dict[str, Value], NDArray[np.float64]]:
     """Parameters for the encoder and the query, and the U of each scan with them.
 
-    A learned encoder's variance has its scale from training (prior at 1): only Δ is set for it.
+    Scans that are refused are left out; DataError if all are. A learned encoder's variance has its scale from training
+    (prior at 1): only Δ is set for it.
     """
     encoder = make_encoder(config.encoder)
     with progress_bar(f'encoding {sequence.name}') as progress:
 
         def scans() -> Iterator[PolarScan]:
             for index in range(len(sequence)):
-                yield sequence.scan(index)
+                with contextlib.suppress(RefusedInput):
+                    yield sequence.scan(index)
                 progress(index + 1, len(sequence))
 
         uncertainties = run_uncertainties(encoder, scans())
+    if not len(uncertainties):
+        raise DataError(f'{sequence.name}: expected at least one scan that can be encoded, got none')
     values: dict[str, Value] = {
         leaf.name: leaf.value for leaf in parameters(config) if leaf.name.startswith('encoder.') and leaf.value != ''
     }

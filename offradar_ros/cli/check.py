@@ -10,6 +10,7 @@ from rich.console import Console
 
 from offradar_ros.bags.check import check_bag
 from offradar_ros.bags.reader import is_bag
+from offradar_ros.cli.progress import progress_bar
 from offradar_ros.datasets.check import check_folder
 from offradar_ros.errors import DataError
 
@@ -24,7 +25,8 @@ def check(
     """Say what is there and everything that is wrong with it; exit status 1 if anything is."""
     if not folder.exists():
         raise DataError(f'{folder}: no such folder')
-    found = check_bag(folder) if is_bag(folder) else check_folder(folder, layout, sample=sample)
+    with progress_bar(f'checking {folder.name}') as progress:
+        found = check_bag(folder) if is_bag(folder) else check_folder(folder, layout, sample=sample, progress=progress)
     console = Console(soft_wrap=True)
     for finding in found.findings:
         console.print(f'{finding.level:8}', style=STYLES[finding.level], end='')

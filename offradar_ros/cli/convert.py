@@ -13,6 +13,9 @@ from offradar_ros.bags.writer import BagOptions, write_bag
 from offradar_ros.cli.progress import progress_bar
 from offradar_ros.cli.source import open_source
 from offradar_ros.config import RadarConfig
+from offradar_ros.errors import ConfigError
+
+LARGEST_OFFSET_S = 1e9
 
 
 def convert(
@@ -28,6 +31,10 @@ def convert(
     overwrite: Annotated[bool, typer.Option('--overwrite', help='Replace an existing bag.')] = False,
 ) -> None:
     """Write radar_data/b_scan_image, gps/fix and ground_truth/odometry as MCAP with zstd chunks."""
+    if not abs(position_offset_s) <= LARGEST_OFFSET_S:
+        raise ConfigError(
+            f'--position-offset-s: expected seconds within ±{LARGEST_OFFSET_S:g}, got {position_offset_s:g}'
+        )
     sequence = open_source(source, layout, RadarConfig())
     options = BagOptions(plain=plain, position_offset_ns=round(position_offset_s * 1e9), overwrite=overwrite)
     with progress_bar(f'converting {sequence.name}') as progress:

@@ -45,7 +45,6 @@ def _print(result: DriveResult) -> None:
         table.add_row(answer, str(count))
     for cause, count in sorted(result.refused.items()):
         table.add_row(f'dropped: {cause}', str(count))
-    console = Console()
-    console.print(table)
+    Console().print(table)
     if result.report:
-        console.print(result.report.summary(), highlight=False)
+        typer.echo(result.report.summary())

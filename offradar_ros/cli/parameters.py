@@ -25,7 +25,8 @@ def parameters(
 def markdown_table() -> str:
     """The table of the README."""
     rows = ['| parameter | default | allowed | meaning |', '|---|---|---|---|']
-    rows += [f'| `{leaf.name}` | {_value(leaf)} | {_allowed(leaf.bounds)} | {_meaning(leaf)} |' for leaf in leaves(Config())]
+    for leaf in leaves(Config()):
+        rows.append(f'| `{leaf.name}` | {_value(leaf)} | {_allowed(leaf.bounds)} | {_meaning(leaf)} |')
     return '\n'.join(rows)
 
 

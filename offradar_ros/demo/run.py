@@ -12,15 +12,17 @@ from offradar_ros.demo.drives import calibrate_on_a_clean_drive, simulate_drives
 from offradar_ros.demo.live import drive_live
 from offradar_ros.demo.report import draw_map, print_table
 from offradar_ros.demo.truth import judge
-from offradar_ros.errors import MapError
+from offradar_ros.errors import DataError, MapError
 from offradar_ros.mapping.store import MapStore
+
+MARK = '.offradar_demo'
+"""The file that tells a folder of a demonstration from one that must not be emptied."""
 
 
 def run_demo(out: Path, domain_id: int) -> None:
     """The whole demonstration; everything it makes is under `out`, which is emptied first."""
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-    shutil.rmtree(out, ignore_errors=True)
-    out.mkdir(parents=True)
+    _empty(out)
     console = Console()
     console.print(
         'Three drives of one route through a simulated town: the first builds the map, the second improves it, '
@@ -37,3 +39,14 @@ def run_demo(out: Path, domain_id: int) -> None:
     picture = out / 'map.png'
     draw_map(stored.committed(), judged[-1], picture)
     console.print(f'map drawn in {picture}', highlight=False)
+
+
+def _empty(out: Path) -> None:
+    try:
+        if out.exists() and any(out.iterdir()) and not (out / MARK).exists():
+            raise DataError(f'{out}: holds something else than a demonstration: choose another folder, or remove it')
+        shutil.rmtree(out, ignore_errors=True)
+        out.mkdir(parents=True)
+        (out / MARK).touch()
+    except OSError as error:
+        raise DataError(f'{out}: cannot be written ({error.strerror})') from error

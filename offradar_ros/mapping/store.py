@@ -46,6 +46,8 @@ class MapStore:
         that is no map, damaged or of a newer version; such a file is left as it is. An existing map is not written
         to until the first change.
         """
+        if path.is_dir():
+            raise MapError(f'{path}: a folder: expected the path of a map file')
         lock = WriterLock(path)
         try:
             if not path.exists():
