@@ -1,7 +1,7 @@
 """Any RadarSequence to a rosbag2 folder with MCAP storage (zstd chunks).
 
-A bag is written within ``OUT.partial`` and moved out when it is complete, so that an interrupted run never leaves a bag that
-looks complete: a rosbag2 folder without ``metadata.yaml`` opens nowhere.
+A bag is written within ``OUT.partial`` and moved out when it is complete, so that an interrupted run never leaves a bag
+that looks complete: a rosbag2 folder without ``metadata.yaml`` opens nowhere.
 """
 
 from __future__ import annotations

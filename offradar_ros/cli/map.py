@@ -33,9 +33,9 @@ def show_map(path: Annotated[Path, typer.Argument(help='SQLite map file.')]) -> 
         typer.echo(f'origin: {origin.latitude_deg:.7f}°, {origin.longitude_deg:.7f}°, {origin.altitude_m:.2f} m')
     if len(stored.places):
         typer.echo(f'mean U: {stored.places.uncertainties.mean():.4f}')
-    table = Table('', 'session', 'state', *(Column(name, no_wrap=True) for name in REPORTED))
+    table = Table('', Column('session', overflow='fold'), 'state', *(Column(name, no_wrap=True) for name in REPORTED))
     for session in stored.sessions:
         told = [session.report.get(column) for column in REPORTED.values()]
-        cells = ['' if v is None else f'{v:.4f}' if isinstance(v, float) else str(v) for v in told]
+        cells = ['' if v is None else f'{v:.3f}' if isinstance(v, float) else str(v) for v in told]
         table.add_row(str(session.session_id), escape(session.name), session.state, *cells)
     Console().print(table)
