@@ -1,0 +1,228 @@
+"""Folder order is import order.
+
+Each folder of the package, and each module beside the folders, imports only from those above it in `ORDER`. So the
+core stands without what is built on it, and everything up to `cli` without ROS: `cli` comes before `ros`, `nodes` and
+`demo`, and reaches the one of them that it needs (the demonstration) from inside a function. Because that order alone
+would let a node import the command line, `APART` forbids it.
+
+Only imports at a module's level count. Those inside functions load something heavy where it is needed and are listed,
+each of them, in `LAZY`. What `import` statements cannot tell, a fresh interpreter does: nothing of the core or the
+command line loads rclpy, a runtime of learned encoders or a plotting library.
+"""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import pytest
+
+PACKAGE = 'offradar_ros'
+PROJECT = Path(__file__).resolve().parent.parent
+
+ORDER = (
+    'errors',
+    'types',
+    'geometry',
+    'config',
+    'radar',
+    'datasets',
+    'simulation',
+    'bags',
+    'encoders',
+    'mapping',
+    'retrieval',
+    'pipeline',
+    'cli',
+    'ros',
+    'nodes',
+    'demo',
+)
+APART = {('ros', 'cli'), ('nodes', 'cli')}
+WITH_ROS = ('ros', 'nodes', 'demo')
+LAZY = {
+    ('encoders.registry', 'encoders.onnx_backend'),
+    ('encoders.registry', 'encoders.torch_backend'),
+    ('encoders.onnx_export', 'encoders.network_files'),
+    ('encoders.onnx_export', 'encoders.variational'),
+    ('cli.export', 'encoders.onnx_export'),
+    ('cli.demo', 'demo.run'),
+}
+BACKENDS = {
+    f'encoders.{name}' for name in ('backbone', 'network_files', 'onnx_backend', 'torch_backend', 'variational')
+}
+"""The modules that import a runtime of learned encoders when they are imported."""
+HEAVY = ('rclpy', 'torch', 'onnxruntime', 'onnx', 'matplotlib')
+VAGUE = {'util', 'utils', 'common', 'helper', 'helpers', 'manager', 'managers', 'misc'}
+
+
+class Import(NamedTuple):
+    """One import of a module of the package by another, both without the package's name."""
+
+    module: str
+    imported: str
+    lazy: bool
+
+
+def module_name(file: Path, root: Path) -> str:
+    parts = file.relative_to(root).with_suffix('').parts
+    return '.'.join(parts[:-1] if parts[-1] == '__init__' else parts)
+
+
+def unit(module: str) -> str:
+    return module.partition('.')[0]
+
+
+def imports_of(root: Path) -> list[Import]:
+    """Every import of the package by itself; `from offradar_ros.a import b` is of a.b where that is a module."""
+    files = {module_name(file, root): file for file in sorted(root.rglob('*.py'))}
+    found = []
+    for module, file in files.items():
+        for node, lazy in walk(ast.parse(file.read_text(encoding='utf-8')), lazy=False):
+            for name in imported_names(node):
+                package, _, inner = name.partition('.')
+                if package == PACKAGE:
+                    imported = inner if inner in files else inner.rpartition('.')[0]
+                    found.append(Import(module, imported, lazy))
+    return found
+
+
+def walk(node: ast.AST, lazy: bool) -> Iterator[tuple[ast.AST, bool]]:
+    """Every node, and whether it is inside a function."""
+    for child in ast.iter_child_nodes(node):
+        yield child, lazy
+        yield from walk(child, lazy or isinstance(child, (ast.FunctionDef, ast.AsyncFunctionDef, ast.Lambda)))
+
+
+def imported_names(node: ast.AST) -> list[str]:
+    if isinstance(node, ast.Import):
+        return [alias.name for alias in node.names]
+    if isinstance(node, ast.ImportFrom):
+        assert not node.level, f'line {node.lineno}: relative imports hide the order'
+        return [f'{node.module}.{alias.name}' for alias in node.names]
+    return []
+
+
+def violations(root: Path) -> list[str]:
+    """What is against the order, one line each."""
+    rank = {name: place for place, name in enumerate(ORDER)}
+    found = imports_of(root)
+    wrong = [
+        f'{module} imports {imported}'
+        for module, imported, lazy in found
+        if not lazy and imported and unit(module) != unit(imported)
+        if rank[unit(imported)] > rank[unit(module)] or (unit(module), unit(imported)) in APART
+    ]
+    wrong += [
+        f'{module} imports {imported} inside a function'
+        for module, imported, lazy in found
+        if lazy and imported and (module, imported) not in LAZY
+    ]
+    return sorted(wrong)
+
+
+def loaded_by(modules: list[str], path: Path) -> list[str]:
+    """Which of `HEAVY` a fresh interpreter has loaded after importing `modules`, with `path` before all others."""
+    code = f'import sys; sys.path.insert(0, {str(path)!r}); import {", ".join(modules)}; print(*sys.modules)'
+    done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return [name for name in HEAVY if name in done.stdout.split()]
+
+
+def light_modules(root: Path) -> list[str]:
+    names = [module_name(file, root) for file in sorted(root.rglob('*.py'))]
+    return [f'{PACKAGE}.{n}' for n in names if n and unit(n) not in WITH_ROS and n not in BACKENDS]
+
+
+def vague_names(*folders: Path) -> list[str]:
+    return [str(file) for folder in folders for file in folder.rglob('*.py') if VAGUE & {file.stem, file.parent.name}]
+
+
+def test_each_folder_has_its_place() -> None:
+    root = PROJECT / PACKAGE
+    units = {unit(module_name(file, root)) for file in root.rglob('*.py')} - {''}
+    assert units == set(ORDER)
+
+
+def test_imports_go_upwards_only() -> None:
+    assert violations(PROJECT / PACKAGE) == []
+
+
+def test_every_listed_exception_is_needed() -> None:
+    lazy = {(module, imported) for module, imported, inside in imports_of(PROJECT / PACKAGE) if inside}
+    assert lazy == LAZY
+
+
+def test_core_and_command_line_load_nothing_heavy() -> None:
+    modules = light_modules(PROJECT / PACKAGE)
+    assert f'{PACKAGE}.pipeline' in modules
+    assert f'{PACKAGE}.cli.main' in modules
+    assert loaded_by(modules, PROJECT) == []
+
+
+def test_files_are_named_after_what_they_hold() -> None:
+    assert vague_names(PROJECT / PACKAGE, PROJECT / 'test', PROJECT / 'benchmarks') == []
+
+
+# That the tests above can fail: the same judges over packages made to be wrong.
+
+
+def package(folder: Path, **sources: str) -> Path:
+    root = folder / PACKAGE
+    files = {'errors': '', 'cli__map': '', 'ros__qos': '', 'demo__run': ''} | sources
+    for name, source in files.items():
+        file = root.joinpath(*name.split('__')).with_suffix('.py')
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(source)
+    (root / '__init__.py').write_text('')
+    return root
+
+
+@pytest.mark.parametrize(
+    ('sources', 'said'),
+    [
+        ({'radar__png': 'import offradar_ros.pipeline', 'pipeline': ''}, 'radar.png imports pipeline'),
+        ({'errors': 'from offradar_ros.cli.map import show'}, 'errors imports cli.map'),
+        ({'cli__main': 'from offradar_ros.ros import qos'}, 'cli.main imports ros.qos'),
+        ({'cli__main': 'if True:\n    from offradar_ros.ros import qos'}, 'cli.main imports ros.qos'),
+        ({'cli__main': 'class A:\n    import offradar_ros.demo.run'}, 'cli.main imports demo.run'),
+        ({'nodes__query': 'import offradar_ros.cli.map'}, 'nodes.query imports cli.map'),
+        (
+            {'cli__main': 'def f():\n    if 1:\n        from offradar_ros.demo.run import x'},
+            'cli.main imports demo.run inside a function',
+        ),
+    ],
+)
+def test_an_import_against_the_order_is_found(tmp_path: Path, sources: dict[str, str], said: str) -> None:
+    assert violations(package(tmp_path, **sources)) == [said]
+
+
+def test_imports_with_the_order_are_none(tmp_path: Path) -> None:
+    sources = {
+        'pipeline': 'from offradar_ros import __version__\nimport numpy, offradar_ros.errors',
+        'nodes__query': 'from offradar_ros.ros import qos\nfrom offradar_ros.ros.qos import SCANS',
+        'cli__demo': 'def demo():\n    from offradar_ros.demo.run import run_demo',
+    }
+    assert violations(package(tmp_path, **sources)) == []
+
+
+def test_a_relative_import_is_found(tmp_path: Path) -> None:
+    with pytest.raises(AssertionError, match='relative imports'):
+        violations(package(tmp_path, radar__png='from . import image'))
+
+
+def test_a_heavy_import_is_found(tmp_path: Path) -> None:
+    (tmp_path / 'rclpy.py').write_text('')
+    root = package(tmp_path, pipeline='import offradar_ros.bags', bags='import rclpy', nodes__query='import rclpy')
+    assert light_modules(root) == [f'{PACKAGE}.{name}' for name in ('bags', 'cli.map', 'errors', 'pipeline')]
+    assert loaded_by([f'{PACKAGE}.pipeline'], tmp_path) == ['rclpy']
+    assert loaded_by([f'{PACKAGE}.errors'], tmp_path) == []
+
+
+def test_a_vague_name_is_found(tmp_path: Path) -> None:
+    root = package(tmp_path, radar__utils='', helpers__png='')
+    assert sorted(vague_names(root)) == [str(root / 'helpers' / 'png.py'), str(root / 'radar' / 'utils.py')]
