@@ -164,6 +164,11 @@ def test_core_and_command_line_load_nothing_heavy() -> None:
     assert loaded_by(modules, PROJECT) == []
 
 
+def test_the_vehicle_needs_only_the_onnx_runtime() -> None:
+    pytest.importorskip('onnxruntime')
+    assert loaded_by([f'{PACKAGE}.encoders.onnx_backend'], PROJECT) == ['onnxruntime']
+
+
 def test_files_are_named_after_what_they_hold() -> None:
     assert vague_names(PROJECT / PACKAGE, PROJECT / 'test', PROJECT / 'benchmarks') == []
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros.encoders.protocol import ModelInfo
-from offradar_ros.encoders.weights import NAME, WeightsHeader
+from offradar_ros.encoders.weights_header import NAME, WeightsHeader
 from offradar_ros.errors import RefusedInput
 from offradar_ros.radar.cartesian import PolarToCartesian
 from offradar_ros.types import Embedding, PolarScan

@@ -7,7 +7,8 @@ from pathlib import Path
 import torch
 
 from offradar_ros.encoders.variational import VariationalNetwork
-from offradar_ros.encoders.weights import WeightsHeader, load_weights, save_weights
+from offradar_ros.encoders.weights import load_weights, save_weights
+from offradar_ros.encoders.weights_header import WeightsHeader
 from offradar_ros.errors import ModelError
 
 

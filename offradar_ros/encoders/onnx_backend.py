@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from offradar_ros.encoders.image_encoder import ImageEncoder
 from offradar_ros.encoders.model_files import first_line, require_file
-from offradar_ros.encoders.weights import WeightsHeader
+from offradar_ros.encoders.weights_header import WeightsHeader
 from offradar_ros.errors import ModelError
 
 PROVIDERS = ('CUDAExecutionProvider', 'CPUExecutionProvider')

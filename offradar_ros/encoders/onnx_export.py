@@ -1,4 +1,4 @@
-"""Writes a weights file's network as ONNX, for vehicles without torch. Needs torch and onnx, when called."""
+"""Writes a weights file as ONNX, for vehicles without torch. Needs torch, safetensors and onnx, when called."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import warnings
 from pathlib import Path
 
 from offradar_ros.encoders.model_files import require_package, write_atomically
-from offradar_ros.encoders.weights import WeightsHeader
+from offradar_ros.encoders.weights_header import WeightsHeader
 
 OPSET = 17
 
@@ -19,7 +19,7 @@ def export_onnx(weights_path: str | Path, onnx_path: str | Path) -> WeightsHeade
     ``variance`` (N, d) float32; N is free. The file is written whole or not at all. ModelError for weights that cannot
     be read, a file that cannot be written or a missing package.
     """
-    for package in ('torch', 'onnx'):
+    for package in ('torch', 'safetensors', 'onnx'):
         require_package(package, weights_path)
     import onnx  # noqa: PLC0415
     import torch  # noqa: PLC0415

@@ -43,7 +43,8 @@ def _variational(config: EncoderConfig) -> Encoder:
         from offradar_ros.encoders.onnx_backend import OnnxEncoder  # noqa: PLC0415
 
         return OnnxEncoder(config.weights, config.threads)
-    require_package('torch', config.weights)
+    for package in ('torch', 'safetensors'):
+        require_package(package, config.weights)
     from offradar_ros.encoders.torch_backend import TorchEncoder  # noqa: PLC0415
 
     return TorchEncoder(config.weights, config.threads)

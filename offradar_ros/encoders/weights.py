@@ -1,8 +1,4 @@
-"""Weights of a learned encoder: one safetensors file whose header says what they are. No torch here.
-
-Metadata of the header (text): ``offradar.settings`` (JSON of `NetworkConfig`), ``offradar.fingerprint``,
-``offradar.created_by`` (package and version) and ``offradar.description``.
-"""
+"""Weights of a learned encoder: one safetensors file whose header says what they are. No torch here."""
 
 from __future__ import annotations
 
@@ -16,47 +12,11 @@ import safetensors
 from numpy.typing import NDArray
 from safetensors.numpy import save
 
-from offradar_ros import __version__
 from offradar_ros.encoders.fingerprint import fingerprint
 from offradar_ros.encoders.model_files import first_line, require_file, write_atomically
 from offradar_ros.encoders.network_config import NetworkConfig
-from offradar_ros.errors import ConfigError, ModelError
-
-NAME = 'variational'
-
-
-@dataclasses.dataclass(frozen=True)
-class WeightsHeader:
-    """What a weights file, or an ONNX file made from it, says of itself."""
-
-    config: NetworkConfig
-    fingerprint: str
-    created_by: str = f'offradar_ros {__version__}'
-    description: str = ''
-
-    def to_metadata(self) -> dict[str, str]:
-        """Text entries that `from_metadata` reads."""
-        return {
-            'offradar.settings': self.config.to_json(),
-            'offradar.fingerprint': self.fingerprint,
-            'offradar.created_by': self.created_by,
-            'offradar.description': self.description,
-        }
-
-    @classmethod
-    def from_metadata(cls, metadata: Mapping[str, str], path: str | Path) -> WeightsHeader:
-        """Read the entries of `path`; ModelError where they are missing or not ours."""
-        fields = ('settings', 'fingerprint', 'created_by', 'description')
-        missing = [field for field in fields if f'offradar.{field}' not in metadata]
-        if missing:
-            raise ModelError(f'{path}: not offradar weights: its metadata has no offradar.{missing[0]}')
-        settings, digest, created_by, description = (metadata[f'offradar.{field}'] for field in fields)
-        if len(digest) != 64 or set(digest) - set('0123456789abcdef'):
-            raise ModelError(f'{path}: offradar.fingerprint: expected 64 hexadecimal digits, got {digest[:80]!r}')
-        try:
-            return cls(NetworkConfig.from_json(settings), digest, created_by, description)
-        except ConfigError as error:
-            raise ModelError(f'{path}: {error}') from error
+from offradar_ros.encoders.weights_header import NAME, WeightsHeader
+from offradar_ros.errors import ModelError
 
 
 def save_weights(

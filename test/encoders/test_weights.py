@@ -12,7 +12,8 @@ from safetensors.numpy import load_file, save, save_file
 
 from offradar_ros import __version__
 from offradar_ros.encoders.network_config import NetworkConfig
-from offradar_ros.encoders.weights import WeightsHeader, load_weights, read_header, save_weights
+from offradar_ros.encoders.weights import load_weights, read_header, save_weights
+from offradar_ros.encoders.weights_header import WeightsHeader
 from offradar_ros.errors import ModelError
 
 CONFIG = NetworkConfig(backbone='compact', dimension=4, side_px=32)

@@ -1,0 +1,51 @@
+"""What weights of a learned encoder say of themselves, in a weights file and in an ONNX file made from it.
+
+Text entries: ``offradar.settings`` (JSON of `NetworkConfig`), ``offradar.fingerprint``, ``offradar.created_by``
+(package and version) and ``offradar.description``. Nothing here needs safetensors: a vehicle reads ONNX files alone.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+
+from offradar_ros import __version__
+from offradar_ros.encoders.network_config import NetworkConfig
+from offradar_ros.errors import ConfigError, ModelError
+
+NAME = 'variational'
+
+
+@dataclasses.dataclass(frozen=True)
+class WeightsHeader:
+    """What a weights file, or an ONNX file made from it, says of itself."""
+
+    config: NetworkConfig
+    fingerprint: str
+    created_by: str = f'offradar_ros {__version__}'
+    description: str = ''
+
+    def to_metadata(self) -> dict[str, str]:
+        """Text entries that `from_metadata` reads."""
+        return {
+            'offradar.settings': self.config.to_json(),
+            'offradar.fingerprint': self.fingerprint,
+            'offradar.created_by': self.created_by,
+            'offradar.description': self.description,
+        }
+
+    @classmethod
+    def from_metadata(cls, metadata: Mapping[str, str], path: str | Path) -> WeightsHeader:
+        """Read the entries of `path`; ModelError where they are missing or not ours."""
+        fields = ('settings', 'fingerprint', 'created_by', 'description')
+        missing = [field for field in fields if f'offradar.{field}' not in metadata]
+        if missing:
+            raise ModelError(f'{path}: not offradar weights: its metadata has no offradar.{missing[0]}')
+        settings, digest, created_by, description = (metadata[f'offradar.{field}'] for field in fields)
+        if len(digest) != 64 or set(digest) - set('0123456789abcdef'):
+            raise ModelError(f'{path}: offradar.fingerprint: expected 64 hexadecimal digits, got {digest[:80]!r}')
+        try:
+            return cls(NetworkConfig.from_json(settings), digest, created_by, description)
+        except ConfigError as error:
+            raise ModelError(f'{path}: {error}') from error
