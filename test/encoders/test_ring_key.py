@@ -14,7 +14,7 @@ from offradar_ros.encoders.ring_key import RingKeyEncoder
 from offradar_ros.errors import ConfigError, RefusedInput
 from offradar_ros.types import PolarScan
 
-CONFIG = RingKeyConfig(rings=32, max_range_m=128.0)
+CONFIG = RingKeyConfig(rings=32, max_range_m=128.0, variance_scale=1.0)
 
 
 def with_power(scan: PolarScan, power: np.ndarray) -> PolarScan:
