@@ -1,0 +1,78 @@
+"""The command line as a whole: a process of its own, its version, and what it does not know."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from offradar_ros import __version__
+from offradar_ros.config import Config, load_config, read_parameters
+
+
+def process(*arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, '-m', 'offradar_ros.cli.main', *arguments]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+
+
+def test_a_process_prints_the_version() -> None:
+    ran = process('--version')
+    assert (ran.returncode, ran.stdout, ran.stderr) == (0, f'offradar_ros {__version__}\n', '')
+
+
+def test_an_error_of_a_process_is_one_line_and_status_1(tmp_path: Path) -> None:
+    ran = process('check', str(tmp_path / 'nothing'))
+    assert (ran.returncode, ran.stdout) == (1, '')
+    assert ran.stderr == f'error: {tmp_path / "nothing"}: no such folder\n'
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'said'),
+    [
+        (['chekc'], 'No such command'),
+        (['check'], 'Missing argument'),
+        (['check', '--colour', 'x'], 'No such option'),
+        (['simulate', 'out', '--scans', '0'], 'Invalid value'),
+        (['simulate', 'out', '--degraded', '1.5'], 'Invalid value'),
+    ],
+)
+def test_what_it_does_not_know_is_said(offradar: Callable[..., Any], arguments: list[str], said: str) -> None:
+    ran = offradar(*arguments)
+    assert ran.status == 2
+    assert said in ran.err
+    assert 'Traceback' not in ran.err
+
+
+def test_help_names_every_command(done: Callable[..., str]) -> None:
+    said = done('--help')
+    commands = ('check', 'convert', 'simulate', 'calibrate', 'drive', 'map', 'export', 'parameters', 'demo')
+    assert all(f'│ {command} ' in said for command in commands)
+
+
+def test_parameters_are_printed_and_written(
+    done: Callable[..., str], refused: Callable[..., str], tmp_path: Path
+) -> None:
+    assert '| `query.delta` |' in done('parameters')
+    done('parameters', '--out', tmp_path / 'all.yaml')
+    assert read_parameters(tmp_path / 'all.yaml')
+    assert load_config(tmp_path / 'all.yaml') == Config()
+    assert 'cannot be written' in refused('parameters', '--out', tmp_path / 'none' / 'all.yaml')
+
+
+def test_the_demonstration_says_what_it_needs(
+    refused: Callable[..., str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('importlib.util.find_spec', lambda name: None)
+    assert 'the demo needs rclpy: source a ROS 2 installation, or pip install' in refused('demo', '--out', tmp_path)
+
+
+def test_the_demonstration_empties_no_folder_of_others(refused: Callable[..., str], tmp_path: Path) -> None:
+    pytest.importorskip('rclpy')
+    pytest.importorskip('matplotlib')
+    (tmp_path / 'thesis.tex').write_text('years of work')
+    assert 'holds something else than a demonstration' in refused('demo', '--out', tmp_path)
+    assert (tmp_path / 'thesis.tex').exists()

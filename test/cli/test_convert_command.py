@@ -1,0 +1,176 @@
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from offradar_ros.bags.reader import Bag
+from offradar_ros.bags.sequence import BagSequence
+from offradar_ros.datasets.registry import open_sequence
+
+WAIT_S = 30.0
+
+
+def counts(path: Path) -> dict[str, int]:
+    with Bag(path) as bag:
+        return bag.counts
+
+
+@pytest.mark.parametrize(('name', 'scans'), [('oxford_tiny', 11), ('radiate_tiny_foggy', 18)])
+def test_every_scan_of_a_recording_is_in_the_bag(
+    done: Callable[..., str], real_data: Path, tmp_path: Path, name: str, scans: int
+) -> None:
+    said = done('convert', real_data / name, tmp_path / 'bag')
+    assert f'/radar_data/b_scan_image: {scans} messages\n' in said
+    assert said.endswith(f'{tmp_path / "bag"}: written\n')
+    source, bag = open_sequence(real_data / name), BagSequence(tmp_path / 'bag')
+    assert len(bag) == scans
+    np.testing.assert_array_equal(bag.stamps_ns, source.stamps_ns)
+    for index in range(scans):
+        np.testing.assert_array_equal(bag.scan(index).power, source.scan(index).power)
+    assert [path.name for path in tmp_path.iterdir()] == ['bag']
+
+
+def test_plain_leaves_the_metadata_columns_out(done: Callable[..., str], real_data: Path, tmp_path: Path) -> None:
+    done('convert', real_data / 'oxford_tiny', tmp_path / 'kept')
+    done('convert', real_data / 'oxford_tiny', tmp_path / 'plain', '--plain')
+    widths = []
+    for name in ('kept', 'plain'):
+        with Bag(tmp_path / name) as bag:
+            widths.append(bag.decode(next(bag.messages(['/radar_data/b_scan_image']))).width)
+    assert widths == [3779, 3768]
+
+
+def test_an_offset_brings_positions_of_another_clock_back(
+    done: Callable[..., str], real_data: Path, tmp_path: Path
+) -> None:
+    folder = real_data / 'radiate_tiny_foggy'
+    assert 'no positions: the source has none within 5 s' in done('convert', folder, tmp_path / 'apart')
+    assert set(counts(tmp_path / 'apart')) == {'/radar_data/b_scan_image'}
+    said = done('convert', folder, tmp_path / 'joined', '--position-offset-s', '-64')
+    assert 'no positions' not in said
+    assert counts(tmp_path / 'joined')['/gps/fix'] > 18
+
+
+def test_the_offset_is_added_to_the_stamps(done: Callable[..., str], radiate_folder: Path, tmp_path: Path) -> None:
+    done('convert', radiate_folder, tmp_path / 'bag', '--position-offset-s', '-60')
+    bag, source = BagSequence(tmp_path / 'bag'), open_sequence(radiate_folder)
+    assert bag.trajectory is not None
+    assert source.trajectory is not None
+    np.testing.assert_array_equal(bag.trajectory.stamps_ns, source.trajectory.stamps_ns - 60 * 10**9)
+    np.testing.assert_array_equal(bag.trajectory.positions, source.trajectory.positions)
+
+
+@pytest.mark.parametrize('seconds', ['nan', 'inf', '-1e300'])
+def test_an_offset_that_is_no_time_is_refused(
+    refused: Callable[..., str], radiate_folder: Path, tmp_path: Path, seconds: str
+) -> None:
+    said = refused('convert', radiate_folder, tmp_path / 'bag', f'--position-offset-s={seconds}')
+    assert '--position-offset-s: expected seconds within' in said
+
+
+def test_a_source_without_positions_says_so(done: Callable[..., str], radiate_folder: Path, tmp_path: Path) -> None:
+    (radiate_folder / 'GPS_IMU_Twist.txt').unlink()
+    assert 'no positions: the source has none; ' in done('convert', radiate_folder, tmp_path / 'bag')
+
+
+def test_a_bag_is_converted_to_the_same_bag(
+    done: Callable[..., str], street_bag: Callable[..., Path], tmp_path: Path
+) -> None:
+    first = street_bag('first', count=3)
+    done('convert', first, tmp_path / 'second')
+    both = []
+    for path in (first, tmp_path / 'second'):
+        with Bag(path) as bag:
+            both.append([(m.topic, m.log_ns, m.cdr) for m in bag.messages(['/radar_data/b_scan_image', '/gps/fix'])])
+    assert both[0] == both[1]
+
+
+def test_an_existing_bag_is_kept_unless_told(
+    done: Callable[..., str], refused: Callable[..., str], street_bag: Callable[..., Path], radiate_folder: Path
+) -> None:
+    bag = street_bag('bag', count=2)
+    assert f'{bag}: exists already' in refused('convert', radiate_folder, bag)
+    assert counts(bag)['/radar_data/b_scan_image'] == 2
+    done('convert', radiate_folder, bag, '--overwrite')
+    assert counts(bag)['/radar_data/b_scan_image'] == 5
+
+
+def test_overwrite_replaces_bags_only(refused: Callable[..., str], radiate_folder: Path, tmp_path: Path) -> None:
+    (tmp_path / 'home').mkdir()
+    (tmp_path / 'home' / 'thesis.tex').write_text('years of work')
+    assert 'is not a bag' in refused('convert', radiate_folder, tmp_path / 'home', '--overwrite')
+    assert (tmp_path / 'home' / 'thesis.tex').exists()
+
+
+def test_a_damaged_source_leaves_no_bag(refused: Callable[..., str], radiate_folder: Path, tmp_path: Path) -> None:
+    scan = radiate_folder / 'Navtech_Polar' / '000004.png'
+    scan.write_bytes(scan.read_bytes()[:1000])
+    assert f'{scan}: truncated PNG' in refused('convert', radiate_folder, tmp_path / 'bag')
+    cv2.imwrite(str(scan), np.zeros((576, 400, 3), np.uint8))
+    assert f'{scan}: ' in refused('convert', radiate_folder, tmp_path / 'bag')
+    assert [path.name for path in tmp_path.iterdir()] == ['city_1']
+
+
+def test_a_place_that_cannot_be_written_is_refused(
+    refused: Callable[..., str], radiate_folder: Path, tmp_path: Path
+) -> None:
+    (tmp_path / 'file').write_text('in the way')
+    assert 'cannot be written' in refused('convert', radiate_folder, tmp_path / 'file' / 'bag')
+
+
+def test_a_missing_source_is_refused(refused: Callable[..., str], tmp_path: Path) -> None:
+    assert 'no such folder' in refused('convert', tmp_path / 'nothing', tmp_path / 'bag')
+
+
+@pytest.fixture
+def long_folder(radiate_folder: Path) -> Path:
+    """A thousand scans: the conversion is under way for some seconds."""
+    listing = radiate_folder / 'Navtech_Polar.txt'
+    first = listing.read_text().splitlines()[0]
+    seconds = int(first.rpartition(' ')[2].partition('.')[0])
+    lines = []
+    for number in range(1, 1001):
+        target = radiate_folder / 'Navtech_Polar' / f'{number:06d}.png'
+        if number > 5:
+            os.link(radiate_folder / 'Navtech_Polar' / '000001.png', target)
+        lines.append(f'Frame: {number:06d} Time: {seconds + number}.0\n')
+    listing.write_text(''.join(lines))
+    return radiate_folder
+
+
+@pytest.mark.parametrize('sent', [signal.SIGINT, signal.SIGKILL])
+def test_an_interrupted_run_leaves_nothing_that_looks_complete(
+    done: Callable[..., str], refused: Callable[..., str], long_folder: Path, tmp_path: Path, sent: signal.Signals
+) -> None:
+    out = tmp_path / 'bag'
+    command = [sys.executable, '-m', 'offradar_ros.cli.main', 'convert', str(long_folder), str(out)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    deadline_s = time.monotonic() + WAIT_S
+    while not any(file.stat().st_size for file in tmp_path.glob('bag.partial/**/*.mcap')):
+        assert process.poll() is None, process.communicate()
+        assert time.monotonic() < deadline_s
+        time.sleep(0.01)
+    process.send_signal(sent)
+    said = ''.join(process.communicate(timeout=WAIT_S))
+    assert process.returncode != 0
+    assert 'Traceback' not in said
+    left = [path.name for path in tmp_path.iterdir() if path != long_folder]
+    assert left == ([] if sent == signal.SIGINT else ['bag.partial'])
+    for path in (*tmp_path.glob('bag*'), *tmp_path.glob('bag.partial/*')):
+        assert re.search(r'no metadata\.yaml|no radar scans', refused('check', path))
+    # The next run starts over.
+    for extra in sorted(long_folder.glob('Navtech_Polar/*.png'))[5:]:
+        extra.unlink()
+    done('convert', long_folder, out)
+    assert counts(out)['/radar_data/b_scan_image'] == 5
+    assert not (tmp_path / 'bag.partial').exists()
