@@ -27,8 +27,8 @@ setup(
         'pyproj>=3.6',
         'pyyaml>=6.0',
         'rich>=13.0',
-        'rosbags>=0.10.5',
-        'typer>=0.12',
+        'rosbags>=0.11',
+        'typer>=0.9',
     ],
     extras_require={
         'onnx': ['onnxruntime>=1.18'],

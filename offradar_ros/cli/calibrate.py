@@ -1,11 +1,9 @@
 """`offradar calibrate`: parameters that make U mean something on this sensor."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Optional
 
 import numpy as np
 import typer
@@ -26,7 +24,7 @@ SCALE = 'encoder.ring_key.variance_scale'
 def calibrate(
     source: Annotated[Path, typer.Argument(help='Bag or data-set folder of an ordinary drive.')],
     out: Annotated[Path, typer.Option(help='Parameter file to write.')],
-    params: Annotated[Path | None, typer.Option(help='Parameter file with the encoder to calibrate.')] = None,
+    params: Annotated[Optional[Path], typer.Option(help='Parameter file with the encoder to calibrate.')] = None,
     layout: Annotated[str, typer.Option(help='Layout of the folder; auto recognises it.')] = 'auto',
 ) -> None:
     """Scale the ring key's variance so that U is 1 on average, and set Δ to the drive's largest |U − 1|."""

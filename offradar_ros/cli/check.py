@@ -1,7 +1,5 @@
 """`offradar check`: what a data-set folder or a bag holds."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

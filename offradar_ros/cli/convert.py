@@ -1,7 +1,5 @@
 """`offradar convert`: a data-set folder to a rosbag2 folder."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

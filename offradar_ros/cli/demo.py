@@ -1,7 +1,5 @@
 """`offradar demo`: the main job on simulated drives, through the real nodes."""
 
-from __future__ import annotations
-
 import importlib.util
 from pathlib import Path
 from typing import Annotated

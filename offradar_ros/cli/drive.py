@@ -1,10 +1,8 @@
 """`offradar drive`: a bag through the whole pipeline without ROS, at full CPU speed."""
 
-from __future__ import annotations
-
 from collections import Counter
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Optional
 
 import typer
 from rich.console import Console
@@ -22,9 +20,9 @@ from offradar_ros.types import Match
 
 def drive(
     bag: Annotated[Path, typer.Argument(help='rosbag2 folder.')],
-    params: Annotated[Path | None, typer.Option(help='Parameter file, as the nodes read it.')] = None,
-    map_path: Annotated[Path | None, typer.Option('--map', help='SQLite map file; in memory if left out.')] = None,
-    session: Annotated[str | None, typer.Option(help='Map the drive as a session of this name.')] = None,
+    params: Annotated[Optional[Path], typer.Option(help='Parameter file, as the nodes read it.')] = None,
+    map_path: Annotated[Optional[Path], typer.Option('--map', help='SQLite map file; in memory if left out.')] = None,
+    session: Annotated[Optional[str], typer.Option(help='Map the drive as a session of this name.')] = None,
 ) -> None:
     """Encode, map and query every scan of a bag, exactly as the nodes do."""
     config = load_config(params, {'map.path': str(map_path)} if map_path else None)

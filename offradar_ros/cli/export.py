@@ -1,7 +1,5 @@
 """`offradar export`: trained weights to ONNX, which the vehicle runs without torch."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """`offradar`: everything that is not a node."""
 
-from __future__ import annotations
-
 import sys
 from typing import Annotated
 

@@ -1,7 +1,5 @@
 """`offradar map`: what a map file holds."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 

@@ -1,9 +1,7 @@
 """`offradar parameters`: every parameter of the nodes, as a table or as the file that they read."""
 
-from __future__ import annotations
-
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Optional
 
 import typer
 
@@ -12,7 +10,7 @@ from offradar_ros.config import parameters as leaves
 
 
 def parameters(
-    out: Annotated[Path | None, typer.Option(help='Write a parameter file with every default instead.')] = None,
+    out: Annotated[Optional[Path], typer.Option(help='Write a parameter file with every default instead.')] = None,
 ) -> None:
     """Print every parameter with its default, bounds and meaning, as a Markdown table."""
     if out is not None:

@@ -1,7 +1,5 @@
 """`offradar simulate`: drives of a simulated town, as bags."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Annotated
 
