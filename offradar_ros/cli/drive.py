@@ -12,6 +12,7 @@ from offradar_ros.bags.reader import Bag
 from offradar_ros.cli.progress import progress_bar
 from offradar_ros.config import load_config
 from offradar_ros.encoders.registry import make_encoder
+from offradar_ros.errors import MapError
 from offradar_ros.mapping.sessions import SessionMap
 from offradar_ros.pipeline import DriveResult
 from offradar_ros.pipeline import drive as drive_through
@@ -26,10 +27,12 @@ def drive(
 ) -> None:
     """Encode, map and query every scan of a bag, exactly as the nodes do."""
     config = load_config(params, {'map.path': str(map_path)} if map_path else None)
+    if session is None and config.map.path and not Path(config.map.path).exists():
+        raise MapError(f'{config.map.path}: no map file there: --session NAME starts one')
     encoder = make_encoder(config.encoder)
     with (
-        SessionMap(config.map) as session_map,
         Bag(bag) as opened,
+        SessionMap(config.map) as session_map,
         progress_bar(f'driving {bag.name}') as progress,
     ):
         result = drive_through(opened, config, encoder, session_map, session=session, progress=progress)

@@ -31,7 +31,13 @@ def show_map(path: Annotated[Path, typer.Argument(help='SQLite map file.')]) -> 
         typer.echo(f'origin: {origin.latitude_deg:.7f}°, {origin.longitude_deg:.7f}°, {origin.altitude_m:.2f} m')
     if len(stored.places):
         typer.echo(f'mean U: {stored.places.uncertainties.mean():.4f}')
-    table = Table('', Column('session', overflow='fold'), 'state', *(Column(name, no_wrap=True) for name in REPORTED))
+    table = Table(
+        '',
+        Column('session', overflow='fold'),
+        'state',
+        *(Column(name, no_wrap=True) for name in REPORTED),
+        collapse_padding=True,
+    )
     for session in stored.sessions:
         told = [session.report.get(column) for column in REPORTED.values()]
         cells = ['' if v is None else f'{v:.3f}' if isinstance(v, float) else str(v) for v in told]

@@ -31,6 +31,8 @@ def first_line(error: BaseException) -> str:
 def write_atomically(path: str | Path, content: bytes) -> None:
     """Write a file that either is complete or is not there; ModelError where it cannot be written."""
     target = Path(path)
+    if target.is_dir():
+        raise ModelError(f'{path}: cannot be written (a folder is there)')
     partial = target.with_name(f'.{target.name}.{os.getpid()}.partial')
     try:
         partial.write_bytes(content)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -12,7 +13,7 @@ import pytest
 
 from offradar_ros.cli.main import main
 
-BAR = '━'
+BAR = re.compile('━+.* left ')
 
 
 class Ran(NamedTuple):
@@ -46,7 +47,7 @@ def done(offradar: Callable[..., Ran]) -> Callable[..., str]:
     def run(*arguments: object) -> str:
         ran = offradar(*arguments)
         assert ran.status == 0, ran.err
-        assert BAR not in ran.out
+        assert not BAR.search(ran.out)
         return ran.out
 
     return run
@@ -58,7 +59,7 @@ def refused(offradar: Callable[..., Ran]) -> Callable[..., str]:
 
     def run(*arguments: object) -> str:
         ran = offradar(*arguments)
-        (line,) = [line for line in ran.err.splitlines() if line and BAR not in line]
+        (line,) = [line for line in ran.err.splitlines() if line and not BAR.search(line)]
         assert (ran.status, ran.out) == (1, '')
         assert line.startswith('error: ')
         return line

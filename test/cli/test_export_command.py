@@ -1,0 +1,74 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip('torch')
+pytest.importorskip('onnx')
+pytest.importorskip('onnxruntime')
+
+from offradar_ros.bags.sequence import BagSequence  # noqa: E402
+from offradar_ros.config import EncoderConfig  # noqa: E402
+from offradar_ros.encoders.network_config import NetworkConfig  # noqa: E402
+from offradar_ros.encoders.network_files import save_network  # noqa: E402
+from offradar_ros.encoders.registry import make_encoder  # noqa: E402
+from offradar_ros.encoders.variational import VariationalNetwork  # noqa: E402
+
+
+@pytest.fixture(scope='module')
+def weights(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    torch.manual_seed(5)
+    path = tmp_path_factory.mktemp('weights') / 'compact.safetensors'
+    config = NetworkConfig(backbone='compact', dimension=8, side_px=64, resolution_m=2.0)
+    save_network(path, VariationalNetwork(config), 'random weights of a test')
+    return path
+
+
+def test_the_exported_network_is_the_same_model(
+    done: Callable[..., str], weights: Path, street_bag: Callable[..., Path], tmp_path: Path
+) -> None:
+    onnx = tmp_path / 'compact.onnx'
+    before = make_encoder(EncoderConfig(name='variational', weights=str(weights)))
+    assert done('export', weights, onnx) == f'{onnx}: {before.info.fingerprint}\n'
+    after = make_encoder(EncoderConfig(name='variational', weights=str(onnx)))
+    assert after.info.fingerprint == before.info.fingerprint
+    scan = BagSequence(street_bag('bag', count=1)).scan(0)
+    np.testing.assert_allclose(after.encode(scan).mean, before.encode(scan).mean, atol=1e-4)
+    np.testing.assert_allclose(after.encode(scan).variance, before.encode(scan).variance, atol=1e-4)
+
+
+def test_the_exported_network_drives(
+    done: Callable[..., str], weights: Path, street_bag: Callable[..., Path], tmp_path: Path
+) -> None:
+    done('export', weights, tmp_path / 'compact.onnx')
+    params, calibrated = tmp_path / 'params.yaml', tmp_path / 'calibrated.yaml'
+    params.write_text(f'encoder: {{name: variational, weights: {tmp_path / "compact.onnx"}}}\n')
+    bag = street_bag('bag', count=4)
+    done('calibrate', bag, '--out', calibrated, '--params', params)
+    options = ['--params', calibrated, '--map', tmp_path / 'map.db']
+    assert 'rejected: map_empty' in done('drive', bag, *options, '--session', 'one')
+    assert 'match' in done('drive', bag, *options)
+    assert 'model: variational, d = 8' in done('map', tmp_path / 'map.db')
+
+
+def test_bad_weights_are_refused(refused: Callable[..., str], weights: Path, tmp_path: Path) -> None:
+    out = tmp_path / 'out.onnx'
+    cut = tmp_path / 'cut.safetensors'
+    cut.write_bytes(weights.read_bytes()[:2000])
+    assert 'no such weights file' in refused('export', tmp_path / 'nothing.safetensors', out)
+    assert f'{cut}: not a readable safetensors file' in refused('export', cut, out)
+    altered = bytearray(weights.read_bytes())
+    altered[-5] ^= 0x40
+    cut.write_bytes(altered)
+    assert f'{cut}: damaged or altered' in refused('export', cut, out)
+    assert not out.exists()
+
+
+def test_a_place_that_cannot_be_written_is_refused(refused: Callable[..., str], weights: Path, tmp_path: Path) -> None:
+    assert 'cannot be written' in refused('export', weights, tmp_path / 'no' / 'out.onnx')
+    for folder in (tmp_path, '', '.'):
+        assert 'a folder is there' in refused('export', weights, folder)
+    assert list(tmp_path.iterdir()) == []
