@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
@@ -196,7 +197,9 @@ class Player:
         return all(topic in heard for topic in others) and (not queried or any(topic in ANSWERS for topic in heard))
 
     def _settle(self, sent: list[int]) -> None:
-        """Wait for answers still on their way: bounded in all, and over when nothing more comes."""
+        """Wait for messages still on their way, then for answers: bounded in all, and over when nothing more comes."""
+        for publisher in self._publishers.values():
+            publisher.wait_for_all_acked(Duration(seconds=self._options.timeout_s))
         deadline_s = time.monotonic() + self._options.timeout_s
         quiet_s, last = time.monotonic(), -1
         while time.monotonic() < min(deadline_s, quiet_s + SETTLE_S):

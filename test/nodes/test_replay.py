@@ -14,6 +14,7 @@ from sensor_msgs.msg import Image, NavSatFix
 
 from offradar_ros.bags.reader import Bag
 from offradar_ros.bags.records import stamp_ns
+from offradar_ros.mapping.store import MapStore
 from offradar_ros.ros import qos
 from offradar_ros.ros.processes import Stack
 
@@ -54,6 +55,20 @@ def test_the_clock_is_the_recording(
     assert start_ns <= times[0] < times[-1] <= end_ns + 10**8
     assert times[-1] - times[0] > 0.8 * (end_ns - start_ns)
     assert times == sorted(times)
+
+
+def test_nodes_follow_the_clock_of_the_recording(
+    stack: Callable[..., Stack], street_bag: Callable[..., Path], tmp_path: Path
+) -> None:
+    bag = street_bag('drive', count=8)
+    with stack({'map.path': str(tmp_path / 'map.db'), 'use_sim_time': True}) as nodes:
+        nodes.wait_until_ready()
+        replay(nodes, bag, '--lockstep')
+        replay(nodes, bag, '--lockstep', '--session')
+    with Bag(bag) as opened:
+        start_ns, end_ns = opened.start_ns, opened.end_ns
+    (session,) = MapStore.open_read_only(tmp_path / 'map.db').sessions
+    assert start_ns <= session.stamp_ns <= end_ns + 10**9
 
 
 def test_loops_and_new_stamps(observer: Observer, alone: Callable[..., Stack], street_bag: Callable[..., Path]) -> None:
