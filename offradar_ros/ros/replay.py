@@ -198,8 +198,10 @@ class Player:
 
     def _settle(self, sent: list[int]) -> None:
         """Wait for messages still on their way, then for answers: bounded in all, and over when nothing more comes."""
-        for publisher in self._publishers.values():
-            publisher.wait_for_all_acked(Duration(seconds=self._options.timeout_s))
+        if not self._options.lockstep:
+            # Takes up to a heartbeat of 3 s. In lockstep the answers tell that everything arrived.
+            for publisher in self._publishers.values():
+                publisher.wait_for_all_acked(Duration(seconds=self._options.timeout_s))
         deadline_s = time.monotonic() + self._options.timeout_s
         quiet_s, last = time.monotonic(), -1
         while time.monotonic() < min(deadline_s, quiet_s + SETTLE_S):
