@@ -108,7 +108,14 @@ class Bag:
     def decode(self, message: RawMessage) -> Any:
         """The message as an object with its fields as attributes."""
         with self._named_errors():
-            return TYPES.deserialize_cdr(message.cdr, message.msgtype)
+            return decode_message(message.cdr, message.msgtype)
+
+
+def decode_message(cdr: bytes, msgtype: str) -> Any:
+    """The message in CDR bytes. What follows it is ignored: some drivers send more of their buffer than they filled."""
+    definition = TYPES.get_msgdef(msgtype)
+    read = definition.deserialize_cdr_le if cdr[1] else definition.deserialize_cdr_be
+    return read(cdr[4:], 0, definition.cls, TYPES)[0]
 
 
 def scan_topic(bag: Bag) -> str:

@@ -14,10 +14,12 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
+from rosbags.rosbag2 import StoragePlugin, Writer
 
 from offradar_ros.bags.positions import position_topics, read_positions
-from offradar_ros.bags.reader import Bag, is_bag
+from offradar_ros.bags.reader import TYPES, Bag, header_stamp_ns, is_bag
 from offradar_ros.bags.sequence import BagSequence
+from offradar_ros.bags.topics import IMAGE_TYPE
 from offradar_ros.bags.writer import BagOptions, write_bag
 from offradar_ros.datasets.registry import open_sequence
 from offradar_ros.errors import DataError
@@ -151,6 +153,34 @@ def test_a_foreign_file_is_refused_by_name(street: Callable[..., Any], tmp_path:
     file.write_bytes(b'PK\x03\x04 not an mcap file' * 100)
     with pytest.raises(DataError, match=r'bag: not a readable rosbag2 recording'), Bag(folder) as bag:
         list(bag.messages())
+
+
+def rewritten(path: Path, out: Path, change: Callable[[bytes], bytes]) -> Path:
+    """The bag with the bytes of every message changed."""
+    with Bag(path) as bag, Writer(out, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connections = {topic: writer.add_connection(topic, kind, typestore=TYPES) for topic, kind in bag.topics.items()}
+        for message in bag.messages():
+            writer.write(connections[message.topic], message.log_ns, change(message.cdr))
+    return out
+
+
+def test_what_follows_a_message_is_ignored(street: Callable[..., Any], tmp_path: Path) -> None:
+    sequence = street(count=3)
+    whole = write_bag(sequence, tmp_path / 'whole')
+    longer = BagSequence(rewritten(whole, tmp_path / 'longer', lambda cdr: cdr + bytes(4008)))
+    for index in range(3):
+        np.testing.assert_array_equal(longer.scan(index).power, sequence.scan(index).power)
+    shorter = rewritten(whole, tmp_path / 'shorter', lambda cdr: cdr[:-40])
+    with Bag(shorter) as bag, pytest.raises(DataError, match='not a readable'):
+        bag.decode(next(bag.messages()))
+
+
+def test_the_message_of_a_live_driver_is_read_from_a_bag(real_data: Path, tmp_path: Path) -> None:
+    cdr = (real_data / 'navtech_ros2' / 'b_scan_image.cdr').read_bytes()
+    with Writer(tmp_path / 'live', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection('/radar_data/b_scan_image', IMAGE_TYPE, typestore=TYPES)
+        writer.write(connection, header_stamp_ns(cdr), cdr)
+    assert BagSequence(tmp_path / 'live').scan(0).power.shape == (400, 6848)
 
 
 def test_damage_within_a_chunk_is_refused(street: Callable[..., Any], tmp_path: Path) -> None:
