@@ -1,0 +1,67 @@
+"""The scans that the benchmarks run on: simulated ones, and recorded ones where they are."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import platform
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from offradar_ros import __version__
+from offradar_ros.bags.reader import decode_message
+from offradar_ros.bags.records import scan_from_image
+from offradar_ros.bags.topics import IMAGE_TYPE
+from offradar_ros.config import RadarConfig
+from offradar_ros.datasets.registry import open_sequence
+from offradar_ros.datasets.sequence import RadarSequence
+from offradar_ros.simulation.sensor import SimulatedSensor
+from offradar_ros.simulation.sequence import SimulatedSequence
+from offradar_ros.simulation.traversal import TraversalPlan
+from offradar_ros.simulation.world import TownPlan, make_town
+from offradar_ros.types import PolarScan
+
+SENSORS = {
+    'simulated, 0.1736 m': SimulatedSensor(),
+    'simulated, 0.0432 m': SimulatedSensor(range_bins=3768, range_resolution_m=0.0432),
+}
+RECORDED = ('oxford_tiny', 'mulran_kaist03', 'mulran_ray', 'radiate_tiny_foggy', 'utias_frame')
+LIVE = 'navtech_ros2/b_scan_image.cdr'
+REAL = Path(os.environ.get('OFFRADAR_REAL_DATA', Path(__file__).resolve().parents[2] / 'shared' / 'real'))
+
+
+def read_arguments(description: str) -> argparse.Namespace:
+    """The options that the benchmarks share."""
+    parser = argparse.ArgumentParser(description=description)
+    parser.add_argument('--real', type=Path, default=REAL, metavar='FOLDER', help=f'recorded scans (default {REAL})')
+    arguments = parser.parse_args()
+    print(
+        f'offradar_ros {__version__}, Python {platform.python_version()}, NumPy {np.__version__}, '
+        f'OpenCV {cv2.__version__}, {platform.machine()}, {os.cpu_count()} cores'
+    )
+    return arguments
+
+
+def scan_sources(real: Path, most: int) -> Iterator[tuple[str, list[PolarScan]]]:
+    """Each source's name and up to `most` of its scans, evenly spread; recorded ones only where they are."""
+    town = make_town(TownPlan(seed=1))
+    for name, sensor in SENSORS.items():
+        # 20 s of driving, whatever the number of scans.
+        plan = TraversalPlan(scans=80, seed=1)
+        yield name, _spread(SimulatedSequence(town, plan, sensor), most)
+    for name in RECORDED:
+        if (real / name).is_dir():
+            yield name, _spread(open_sequence(real / name), most)
+    if (real / LIVE).is_file():
+        message = decode_message((real / LIVE).read_bytes(), IMAGE_TYPE)
+        yield 'navtech_ros2', [scan_from_image(message, RadarConfig())]
+    if not real.is_dir():
+        print(f'no recorded scans at {real}')
+
+
+def _spread(sequence: RadarSequence, most: int) -> list[PolarScan]:
+    chosen = np.unique(np.linspace(0, len(sequence) - 1, most).round().astype(int))
+    return [sequence.scan(int(index)) for index in chosen]
