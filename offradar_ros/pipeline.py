@@ -171,7 +171,7 @@ def drive(
     bag: Bag,
     config: Config,
     encoder: Encoder,
-    session_map: SessionMap,
+    session_map: SessionMap | PlaceTable,
     *,
     session: str | None = None,
     progress: Callable[[int, int], None] | None = None,
@@ -179,13 +179,18 @@ def drive(
     """Encode, map (if `session` names one) and query every scan of a bag, as the nodes do on the vehicle.
 
     Queries search the map as of the last ended session; without query.exclude_current_session, the running one too.
+    A drive that maps nothing may search a table of places instead, of the encoder's model.
     """
-    session_map.adopt_model(encoder.info)
-    encode, mapping = EncodeStage(encoder, config.radar.restart_after_s), MapStage(config, session_map)
-    query = IntrospectiveQuery(config.query)
-    query.load(session_map.committed(), encoder.info.fingerprint)
-    if session is not None:
-        session_map.start_session(session, bag.start_ns)
+    encode, query = EncodeStage(encoder, config.radar.restart_after_s), IntrospectiveQuery(config.query)
+    mapping: MapStage | None = None
+    if isinstance(session_map, SessionMap):
+        session_map.adopt_model(encoder.info)
+        query.load(session_map.committed(), encoder.info.fingerprint)
+        if session is not None:
+            mapping = MapStage(config, session_map)
+            session_map.start_session(session, bag.start_ns)
+    else:
+        query.load(session_map, encoder.info.fingerprint)
     outcomes: list[Outcome] = []
     refused: Counter[str] = Counter()
 
@@ -199,7 +204,7 @@ def drive(
     topic = scan_topic(bag)
     total = bag.counts[topic]
     position_type = FIX_TYPE if config.position.source == 'fix' else ODOMETRY_TYPE
-    position_topics = bag.topics_of(position_type)[:1] if session is not None else []
+    position_topics = bag.topics_of(position_type)[:1] if mapping else []
     for raw in in_lockstep_order(bag, topic, position_topics, config.position.max_gap_s):
         message = bag.decode(raw)
         stamp = stamp_ns(message.header.stamp)
@@ -210,18 +215,18 @@ def drive(
                     refused[encoded.problem.cause] += 1
                 if encoded.embedding is not None:
                     outcomes.append(query.query(encoded.embedding))
-                    if session is not None:
+                    if mapping:
                         settle(mapping.add_embedding(encoded.embedding))
                 if progress:
                     progress(len(outcomes), total)
-            elif raw.msgtype == FIX_TYPE:
+            elif mapping and raw.msgtype == FIX_TYPE:
                 settle(mapping.add_point(stamp, point_from_fix(message)))
-            else:
+            elif mapping:
                 settle(mapping.add_pose(stamp, pose_from_odometry(message)))
         except RefusedInput as problem:
             refused[problem.cause] += 1
     report = None
-    if session is not None:
+    if mapping:
         updates, report = mapping.end_session()
         settle(updates)
     return DriveResult(tuple(outcomes), report, refused)
