@@ -6,7 +6,9 @@ Each field carries its description, unit and bounds. `load_config` reads the YAM
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import difflib
 import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -17,6 +19,8 @@ import yaml
 from offradar_ros.errors import ConfigError
 
 Value = bool | int | float | str
+NODES_OWN = frozenset({'use_sim_time', 'autostart', 'start_type_description_service'})
+NODES_OWN_PREFIX = 'qos_overrides.'
 ConfigT = TypeVar('ConfigT')
 
 
@@ -287,10 +291,17 @@ def replace_values(config: ConfigT, values: Mapping[str, Any]) -> ConfigT:
     known = {leaf.name: leaf for leaf in parameters(config)}
     for name, value in values.items():
         if name not in known:
-            raise ConfigError(f'parameter {name} is unknown: expected one of {", ".join(sorted(known))}')
+            raise ConfigError(_unknown(name, sorted(known)))
         values = {**values, name: _checked(known[name], value)}
     rebuilt: ConfigT = _rebuilt(config, values, '')
     return rebuilt
+
+
+def _unknown(name: str, known: list[str]) -> str:
+    shown = name if name.isprintable() else repr(name)
+    nearest = difflib.get_close_matches(name, known, 1)
+    hint = f'did you mean {nearest[0]}?' if nearest else 'offradar parameters lists those there are'
+    return f'parameter {shown} is unknown: {hint}'
 
 
 def _checked(leaf: Parameter, value: Any) -> Any:
@@ -330,13 +341,18 @@ def flatten(tree: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
 
 
 def read_parameters(path: str | Path) -> dict[str, Any]:
-    """Dotted names and values of a parameter file, ROS (any node's ``ros__parameters``) or plain; ConfigError."""
+    """Dotted names and values of a parameter file, ROS (any node's ``ros__parameters``) or plain; ConfigError.
+
+    Every name in the file, those that nodes have beside ours included (see `is_of_nodes`).
+    """
     try:
         tree = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
         return _parameters_of(tree)
+    except FileNotFoundError:
+        raise ConfigError(f'{path}: no such file') from None
     # ValueError: PyYAML on a date such as 2001-99-99; RecursionError: an alias inside its own anchor.
     except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
-        reason = str(error).splitlines()[0]
+        reason = (getattr(error, 'strerror', None) or str(error)).splitlines()[0]
         raise ConfigError(f'{path}: not a readable YAML parameter file ({reason})') from error
 
 
@@ -356,12 +372,32 @@ def _mapping(tree: Any) -> Mapping[str, Any]:
     return tree or {}
 
 
+def is_of_nodes(name: str) -> bool:
+    """Whether every ROS node has, or ours declare, a parameter of this name that is none of the configuration's."""
+    return name in NODES_OWN or name.startswith(NODES_OWN_PREFIX)
+
+
 def load_config(path: str | Path | None = None, overrides: Mapping[str, Any] | None = None) -> Config:
-    """Defaults, then the YAML file, then `overrides` (dotted names)."""
+    """Defaults, then the YAML file, then `overrides` (dotted names).
+
+    The same file may hold what is for nodes alone (`is_of_nodes`): it is passed over.
+    """
     config = Config()
     if path is not None:
-        config = replace_values(config, read_parameters(path))
+        values = read_parameters(path)
+        config = replace_values(config, {name: value for name, value in values.items() if not is_of_nodes(name)})
     return replace_values(config, overrides or {})
+
+
+def require_writable(path: str | Path) -> None:
+    """ConfigError where no parameter file can be written at `path`; what is there stays as it is."""
+    path = Path(path)
+    with _refusing_to_write(path):
+        existed = path.exists()
+        with path.open('ab'):
+            pass
+        if not existed:
+            path.unlink()
 
 
 def write_parameters(path: str | Path, values: Mapping[str, Value], comment: str = '') -> None:
@@ -375,7 +411,13 @@ def write_parameters(path: str | Path, values: Mapping[str, Value], comment: str
         branch[leaf] = value
     text = yaml.safe_dump({'/**': {'ros__parameters': tree}}, sort_keys=False)
     header = ''.join(f'# {line}\n' for line in comment.splitlines())
-    try:
+    with _refusing_to_write(path):
         Path(path).write_text(header + text, encoding='utf-8')
+
+
+@contextlib.contextmanager
+def _refusing_to_write(path: str | Path) -> Iterator[None]:
+    try:
+        yield
     except OSError as error:
         raise ConfigError(f'{path}: the parameter file cannot be written ({error.strerror})') from error

@@ -15,6 +15,7 @@ from offradar_ros.config import (
     parameters,
     read_parameters,
     replace_values,
+    require_writable,
     write_parameters,
 )
 from offradar_ros.errors import ConfigError
@@ -142,6 +143,44 @@ def test_a_file_that_holds_no_parameters_is_named(tmp_path, text):
     assert str(path) in str(wrong.value) or 'parameter 1 is unknown' in str(wrong.value)
 
 
+def test_an_unknown_name_is_told_with_the_nearest_known_one():
+    def said(name):
+        with pytest.raises(ConfigError) as wrong:
+            replace_values(Config(), {name: 1})
+        return str(wrong.value)
+
+    assert said('query.levle') == 'parameter query.levle is unknown: did you mean query.level?'
+    assert said('delta') == 'parameter delta is unknown: did you mean query.delta?'
+    assert said('zzz') == 'parameter zzz is unknown: offradar parameters lists those there are'
+    assert said('a\nb').startswith("parameter 'a\\nb' is unknown: ")
+
+
+def test_what_every_node_has_is_passed_over_in_a_file_and_kept_for_nodes(tmp_path):
+    path = tmp_path / 'params.yaml'
+    path.write_text(
+        '/**:\n  ros__parameters:\n    use_sim_time: true\n    autostart: false\n    map: {match_distance_m: 7}\n'
+        '    start_type_description_service: false\n'
+        '    qos_overrides: {/gps/fix: {subscription: {depth: 3}}}\n'
+    )
+    assert load_config(path) == replace_values(Config(), {'map.match_distance_m': 7})
+    read = read_parameters(path)
+    assert (read['use_sim_time'], read['qos_overrides./gps/fix.subscription.depth']) == (True, 3)
+    write_parameters(tmp_path / 'again.yaml', read)
+    assert read_parameters(tmp_path / 'again.yaml') == read
+
+
+def test_asking_whether_a_file_can_be_written_changes_nothing(tmp_path):
+    path = tmp_path / 'params.yaml'
+    require_writable(path)
+    assert not path.exists()
+    path.write_text('map: {replace: all}')
+    require_writable(path)
+    assert path.read_text() == 'map: {replace: all}'
+    for wrong in (tmp_path, tmp_path / 'no' / 'params.yaml', path / 'params.yaml'):
+        with pytest.raises(ConfigError, match='the parameter file cannot be written'):
+            require_writable(wrong)
+
+
 @settings(max_examples=150, deadline=None)
 @given(st.binary(max_size=60) | st.text(alphabet='ab:{}[]&*!?-# \n\t\'"0./', max_size=60).map(str.encode))
 def test_any_file_is_read_or_refused(tmp_path_factory, content):
@@ -154,7 +193,7 @@ def test_any_file_is_read_or_refused(tmp_path_factory, content):
 
 
 def test_a_missing_file_is_named(tmp_path):
-    with pytest.raises(ConfigError, match=r'nowhere\.yaml: not a readable YAML'):
+    with pytest.raises(ConfigError, match=r'nowhere\.yaml: no such file$'):
         load_config(tmp_path / 'nowhere.yaml')
 
 
