@@ -10,24 +10,28 @@ import dataclasses
 import functools
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from offradar_ros.bags.reader import Bag, RawMessage, scan_topic
 from offradar_ros.bags.records import point_from_fix, pose_from_odometry, scan_from_image, stamp_ns
-from offradar_ros.bags.topics import FIX_TYPE, ODOMETRY_TYPE
+from offradar_ros.bags.topics import FIX, FIX_TYPE, ODOMETRY, ODOMETRY_TYPE
 from offradar_ros.config import Config
 from offradar_ros.encoders.protocol import Encoder
 from offradar_ros.errors import RefusedInput
 from offradar_ros.geometry import GeoPoint, LocalFrame
 from offradar_ros.mapping.pending import PendingEmbeddings, Settled
-from offradar_ros.mapping.session_report import SessionReport
+from offradar_ros.mapping.session_report import SessionReport, UndoReport
 from offradar_ros.mapping.sessions import SessionMap
 from offradar_ros.radar.stamps import StampGate
 from offradar_ros.retrieval.introspective_query import IntrospectiveQuery
 from offradar_ros.types import Embedding, Outcome, PlaceTable, PolarScan, Pose
 
-OUT_OF_ORDER = ('repeated_stamp', 'stamp_backwards')
+MAX_EXTENT_M = 100_000.0
+"""A flat frame is no map beyond this."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,8 +39,8 @@ class Encoded:
     """What became of one image.
 
     Attributes:
-        embedding: None only for a scan out of order, whose stamp may have been answered already; invalid (d = 0) for
-            one that cannot be encoded, so that every scan in order gets exactly one answer.
+        embedding: None only for the last scan again, which was answered already; invalid (d = 0) for one that cannot
+            be encoded or comes out of order, so that every scan gets exactly one answer.
         problem: why the scan was refused, or None.
         restarted: the stamps jumped back: the recording starts again.
     """
@@ -60,7 +64,7 @@ class EncodeStage:
             restarted = self._gate.check(stamp)
             return Encoded(self.encoder.encode(decode()), restarted=restarted)
         except RefusedInput as problem:
-            if problem.cause in OUT_OF_ORDER:
+            if problem.cause == 'repeated_stamp':
                 return Encoded(None, problem)
             return Encoded(self._invalid(stamp), problem, restarted)
 
@@ -92,15 +96,36 @@ class MapStage:
         self._pending = PendingEmbeddings(config.position)
         self._frame = LocalFrame(session_map.origin) if session_map.origin else None
         self._restart_after_ns = round(config.position.restart_after_s * 1e9)
+        self._wait_ns = round(config.position.wait_s * 1e9)
         self._last_scan_ns = 0
 
     def add_point(self, stamp: int, point: GeoPoint) -> list[MapUpdate]:
-        """A geodetic position; the first one ever is the origin of the map's frame."""
-        if self._frame is None:
-            self.map.set_origin(point)
-            self._frame = LocalFrame(point)
-        enu = self._frame.to_enu(np.array([[point.latitude_deg, point.longitude_deg, point.altitude_m]]))[0]
+        """A geodetic position. The map's frame starts at the first one of the drive whose scan is mapped first.
+
+        RefusedInput('far_position') for one further than `MAX_EXTENT_M` from where the frame starts, such as 0°, 0°.
+        """
+        frame = self._frame or LocalFrame(point)
+        enu = self._enu(frame, point)
+        if np.linalg.norm(enu) > MAX_EXTENT_M:
+            if self.map.origin:
+                kilometres = np.linalg.norm(enu) / 1000.0
+                raise RefusedInput(
+                    'far_position',
+                    f'position {point.latitude_deg:.5f}°, {point.longitude_deg:.5f}° is {kilometres:.0f} km from the '
+                    f"map's origin: expected at most {MAX_EXTENT_M / 1000.0:.0f} km",
+                )
+            # Nothing is mapped yet: it was the first position that was wrong.
+            self._pending.forget_positions()
+            frame = LocalFrame(point)
+            enu = self._enu(frame, point)
+        self._frame = frame
         return self.add_pose(stamp, Pose(float(enu[0]), float(enu[1]), float(enu[2])))
+
+    @staticmethod
+    def _enu(frame: LocalFrame, point: GeoPoint) -> NDArray[np.float64]:
+        lla = np.array([[point.latitude_deg, point.longitude_deg, point.altitude_m]])
+        enu: NDArray[np.float64] = frame.to_enu(lla)[0]
+        return enu
 
     def add_pose(self, stamp: int, pose: Pose) -> list[MapUpdate]:
         """A pose in the map frame; RefusedInput if it is invalid or not newer than the last."""
@@ -118,14 +143,34 @@ class MapStage:
                 'invalid_embedding', f'scan {embedding.stamp_ns} ns could not be encoded: not mapped'
             )
             return [self._refused(embedding, problem)]
-        # The recording starts again: nothing that still waits will get its position.
-        updates = self.flush() if embedding.stamp_ns < self._last_scan_ns else []
+        updates: list[MapUpdate] = []
+        if embedding.stamp_ns < self._last_scan_ns:
+            # The recording starts again: nothing that still waits will get its position.
+            updates = self.flush()
+            last_ns = self._pending.last_position_ns
+            if last_ns is not None and last_ns - embedding.stamp_ns > self._wait_ns:
+                self._pending.forget_positions()
         self._last_scan_ns = embedding.stamp_ns
         return updates + self._merged(self._pending.add_embedding(embedding))
+
+    @property
+    def waiting(self) -> int:
+        """Embeddings whose position is not known yet."""
+        return len(self._pending)
 
     def flush(self) -> list[MapUpdate]:
         """Settle what still waits: no later position will come for it."""
         return self._merged(self._pending.flush())
+
+    def undo_session(self) -> UndoReport:
+        """Take back the running session, with what still waits, or else the one that ended last."""
+        self._pending.forget_embeddings()
+        return self.map.undo_session()
+
+    def clear(self) -> Path | None:
+        """Empty the map, and forget what still waits; returns the copy that was kept."""
+        self._pending.forget_embeddings()
+        return self.map.clear()
 
     def end_session(self) -> tuple[list[MapUpdate], SessionReport]:
         """Flush, then commit the running session."""
@@ -142,6 +187,8 @@ class MapStage:
             )
             return self._refused(embedding, problem)
         try:
+            if self.map.origin is None and self._frame is not None and self.map.running_session_id is not None:
+                self.map.set_origin(self._frame.origin)
             merge = self.map.merge(embedding, settled.pose)
         except RefusedInput as refused:
             return self._refused(embedding, refused)
@@ -181,55 +228,81 @@ def drive(
     Queries search the map as of the last ended session; without query.exclude_current_session, the running one too.
     A drive that maps nothing may search a table of places instead, of the encoder's model.
     """
-    encode, query = EncodeStage(encoder, config.radar.restart_after_s), IntrospectiveQuery(config.query)
-    mapping: MapStage | None = None
-    if isinstance(session_map, SessionMap):
-        session_map.adopt_model(encoder.info)
-        query.load(session_map.committed(), encoder.info.fingerprint)
-        if session is not None:
-            mapping = MapStage(config, session_map)
-            session_map.start_session(session, bag.start_ns)
-    else:
-        query.load(session_map, encoder.info.fingerprint)
-    outcomes: list[Outcome] = []
-    refused: Counter[str] = Counter()
+    return _Drive(bag, config, encoder, session_map, session).run(progress or (lambda _done, _total: None))
 
-    def settle(updates: Iterable[MapUpdate]) -> None:
+
+class _Drive:
+    """The three stages on one recording."""
+
+    def __init__(
+        self, bag: Bag, config: Config, encoder: Encoder, session_map: SessionMap | PlaceTable, session: str | None
+    ) -> None:
+        self._bag, self._config = bag, config
+        self._fingerprint = encoder.info.fingerprint
+        self._encode = EncodeStage(encoder, config.radar.restart_after_s)
+        self._query = IntrospectiveQuery(config.query)
+        self._mapping: MapStage | None = None
+        self._outcomes: list[Outcome] = []
+        self._refused: Counter[str] = Counter()
+        if isinstance(session_map, PlaceTable):
+            self._query.load(session_map, self._fingerprint)
+            return
+        session_map.adopt_model(encoder.info)
+        self._query.load(session_map.committed(), self._fingerprint)
+        if session is not None:
+            self._mapping = MapStage(config, session_map)
+            session_map.start_session(session, bag.start_ns)
+
+    def run(self, progress: Callable[[int, int], None]) -> DriveResult:
+        scans = scan_topic(self._bag)
+        total = self._bag.counts[scans]
+        positions = _position_topics(self._bag, self._config) if self._mapping else []
+        for raw in in_lockstep_order(self._bag, scans, positions, self._config.position.max_gap_s):
+            message = self._bag.decode(raw)
+            try:
+                if raw.topic == scans:
+                    self._take_scan(message)
+                    progress(len(self._outcomes), total)
+                elif self._mapping:
+                    self._settle(_added_position(self._mapping, raw.msgtype, message))
+            except RefusedInput as problem:
+                self._refused[problem.cause] += 1
+        report = None
+        if self._mapping:
+            updates, report = self._mapping.end_session()
+            self._settle(updates)
+        return DriveResult(tuple(self._outcomes), report, self._refused)
+
+    def _take_scan(self, message: Any) -> None:
+        decode = functools.partial(scan_from_image, message, self._config.radar)
+        encoded = self._encode.encode(stamp_ns(message.header.stamp), decode)
+        if encoded.problem:
+            self._refused[encoded.problem.cause] += 1
+        if encoded.embedding is not None:
+            self._outcomes.append(self._query.query(encoded.embedding))
+            if self._mapping:
+                self._settle(self._mapping.add_embedding(encoded.embedding))
+
+    def _settle(self, updates: Iterable[MapUpdate]) -> None:
         for update in updates:
             if update.problem:
-                refused[update.problem.cause] += 1
+                self._refused[update.problem.cause] += 1
             elif len(update.changed):
-                query.update(update.changed, encoder.info.fingerprint, committed=False)
+                self._query.update(update.changed, self._fingerprint, committed=False)
 
-    topic = scan_topic(bag)
-    total = bag.counts[topic]
-    position_type = FIX_TYPE if config.position.source == 'fix' else ODOMETRY_TYPE
-    position_topics = bag.topics_of(position_type)[:1] if mapping else []
-    for raw in in_lockstep_order(bag, topic, position_topics, config.position.max_gap_s):
-        message = bag.decode(raw)
-        stamp = stamp_ns(message.header.stamp)
-        try:
-            if raw.topic == topic:
-                encoded = encode.encode(stamp, functools.partial(scan_from_image, message, config.radar))
-                if encoded.problem:
-                    refused[encoded.problem.cause] += 1
-                if encoded.embedding is not None:
-                    outcomes.append(query.query(encoded.embedding))
-                    if mapping:
-                        settle(mapping.add_embedding(encoded.embedding))
-                if progress:
-                    progress(len(outcomes), total)
-            elif mapping and raw.msgtype == FIX_TYPE:
-                settle(mapping.add_point(stamp, point_from_fix(message)))
-            elif mapping:
-                settle(mapping.add_pose(stamp, pose_from_odometry(message)))
-        except RefusedInput as problem:
-            refused[problem.cause] += 1
-    report = None
-    if mapping:
-        updates, report = mapping.end_session()
-        settle(updates)
-    return DriveResult(tuple(outcomes), report, refused)
+
+def _position_topics(bag: Bag, config: Config) -> list[str]:
+    """The topic that the map server would listen to, or else the only one of its type."""
+    msgtype, name = (FIX_TYPE, FIX) if config.position.source == 'fix' else (ODOMETRY_TYPE, ODOMETRY)
+    topics = bag.topics_of(msgtype)
+    return [name] if name in topics else topics if len(topics) == 1 else []
+
+
+def _added_position(mapping: MapStage, msgtype: str, message: Any) -> list[MapUpdate]:
+    stamp = stamp_ns(message.header.stamp)
+    if msgtype == FIX_TYPE:
+        return mapping.add_point(stamp, point_from_fix(message))
+    return mapping.add_pose(stamp, pose_from_odometry(message))
 
 
 def in_lockstep_order(bag: Bag, scan_topic: str, others: Sequence[str], ahead_s: float) -> Iterator[RawMessage]:

@@ -51,6 +51,14 @@ class PendingEmbeddings:
         """End of the recording: settle what can be and drop the rest."""
         return self._settle(final=True)
 
+    def forget_embeddings(self) -> None:
+        """Forget the waiting embeddings, as when their session is undone; positions stay."""
+        self._waiting.clear()
+
+    def forget_positions(self) -> None:
+        """Forget the positions, as when they were of another run; embeddings go on waiting."""
+        self._positions.clear()
+
     def clear(self) -> None:
         """Forget positions and waiting embeddings, as when a recording starts again."""
         self._positions.clear()

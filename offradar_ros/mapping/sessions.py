@@ -48,6 +48,8 @@ class SessionMap:
         self.config = config
         self._store: MapStore | None = None
         self._model: ModelInfo | None = None
+        # None until this process has written it, which also closes sessions that another one left unended.
+        self._model_on_disk: ModelInfo | None = None
         self._origin: GeoPoint | None = None
         self._parent = ParentMap(config, 0)
         self._running: _Running | None = None
@@ -64,10 +66,11 @@ class SessionMap:
         self._next_session_id = max((session.session_id for session in stored.sessions), default=0) + 1
         for session in reversed([session for session in stored.sessions if session.state != 'undone']):
             before = stored.before.get(session.session_id, {})
-            forgotten = not before and session.report['inserted'] + session.report['replaced']
-            if forgotten or len(self._undoable) == self.config.undo_depth:
+            changed = session.report['inserted'] + session.report['replaced']
+            if (changed and not before) or len(self._undoable) == self.config.undo_depth:
                 break
-            self._undoable.insert(0, (session, before))
+            if changed:
+                self._undoable.insert(0, (session, before))
 
     def close(self) -> None:
         """Let the file go. What a running session did since it was last saved is lost."""
@@ -96,8 +99,9 @@ class SessionMap:
                 f'{self._where}: holds embeddings of {self._model.name} {self._model.fingerprint[:12]}, '
                 f'not of {info.name} {info.fingerprint[:12]}: use that model, or another map.path'
             )
-        if self._store:
-            self._store.write_model(info)
+        if self._store and self._model_on_disk != info:
+            self._store.write_model(info, but_session=self.running_session_id)
+            self._model_on_disk = info
         if not self._model or self._model.fingerprint != info.fingerprint:
             next_place_id = self._parent.next_place_id
             self._parent = ParentMap(self.config, info.dimension)
@@ -123,6 +127,11 @@ class SessionMap:
     def running_session_id(self) -> int | None:
         """Id of the session under way."""
         return self._running.session_id if self._running else None
+
+    @property
+    def is_session_empty(self) -> bool:
+        """Whether the session under way, if any, has met no scan yet."""
+        return self._running is None or not (self._running.merges or self._running.dropped)
 
     def start_session(self, name: str, stamp_ns: int) -> int:
         """Start a session and return its id; MapError while another runs."""
@@ -167,13 +176,19 @@ class SessionMap:
             self._running.dropped[cause] += 1
 
     def end_session(self) -> SessionReport:
-        """End the running session; from here on it is on disk. MapError if none runs or it cannot be written."""
+        """End the running session; from here on it is on disk. MapError if none runs or it cannot be written.
+
+        A session that met no scan leaves no trace, and one that changed nothing takes no place among those that can be
+        undone.
+        """
         running = self._require_running()
         report = self._report(running)
+        if self.is_session_empty and not running.saved:
+            self._running = None
+            return report
         session = StoredSession(running.session_id, running.name, running.stamp_ns, 'ended', report.as_dict())
-        undoable = [*self._undoable, (session, running.before)][
-            max(0, len(self._undoable) + 1 - self.config.undo_depth) :
-        ]
+        undoable = [*self._undoable, (session, running.before)] if running.before else self._undoable
+        undoable = undoable[max(0, len(undoable) - self.config.undo_depth) :]
         self._write(session, running, undoable)
         self._undoable, self._running = undoable, None
         return report
@@ -186,7 +201,7 @@ class SessionMap:
         if not self._store:
             raise MapError('map.path is empty: this map is kept in memory only and cannot be saved')
         running = self._running
-        if running:
+        if running and not self.is_session_empty:
             report = self._report(running).as_dict()
             session = StoredSession(running.session_id, running.name, running.stamp_ns, 'running', report)
             self._write(session, running, [*self._undoable, (session, running.before)])

@@ -48,6 +48,8 @@ class MapStore:
         """
         if path.is_dir():
             raise MapError(f'{path}: a folder: expected the path of a map file')
+        # One lock a file, whatever it is called: two writers through a link would overwrite each other.
+        path = path.resolve()
         lock = WriterLock(path)
         try:
             if not path.exists():
@@ -62,10 +64,10 @@ class MapStore:
         """Read the map at `path` without keeping it open, whether or not another process writes it; MapError."""
         return read_map(path)
 
-    def write_model(self, model: ModelInfo) -> None:
-        """Store whose embeddings the map holds, and close sessions that never ended."""
+    def write_model(self, model: ModelInfo, but_session: int | None = None) -> None:
+        """Store whose embeddings the map holds, and close sessions that never ended, `but_session` excepted."""
         with self._transaction() as connection:
-            _close_interrupted(connection, -1)
+            _close_interrupted(connection, -1 if but_session is None else but_session)
             _set_meta(connection, 'model', dataclasses.asdict(model))
 
     def write_origin(self, origin: GeoPoint) -> None:

@@ -30,6 +30,7 @@ class EncoderNode(StageNode):
     def __init__(self, **options: Any) -> None:
         super().__init__('encoder', **options)
         self._radar = self.config.radar
+        self._has_b_scans = False
         self._embeddings = self.publisher(PointCloud2, 'embedding', qos.RESULTS)
         self._model = self.publisher(DiagnosticStatus, 'embedding/model', qos.LATCHED)
         self.subscribe(Image, SCANS, qos.SCANS, self._on_image)
@@ -50,9 +51,13 @@ class EncoderNode(StageNode):
         self.get_logger().info(f'active: {info.name}, d = {info.dimension}, {info.fingerprint[:12]}, reads {SCANS}')
 
     def _on_image(self, message: Image) -> None:
+        # The same scan comes with its angles on the other topic, stamped by another clock.
+        if self._has_b_scans:
+            return
         self._encode(message.header, lambda: scan_from_image(message, self._radar))
 
     def _on_b_scan(self, message: Any) -> None:
+        self._has_b_scans = True
         self._encode(message.b_scan_img.header, lambda: navtech.scan_from_b_scan(message, self._radar))
 
     def _on_configuration(self, message: Any) -> None:

@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 import collections
+import datetime
+import math
 import sys
 import time
-from collections.abc import Callable, Iterable
+import traceback
+from collections.abc import Awaitable, Callable, Iterable
+from functools import partial
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import Odometry
+from rclpy.callback_groups import ReentrantCallbackGroup
+from rclpy.clock import Clock
+from rclpy.clock_type import ClockType
+from rclpy.task import Future
 from sensor_msgs.msg import NavSatFix, PointCloud2
 from std_srvs.srv import Trigger
 
@@ -19,13 +27,23 @@ from offradar_ros.mapping.sessions import SessionMap
 from offradar_ros.pipeline import MapStage, MapUpdate
 from offradar_ros.ros import qos
 from offradar_ros.ros.embedding_message import embedding_record, model_record
-from offradar_ros.ros.place_message import PlaceRows, descriptors_message, map_message, receipt_message
+from offradar_ros.ros.place_message import (
+    PlaceRows,
+    descriptors_message,
+    map_message,
+    read_the_file_message,
+    receipt_message,
+)
 from offradar_ros.ros.run import run
 from offradar_ros.ros.stage_node import StageNode
 from offradar_ros.types import Embedding, PlaceTable
 
 LATCHED_PLACES = 50_000
-"""A larger map does not fit a message: the query node opens the file and follows the updates."""
+"""A larger map does not fit a message: the query node is told to read the file instead."""
+
+
+QUIET_S = 0.5
+"""A position that has not come this long after the one before is not waited for at the end of a session."""
 
 
 class MapServerNode(StageNode):
@@ -44,7 +62,7 @@ class MapServerNode(StageNode):
         if self.config.position.source == 'fix':
             self.subscribe(NavSatFix, 'gps/fix', qos.POSITIONS, self._on_fix)
         else:
-            self.subscribe(Odometry, 'odometry', qos.POSITIONS, self._on_odometry)
+            self.subscribe(Odometry, 'ground_truth/odometry', qos.POSITIONS, self._on_odometry)
         for name, serve in {
             'start_session': self._start_session,
             'end_session': self._end_session,
@@ -52,12 +70,15 @@ class MapServerNode(StageNode):
             'save': self._save,
             'clear': self._clear,
         }.items():
-            self.create_service(Trigger, f'~/{name}', self._answering(serve))
+            # In a group of its own: positions go on coming in while a session waits for them to end.
+            self.create_service(Trigger, f'~/{name}', self._answering(serve), callback_group=ReentrantCallbackGroup())
         # The latched model may arrive after the first embedding; a few scans wait for it.
         self._before_model: collections.deque[Embedding] = collections.deque(maxlen=64)
         self._last_stamp_ns = 0
         self._view_is_stale = False
+        self._is_in_file = False
         self._saved_s = time.monotonic()
+        self._position_s = -math.inf
         self._map: SessionMap | None = None
 
     def configure(self) -> None:
@@ -68,29 +89,26 @@ class MapServerNode(StageNode):
     def activated(self) -> None:
         """Publish what is known and, unless told otherwise, start a session."""
         self._publish_committed()
-        self.get_logger().info(
-            f'active: map {self.config.map.path or "in memory"}: {len(self._stage.map)} places, '
-            f'mean U {self._stage.map.mean_uncertainty:.3f}'
-        )
+        self.get_logger().info(f'active: map {self.config.map.path or "in memory"}: {len(self._stage.map)} places')
         if self.config.map.start_session and self._stage.map.running_session_id is None:
             self.get_logger().info(self._start_session())
 
     def close(self) -> None:
-        """End the running session, so that nothing of it is lost, and close the file."""
+        """End the running session, so that nothing of it is lost, and close the file; MapError if it cannot be."""
         if self._map is None:
             return
-        session_map, self._map = self._map, None
-        if session_map.running_session_id is not None:
+        if self._map.running_session_id is not None:
             _, report = self._stage.end_session()
-            self.get_logger().info(f'session ended at exit: {report.summary()}')
-        session_map.close()
+            self.say(f'session ended at exit: {report.summary()}')
+        self._map.close()
+        self._map = None
 
     def periodic(self) -> None:
         """Refresh the view and save the running session."""
         session_map = self._stage.map
         self.status.facts |= {
             'places': str(len(session_map)),
-            'mean_uncertainty': f'{session_map.mean_uncertainty:.4f}',
+            'mean_uncertainty': f'{session_map.mean_uncertainty:.4f}' if len(session_map) else '',
             'session': '' if session_map.running_session_id is None else str(session_map.running_session_id),
         }
         if self._view_is_stale and len(session_map) <= LATCHED_PLACES:
@@ -103,18 +121,23 @@ class MapServerNode(StageNode):
             and session_map.running_session_id is not None
             and time.monotonic() - self._saved_s >= autosave_s
         ):
-            self._save()
+            try:
+                self._save()
+            except MapError as error:
+                self.refuse(RefusedInput('not_saved', str(error)), 'map')
 
     def _on_model(self, message: DiagnosticStatus) -> None:
         info = model_record(message, 'embedding/model')
+        known = self._stage.map.model
         try:
             self._stage.map.adopt_model(info)
         except MapError as error:
-            raise RefusedInput('wrong_model', str(error)) from error
-        finally:
-            waiting, self._before_model = list(self._before_model), collections.deque(maxlen=64)
-            for embedding in waiting:
-                self._publish_updates(self._stage.add_embedding(embedding))
+            other = known is not None and known.fingerprint != info.fingerprint
+            raise RefusedInput('wrong_model' if other else 'not_saved', str(error)) from error
+        waiting = list(self._before_model)
+        self._before_model.clear()
+        for embedding in waiting:
+            self._publish_updates(self._stage.add_embedding(embedding))
 
     def _on_embedding(self, message: PointCloud2) -> None:
         embedding = embedding_record(message, 'embedding')
@@ -128,9 +151,11 @@ class MapServerNode(StageNode):
         self._updates.publish(receipt_message(embedding.stamp_ns))
 
     def _on_fix(self, message: NavSatFix) -> None:
+        self._position_s = time.monotonic()
         self._publish_updates(self._stage.add_point(stamp_ns(message.header.stamp), point_from_fix(message)))
 
     def _on_odometry(self, message: Odometry) -> None:
+        self._position_s = time.monotonic()
         self._publish_updates(self._stage.add_pose(stamp_ns(message.header.stamp), pose_from_odometry(message)))
 
     def _publish_updates(self, updates: Iterable[MapUpdate]) -> None:
@@ -138,11 +163,8 @@ class MapServerNode(StageNode):
             if update.problem:
                 self.refuse(update.problem, 'embedding')
             if len(update.changed):
-                self._publish_rows(update.changed, update.stamp_ns, committed=False)
+                self._updates.publish(self._message_of(update.changed, update.stamp_ns, committed=False))
                 self._view_is_stale = True
-
-    def _publish_rows(self, table: PlaceTable, stamp: int, *, committed: bool) -> None:
-        self._updates.publish(descriptors_message(PlaceRows(table, self._fingerprint, committed), stamp))
 
     @property
     def _fingerprint(self) -> str:
@@ -151,14 +173,23 @@ class MapServerNode(StageNode):
 
     def _publish_committed(self) -> None:
         session_map = self._stage.map
-        if session_map.model and len(session_map) <= LATCHED_PLACES:
-            committed = session_map.committed()
-            rows = PlaceRows(committed, self._fingerprint, committed=True)
-            self._rows.publish(descriptors_message(rows, self._last_stamp_ns))
-            self._map_view.publish(map_message(committed, self._last_stamp_ns))
+        if not session_map.model:
+            return
+        if len(session_map) > LATCHED_PLACES:
+            self._rows.publish(read_the_file_message(self._last_stamp_ns))
+            self._is_in_file = True
+            return
+        committed = session_map.committed()
+        self._rows.publish(self._message_of(committed, self._last_stamp_ns, committed=True))
+        self._map_view.publish(map_message(committed, self._last_stamp_ns))
+        self._is_in_file = False
 
-    def _answering(self, serve: Callable[[], str]) -> Callable[[Trigger.Request, Trigger.Response], Trigger.Response]:
-        def answer(_request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+    def _message_of(self, table: PlaceTable, stamp: int, *, committed: bool) -> PointCloud2:
+        return descriptors_message(PlaceRows(table, self._fingerprint, committed), stamp)
+
+    def _answering(self, serve: Callable[[], str]) -> Callable[..., Awaitable[Trigger.Response]]:
+        async def answer(_request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+            await self._positions_have_come()
             try:
                 if self._map is None:
                     raise MapError('the map is not open: configure the node first')
@@ -168,25 +199,46 @@ class MapServerNode(StageNode):
             except MapError as error:
                 response.success, response.message = False, str(error)
                 self.get_logger().error(response.message)
+            except Exception as error:
+                if self.context.ok():
+                    self.get_logger().error(traceback.format_exc())
+                response.success, response.message = False, f'internal error: {error}'
             return response
 
         return answer
 
+    async def _positions_have_come(self) -> None:
+        """Wait while scans wait for positions that are still being read."""
+        while self._map is not None and self._stage.waiting and time.monotonic() - self._position_s < QUIET_S:
+            turn = Future()
+            timer = self.create_timer(
+                0.02, partial(turn.set_result, None), ReentrantCallbackGroup(), Clock(clock_type=ClockType.STEADY_TIME)
+            )
+            await turn
+            self.destroy_timer(timer)
+
     def _start_session(self) -> str:
-        session_id = self._stage.map.start_session('', self.now_ns())
+        session_map = self._stage.map
+        if session_map.running_session_id is not None and session_map.is_session_empty:
+            return f'session {session_map.running_session_id} runs and is empty: it goes on'
+        now = datetime.datetime.fromtimestamp(self.now_ns() / 1e9, datetime.timezone.utc)
+        session_id = session_map.start_session(now.strftime('%Y-%m-%d %H:%M:%S'), self.now_ns())
         return f'session {session_id} started'
 
     def _end_session(self) -> str:
-        running = self._stage.map.running()
-        updates, report = self._stage.end_session()
-        self._publish_updates(updates)
-        if len(self._stage.map) > LATCHED_PLACES:
-            self._publish_rows(running, self._last_stamp_ns, committed=True)
-        self._publish_committed()
+        self._publish_updates(self._stage.flush())
+        changed = self._stage.map.running()
+        _, report = self._stage.end_session()
+        if self._is_in_file and len(self._stage.map) > LATCHED_PLACES:
+            # Who reads the file has read it: what changed is less than a million places again.
+            self._updates.publish(self._message_of(changed, self._last_stamp_ns, committed=True))
+        else:
+            self._publish_committed()
         return report.summary()
 
     def _undo_session(self) -> str:
-        undone = self._stage.map.undo_session()
+        self._before_model.clear()
+        undone = self._stage.undo_session()
         self._publish_committed()
         return str(undone)
 
@@ -196,7 +248,8 @@ class MapServerNode(StageNode):
         return f'saved {len(self._stage.map)} places'
 
     def _clear(self) -> str:
-        backup = self._stage.map.clear()
+        self._before_model.clear()
+        backup = self._stage.clear()
         self._publish_committed()
         return f'map cleared, kept as {backup}' if backup else 'map cleared'
 

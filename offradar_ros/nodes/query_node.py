@@ -13,17 +13,19 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from sensor_msgs.msg import PointCloud2
 
+from offradar_ros.bags.records import stamp_ns
 from offradar_ros.config import Config
+from offradar_ros.errors import RefusedInput
 from offradar_ros.mapping.store import MapStore
 from offradar_ros.retrieval.introspective_query import IntrospectiveQuery
 from offradar_ros.ros import qos
 from offradar_ros.ros.diagnostics import WINDOW
 from offradar_ros.ros.embedding_message import embedding_record
 from offradar_ros.ros.outcome_message import match_message, match_pose_message, rejection_message
-from offradar_ros.ros.place_message import descriptors_record
+from offradar_ros.ros.place_message import descriptors_record, says_read_the_file
 from offradar_ros.ros.run import run
 from offradar_ros.ros.stage_node import StageNode
-from offradar_ros.types import Match
+from offradar_ros.types import Embedding, Match
 
 
 class QueryNode(StageNode):
@@ -34,6 +36,7 @@ class QueryNode(StageNode):
 
     def __init__(self, **options: Any) -> None:
         super().__init__('query', **options)
+        self._query = IntrospectiveQuery(self.config.query)
         self._uncertainties: collections.deque[float] = collections.deque(maxlen=WINDOW)
         self._matches = self.publisher(PointCloud2, 'matches', qos.RESULTS)
         self._poses = self.publisher(PoseWithCovarianceStamped, 'match_pose', qos.RESULTS)
@@ -45,10 +48,13 @@ class QueryNode(StageNode):
     def configure(self) -> None:
         """Start with an empty map, or with the file that `query.map_path` names."""
         self._query = IntrospectiveQuery(self.config.query)
-        path = self.config.query.map_path
-        if path:
-            stored = MapStore.open_read_only(Path(path))
-            self._query.load(stored.committed(), stored.model.fingerprint if stored.model else '')
+        path = Path(self.config.query.map_path)
+        if not self.config.query.map_path:
+            return
+        if path.exists() or not path.parent.is_dir():
+            self._read_file()
+        else:
+            self.get_logger().warning(f'query.map_path: {path} is not there yet: waiting for the map server')
 
     def activated(self) -> None:
         """Say what is searched."""
@@ -57,18 +63,36 @@ class QueryNode(StageNode):
     def apply(self, config: Config) -> None:
         """Thresholds may change while the node runs."""
         super().apply(config)
-        if self.active:
-            self._query.reconfigure(config.query)
+        self._query.reconfigure(config.query)
+        self.get_logger().info(f'rejects U above {self._query.threshold:.4f}')
 
     def periodic(self) -> None:
         """Say what is searched, and with which threshold."""
         self.status.facts |= {'places': str(self._query.places), 'threshold': f'{self._query.threshold:.4f}'}
         if self._uncertainties:
-            self.status.facts['mean_uncertainty'] = f'{np.mean(self._uncertainties):.4f} (1 when calibrated)'
+            mean = float(np.mean(self._uncertainties))
+            self.status.facts['mean_uncertainty'] = f'{mean:.4f}'
+            drifted = abs(mean - 1.0) > self.config.query.delta
+            self.status.warning = f'mean U {mean:.2f} is not near 1: calibrate for this sensor' if drifted else ''
+        if not self._query.places:
+            self.status.warning = 'no map to search'
 
     def _on_map(self, message: PointCloud2) -> None:
-        rows = descriptors_record(message, 'map/descriptors')
-        self._query.load(rows.table, rows.model)
+        if says_read_the_file(message):
+            if not self.config.query.map_path:
+                raise RefusedInput(
+                    'map_too_large',
+                    'the map is too large for a message: set query.map_path to the file of the map server',
+                )
+            self._read_file()
+        else:
+            rows = descriptors_record(message, 'map/descriptors')
+            self._query.load(rows.table, rows.model)
+        self.get_logger().info(f'map of {self._query.places} places')
+
+    def _read_file(self) -> None:
+        stored = MapStore.open_read_only(Path(self.config.query.map_path))
+        self._query.load(stored.committed(), stored.model.fingerprint if stored.model else '')
 
     def _on_update(self, message: PointCloud2) -> None:
         if message.width:
@@ -76,7 +100,12 @@ class QueryNode(StageNode):
             self._query.update(rows.table, rows.model, committed=rows.committed)
 
     def _on_embedding(self, message: PointCloud2) -> None:
-        outcome = self._query.query(embedding_record(message, 'embedding'))
+        try:
+            embedding = embedding_record(message, 'embedding')
+        except RefusedInput as problem:
+            self.refuse(problem, 'embedding')
+            embedding = Embedding(stamp_ns(message.header.stamp), np.empty(0, np.float32), np.empty(0, np.float32))
+        outcome = self._query.query(embedding)
         if math.isfinite(outcome.uncertainty):
             self._uncertainties.append(outcome.uncertainty)
         if isinstance(outcome, Match):

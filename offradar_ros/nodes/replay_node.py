@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import functools
+import itertools
 import json
+import math
 import signal
 import sys
 import time
@@ -16,20 +17,20 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import rclpy
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
 
 from offradar_ros.bags.reader import Bag
 from offradar_ros.errors import OffradarError
-from offradar_ros.ros.replay import Answers, Player, PlayOptions
+from offradar_ros.ros.answers import Answers
+from offradar_ros.ros.replay import Player, PlayOptions
 from offradar_ros.ros.sessions import SessionClient
 
 
 def _arguments(argv: Sequence[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog='replay_node', description='Play a bag into the offradar_ros nodes.')
     parser.add_argument('bag', type=Path, help='rosbag2 folder')
-    parser.add_argument('--rate', type=float, default=1.0, help='times real time (default 1)')
+    parser.add_argument('--rate', type=float, help='times real time (default 1)')
     parser.add_argument('--lockstep', action='store_true', help='send each scan when the one before it is answered')
     parser.add_argument('--loop', type=int, default=1, metavar='N', help='play N times; 0 plays until stopped')
     parser.add_argument('--restamp', action='store_true', help='stamp messages with the time at which they are sent')
@@ -37,35 +38,63 @@ def _arguments(argv: Sequence[str]) -> argparse.Namespace:
     parser.add_argument('--report', type=Path, metavar='FILE', help='write counts and latencies as JSON')
     parser.add_argument('--timeout', type=float, default=10.0, metavar='S', help='longest wait for an answer or a node')
     arguments = parser.parse_args(argv)
-    if not 0.0 < arguments.rate <= 1000.0:
+    if arguments.rate is not None and not 0.0 < arguments.rate <= 1000.0:
         parser.error(f'--rate: expected above 0 and at most 1000, got {arguments.rate:g}')
     if arguments.loop < 0:
         parser.error(f'--loop: expected 0 or more, got {arguments.loop}')
-    if arguments.restamp and arguments.lockstep:
-        parser.error('--restamp: a replay in lockstep keeps the recorded stamps')
+    if not 0.0 < arguments.timeout < math.inf:
+        parser.error(f'--timeout: expected above 0, got {arguments.timeout:g}')
+    if arguments.lockstep and (arguments.restamp or arguments.rate is not None):
+        parser.error(
+            '--lockstep: keeps the recorded stamps and goes as fast as the nodes answer: no --restamp or --rate'
+        )
+    if arguments.report and not arguments.report.parent.is_dir():
+        parser.error(f'--report: no such folder: {arguments.report.parent}')
     return arguments
 
 
-def _play(node: Node, arguments: argparse.Namespace) -> int:
-    options = PlayOptions(arguments.rate, arguments.lockstep, arguments.restamp, arguments.timeout)
+def _play(node: Node, argv: Sequence[str], arguments: argparse.Namespace) -> int:
+    options = PlayOptions(arguments.rate or 1.0, arguments.lockstep, arguments.restamp, arguments.timeout)
+    answers, session = Answers(), ''
     with Bag(arguments.bag) as bag:
         player = Player(node, bag, options)
         player.wait_for_listeners()
-        sessions = SessionClient(node, arguments.timeout) if arguments.session else None
+        if arguments.session:
+            print(SessionClient(node, arguments.timeout).start(), flush=True)
         started_s = time.monotonic()
-        answers = Answers()
-        if sessions:
-            print(sessions.start(), flush=True)
-        loops = iter(functools.partial(int, 1), 0) if arguments.loop == 0 else range(arguments.loop)
-        for _ in loops:
-            answers += player.play()
-        session = sessions.end() if sessions else ''
-        if session:
-            print(session, flush=True)
-        if arguments.report:
-            arguments.report.write_text(json.dumps(dataclasses.asdict(answers) | {'session': session}), 'utf-8')
+        try:
+            for _ in itertools.count() if arguments.loop == 0 else range(arguments.loop):
+                player.play()
+                answers += player.take_answers()
+        except Exception:
+            # Whatever was at work when the context went away: that is how an interrupt shows.
+            if rclpy.ok():
+                raise
+            answers += player.take_answers()
+            print('interrupted', flush=True)
+        finally:
+            if arguments.session:
+                session = _end_session(node, argv, arguments.timeout)
+                print(session, flush=True)
         print(answers.summary(time.monotonic() - started_s), flush=True)
+    if arguments.report:
+        report = dataclasses.asdict(answers) | {'session': session}
+        arguments.report.write_text(json.dumps(report), encoding='utf-8')
     return 1 if arguments.lockstep and answers.unanswered else 0
+
+
+def _end_session(node: Node, argv: Sequence[str], timeout_s: float) -> str:
+    if rclpy.ok():
+        return SessionClient(node, timeout_s).end()
+    # Interrupted: what was mapped so far is kept all the same.
+    context = rclpy.Context()
+    rclpy.init(args=list(argv), context=context)
+    again = rclpy.create_node('replay', context=context)
+    try:
+        return SessionClient(again, timeout_s).end()
+    finally:
+        again.destroy_node()
+        rclpy.shutdown(context=context)
 
 
 def main(args: list[str] | None = None) -> int:
@@ -73,17 +102,21 @@ def main(args: list[str] | None = None) -> int:
     argv = sys.argv if args is None else ['replay_node', *args]
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     arguments = _arguments(remove_ros_args(argv)[1:])
-    rclpy.init(args=argv)
-    node = rclpy.create_node('replay')
+    node: Node | None = None
     try:
-        return _play(node, arguments)
-    except ExternalShutdownException:
-        return 0
+        rclpy.init(args=argv)
+        node = rclpy.create_node('replay')
+        return _play(node, argv, arguments)
     except OffradarError as error:
         print(f'error: {error}', file=sys.stderr)
         return 1
+    except Exception:
+        if rclpy.ok():
+            raise
+        return 0
     finally:
-        node.destroy_node()
+        if node is not None:
+            node.destroy_node()
         rclpy.try_shutdown()
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import collections
 import math
 
 import numpy as np
@@ -14,6 +15,9 @@ from offradar_ros.retrieval.place_index import PlaceIndex
 from offradar_ros.retrieval.thresholds import threshold_at
 from offradar_ros.types import Candidate, Embedding, Match, Outcome, PlaceTable, Reason, Rejection
 
+HELD_UPDATES = 64
+"""Rows of the running session that may wait for a later scan."""
+
 
 class IntrospectiveQuery:
     """Answers every embedding, with a match or with a reasoned rejection. One thread at a time."""
@@ -23,6 +27,7 @@ class IntrospectiveQuery:
         self._model = ''
         self._committed = PlaceIndex(0)
         self._running = PlaceIndex(0)
+        self._arrived: collections.deque[PlaceTable] = collections.deque()
 
     def reconfigure(self, config: QueryConfig) -> None:
         """Go on with other thresholds; the map stays."""
@@ -39,6 +44,7 @@ class IntrospectiveQuery:
         committed = PlaceIndex(table.means.shape[1])
         committed.replace_all(table)
         self._committed, self._running = committed, PlaceIndex(committed.dimension)
+        self._arrived.clear()
         self._model = model_fingerprint
 
     def update(self, table: PlaceTable, model_fingerprint: str, committed: bool) -> None:
@@ -57,8 +63,10 @@ class IntrospectiveQuery:
         if committed:
             self._committed.upsert(table)
             self._running.remove(table.place_ids)
+            self._arrived.clear()
         else:
-            self._running.upsert(table)
+            self._running.check(table)
+            self._arrived.append(table)
 
     def query(self, embedding: Embedding) -> Outcome:
         """The `top_k` nearest places, or a rejection with those that would have been returned where there are any."""
@@ -92,6 +100,7 @@ class IntrospectiveQuery:
         if not self._model:
             return ()
         k = self.config.top_k
+        self._take_rows_before(embedding.stamp_ns)
         if self.config.exclude_current_session or not len(self._running):
             return tuple(self._committed.search(embedding.mean, k))
         # A place that the running session changed is searched as it is now, unless it now holds this very scan.
@@ -99,6 +108,11 @@ class IntrospectiveQuery:
         found = self._committed.search(embedding.mean, k, without=np.setdiff1d(self._running.place_ids, own))
         found += self._running.search(embedding.mean, k, without=own)
         return tuple(sorted(found, key=lambda candidate: (candidate.distance, candidate.place_id))[:k])
+
+    def _take_rows_before(self, stamp_ns: int) -> None:
+        # Whether a scan's own row comes before or after the scan is chance: it counts from the next scan on.
+        while self._arrived and (self._arrived[0].stamps_ns.max() < stamp_ns or len(self._arrived) > HELD_UPDATES):
+            self._running.upsert(self._arrived.popleft())
 
     def _rejection(
         self,

@@ -49,7 +49,7 @@ class PlaceIndex:
 
     def upsert(self, table: PlaceTable) -> None:
         """Overwrite known places and add new ones; RefusedInput if a mean is not of d finite numbers."""
-        self._refuse_unusable(table)
+        self.check(table)
         before = len(self)
         _, known = self._columns.find(table.place_ids)
         self._columns.upsert(table)
@@ -65,7 +65,7 @@ class PlaceIndex:
 
     def replace_all(self, table: PlaceTable) -> None:
         """Hold these places and no others."""
-        self._refuse_unusable(table)
+        self.check(table)
         self._columns = PlaceColumns(self.dimension, len(table))
         self._columns.upsert(table)
         self._measure(np.arange(len(self)))
@@ -126,7 +126,8 @@ class PlaceIndex:
             with np.errstate(over='ignore'):
                 self._squares[part] = np.sum(means * means, axis=1)
 
-    def _refuse_unusable(self, table: PlaceTable) -> None:
+    def check(self, table: PlaceTable) -> None:
+        """RefusedInput (`wrong_dimension`, `invalid_place`) if `upsert` would refuse these places."""
         if table.means.shape != (len(table), self.dimension):
             raise RefusedInput(
                 'wrong_dimension',

@@ -23,6 +23,7 @@ class NodeStatus:
         self.drops: Counter[str] = Counter()
         self.counts: Counter[str] = Counter()
         self.facts: dict[str, str] = {}
+        self.warning = ''
         self._latencies_s: collections.deque[float] = collections.deque(maxlen=WINDOW)
         self._last_report_s = time.monotonic()
         self._last_handled = 0
@@ -47,9 +48,9 @@ class NodeStatus:
         values |= {f'dropped.{cause}': str(count) for cause, count in sorted(self.drops.items())}
         values |= {name: str(count) for name, count in sorted(self.counts.items())} | self.facts
         status = DiagnosticStatus(
-            level=DiagnosticStatus.WARN if new_drops else DiagnosticStatus.OK,
+            level=DiagnosticStatus.WARN if new_drops or self.warning else DiagnosticStatus.OK,
             name=self._name,
-            message=f'{new_drops} dropped in the last period' if new_drops else f'{rate_hz:.1f} Hz',
+            message=f'{new_drops} dropped in the last period' if new_drops else self.warning or f'{rate_hz:.1f} Hz',
             hardware_id='offradar_ros',
             values=[KeyValue(key=key, value=value) for key, value in values.items()],
         )

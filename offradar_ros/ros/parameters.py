@@ -18,6 +18,8 @@ def descriptor(bounds: Bounds, value: bool | int | float | str) -> ParameterDesc
     """What `ros2 param describe` shows."""
     unit = f' [{bounds.unit}]' if bounds.unit else ''
     described = ParameterDescriptor(description=bounds.description + unit, read_only=bounds.read_only)
+    # ROS takes 1 for an integer and would refuse it where 1.0 is meant; `declare` and `judged` check the type.
+    described.dynamic_typing = isinstance(value, float)
     if bounds.choices:
         described.additional_constraints = 'one of ' + ', '.join(bounds.choices)
     if bounds.minimum is not None and bounds.maximum is not None:
@@ -34,6 +36,7 @@ def descriptor(bounds: Bounds, value: bool | int | float | str) -> ParameterDesc
 
 def declare(node: Node, config: Config, stages: Sequence[str]) -> Config:
     """Declare the parameters of some stages; the configuration that they give, or ConfigError if one is invalid."""
+    _refuse_unknown(node, config)
     values: dict[str, Any] = {}
     for leaf in parameters(config):
         if leaf.name.split('.')[0] in stages:
@@ -47,6 +50,15 @@ def declare(node: Node, config: Config, stages: Sequence[str]) -> Config:
                 reason = problem or str(error).splitlines()[0]
                 raise ConfigError(f'parameter {leaf.name}: {reason}') from error
     return replace_values(config, values)
+
+
+def _refuse_unknown(node: Node, config: Config) -> None:
+    """A misspelt name would silently leave the default in force. Names of other nodes' stages are theirs."""
+    known = [leaf.name for leaf in parameters(config)]
+    ours = {name.split('.')[0] for name in known}
+    for name in node._parameter_overrides:
+        if name.split('.')[0] in ours and '.' in name and name not in known:
+            replace_values(config, {name: None})
 
 
 def changed(config: Config, updates: Sequence[RosParameter]) -> Config:

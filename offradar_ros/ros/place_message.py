@@ -81,6 +81,19 @@ def receipt_message(stamp_ns: int) -> PointCloud2:
     return PointCloud2(header=header(stamp_ns, MAP_FRAME), height=1)
 
 
+READ_THE_FILE = 'read_the_file'
+
+
+def read_the_file_message(stamp_ns: int) -> PointCloud2:
+    """Instead of descriptors: the map is too large for a message and is read from its file."""
+    return to_cloud(np.empty(0, np.dtype([(READ_THE_FILE, 'u1')])), header(stamp_ns, MAP_FRAME))
+
+
+def says_read_the_file(message: PointCloud2) -> bool:
+    """Whether a message on `map/descriptors` points to the file."""
+    return [field.name for field in message.fields] == [READ_THE_FILE]
+
+
 def map_message(table: PlaceTable, stamp_ns: int) -> PointCloud2:
     """What RViz and Foxglove draw: x, y, z in float32, intensity = U, place_id."""
     points = np.empty(

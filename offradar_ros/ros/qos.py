@@ -11,7 +11,8 @@ def _reliable(depth: int, durability: DurabilityPolicy) -> QoSProfile:
 
 # Best effort loses scans: 1.5 MB is several times a shared-memory segment and travels in fragments.
 SCANS = _reliable(5, DurabilityPolicy.VOLATILE)
-POSITIONS = _reliable(50, DurabilityPolicy.VOLATILE)
+# A replay in lockstep sends the positions of several seconds at once, at up to 200 a second.
+POSITIONS = _reliable(2000, DurabilityPolicy.VOLATILE)
 RESULTS = _reliable(10, DurabilityPolicy.VOLATILE)
 # A subscriber that falls behind on these would hold a map that is not the server's.
 UPDATES = _reliable(1000, DurabilityPolicy.VOLATILE)

@@ -8,19 +8,33 @@ from collections.abc import Callable
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.utilities import remove_ros_args
 
 from offradar_ros.errors import OffradarError
 from offradar_ros.ros.stage_node import StageNode
 
+USAGE = (
+    'Usage: NODE --ros-args [-p NAME:=VALUE] [--params-file FILE] [-r FROM:=TO]. '
+    '`offradar parameters` lists the parameters.'
+)
+
 
 def run(make_node: Callable[[], StageNode], args: list[str] | None = None) -> int:
     """Spin the node until the context is shut down; the exit status."""
+    stray = _stray(sys.argv if args is None else ['', *args])
+    if stray:
+        asked = stray[0] in ('-h', '--help')
+        print(
+            USAGE if asked else f'error: argument {stray[0]!r} is unknown. {USAGE}', file=None if asked else sys.stderr
+        )
+        return 0 if asked else 2
     # rclpy's own handler still shuts the context down. Without this, a second SIGINT (ros2 launch sends two) raises
     # KeyboardInterrupt in the middle of the clean-up.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     node: StageNode | None = None
+    status = 0
     try:
-        rclpy.init(args=args)
+        _initialise(args)
         node = make_node()
         node.start()
         executor = SingleThreadedExecutor()
@@ -30,10 +44,39 @@ def run(make_node: Callable[[], StageNode], args: list[str] | None = None) -> in
         pass
     except OffradarError as error:
         print(f'error: {error}', file=sys.stderr)
-        return 1
+        status = 1
+    except Exception:
+        # A timer or service that was at work when the context went away cannot publish any more.
+        if rclpy.ok():
+            raise
     finally:
         if node is not None:
-            node.close()
+            status = max(status, _closed(node))
             node.destroy_node()
         rclpy.try_shutdown()
+    return status
+
+
+def _stray(argv: list[str]) -> list[str]:
+    try:
+        return list(remove_ros_args(argv)[1:])
+    except Exception:
+        # What is wrong with the ROS arguments, `_initialise` says.
+        return []
+
+
+def _initialise(args: list[str] | None) -> None:
+    try:
+        rclpy.init(args=args)
+    except Exception as error:
+        # A parameter file that is missing or malformed, or an argument that ROS cannot read.
+        raise OffradarError(f'ROS arguments: {str(error).splitlines()[0]}') from error
+
+
+def _closed(node: StageNode) -> int:
+    try:
+        node.close()
+    except OffradarError as error:
+        print(f'error: {error}', file=sys.stderr)
+        return 1
     return 0

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import rclpy
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from offradar_ros.errors import OffradarError
+
+COMMIT_S = 60.0
+"""Longest wait for an answer: a session may have changed a million places."""
 
 
 class SessionClient:
@@ -31,10 +35,11 @@ class SessionClient:
             if not client.wait_for_service(self._timeout_s):
                 raise OffradarError(f'service map_server/{name}: no map server within {self._timeout_s:g} s')
             future = client.call_async(Trigger.Request())
-            rclpy.spin_until_future_complete(self._node, future, timeout_sec=self._timeout_s)
+            executor = SingleThreadedExecutor(context=self._node.context)
+            rclpy.spin_until_future_complete(self._node, future, executor, timeout_sec=max(self._timeout_s, COMMIT_S))
             response = future.result()
             if response is None:
-                raise OffradarError(f'service map_server/{name}: no answer within {self._timeout_s:g} s')
+                raise OffradarError(f'service map_server/{name}: no answer within {max(self._timeout_s, COMMIT_S):g} s')
             if not response.success:
                 raise OffradarError(f'service map_server/{name}: {response.message}')
             return str(response.message)

@@ -14,7 +14,7 @@ from rclpy.clock_type import ClockType
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 
@@ -44,9 +44,10 @@ class StageNode(LifecycleNode):
         ).value
         self.add_on_set_parameters_callback(self._judge_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
-        self.status = NodeStatus(f'{self.get_name()}: offradar_ros')
+        self.status = NodeStatus(f'{self.get_fully_qualified_name().lstrip("/")}: offradar_ros')
         self.active = False
         self._outputs: list[Publisher] = []
+        self._latched: dict[str, Callable[[], None]] = {}
         self._failure: OffradarError | None = None
         self._last_logged_s: dict[str, float] = {}
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', qos.RESULTS)
@@ -69,7 +70,7 @@ class StageNode(LifecycleNode):
         """Called when the node has become active."""
 
     def close(self) -> None:
-        """Release the core objects, losing nothing; called at cleanup and at exit."""
+        """Release the core objects; OffradarError, with nothing released, if that would lose something."""
 
     def apply(self, config: Config) -> None:
         """Take over parameters that were changed at run time."""
@@ -84,7 +85,8 @@ class StageNode(LifecycleNode):
             self.configure()
         except OffradarError as error:
             self._failure = error
-            self.get_logger().error(str(error))
+            if not self._autostart:
+                self.get_logger().error(str(error))
             return TransitionCallbackReturn.FAILURE
         except Exception:
             self.get_logger().error(traceback.format_exc())
@@ -96,6 +98,9 @@ class StageNode(LifecycleNode):
         result = super().on_activate(state)
         self.active = True
         self.activated()
+        # Sent once, perhaps while this node was inactive, and still in force.
+        for handle_again in list(self._latched.values()):
+            handle_again()
         return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -105,14 +110,20 @@ class StageNode(LifecycleNode):
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lifecycle transition."""
-        self.close()
-        return super().on_cleanup(state)
+        return super().on_cleanup(state) if self._closed() else TransitionCallbackReturn.FAILURE
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lifecycle transition."""
         self.active = False
-        self.close()
-        return super().on_shutdown(state)
+        return super().on_shutdown(state) if self._closed() else TransitionCallbackReturn.FAILURE
+
+    def _closed(self) -> bool:
+        try:
+            self.close()
+        except OffradarError as error:
+            self.get_logger().error(str(error))
+            return False
+        return True
 
     def publisher(self, message_type: type[MessageT], topic: str, profile: QoSProfile) -> Publisher:
         """A lifecycle publisher whose quality of service can be overridden by parameters."""
@@ -127,7 +138,11 @@ class StageNode(LifecycleNode):
     ) -> Subscription:
         """A subscription that counts, says and survives whatever is wrong with a message."""
 
+        latched = profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+
         def guarded(message: MessageT) -> None:
+            if latched:
+                self._latched[topic] = lambda: guarded(message)
             if not self.active:
                 return
             started_s = time.monotonic()
@@ -135,8 +150,12 @@ class StageNode(LifecycleNode):
                 handle(message)
             except RefusedInput as problem:
                 self.refuse(problem, topic)
+            except OffradarError as error:
+                self.refuse(RefusedInput('not_possible', str(error)), topic)
             except Exception:
-                self.refuse(RefusedInput('internal_error', traceback.format_exc()), topic)
+                # What was in hand when the node was interrupted has nowhere to go.
+                if self.context.ok():
+                    self.refuse(RefusedInput('internal_error', traceback.format_exc()), topic)
             else:
                 if topic == self.timed_topic:
                     self.status.handle(started_s)
@@ -148,6 +167,13 @@ class StageNode(LifecycleNode):
             profile,
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
+
+    def say(self, text: str) -> None:
+        """Log, also at exit, when the log topic is gone."""
+        if self.context.ok():
+            self.get_logger().info(text)
+        else:
+            print(f'[{self.get_name()}]: {text}', flush=True)
 
     timed_topic = ''
     """The input whose rate and latency the diagnostics report."""
@@ -171,6 +197,8 @@ class StageNode(LifecycleNode):
         self.apply(parameters.changed(self.config, updates))
 
     def _report(self) -> None:
+        if not self.context.ok():
+            return
         if self.active:
             self.periodic()
         # A replay in lockstep asks here whether the nodes have found one another.

@@ -13,6 +13,7 @@ from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.errors import MapError, RefusedInput
 from offradar_ros.geometry import GeoPoint
 from offradar_ros.mapping.sessions import SessionMap
+from offradar_ros.mapping.store import MapStore
 from offradar_ros.types import Embedding, Pose
 
 MODEL = ModelInfo('ring_key', 'a' * 64, 3, {'note': 'test'})
@@ -118,8 +119,10 @@ def test_undo_walks_back_through_every_state(sessions, replace, match_position, 
                 assert equal(states[-1], states[-2])
                 states.pop()
             else:
-                session_map.end_session()
-                states.append(session_map.places())
+                report = session_map.end_session()
+                # A session that changed nothing takes no place among those that can be undone.
+                if report.inserted + report.replaced:
+                    states.append(session_map.places())
         for state in states[::-1][1:][:4]:
             assert not session_map.undo_session().was_running
             assert equal(session_map.places(), state)
@@ -233,3 +236,44 @@ def test_clear_empties_the_map_and_the_running_session_goes_on(session_map):
 def test_a_map_in_memory_cannot_be_saved():
     with pytest.raises(MapError, match=r'map\.path is empty'):
         SessionMap(MapConfig()).save()
+
+
+def test_a_session_without_scans_leaves_no_trace_and_no_undo_is_lost(tmp_path):
+    path = tmp_path / 'map.db'
+    with SessionMap(MapConfig(path=str(path), undo_depth=1)) as session_map:
+        session_map.adopt_model(MODEL)
+        drive(session_map, 'real', 0.0, 1.0)
+        session_map.end_session()
+        for number in range(3):
+            session_map.start_session(f'empty {number}', number)
+            assert session_map.is_session_empty
+            session_map.save()
+            session_map.end_session()
+        session_map.start_session('nothing new', 9)
+        session_map.merge(scan(10**6, 99.0), Pose(0.0, 0.0))
+        session_map.end_session()
+    with SessionMap(MapConfig(path=str(path), undo_depth=1)) as session_map:
+        assert [s.name for s in MapStore.open_read_only(path).sessions] == ['real', 'nothing new']
+        assert session_map.undo_session().name == 'real'
+        assert len(session_map) == 0
+
+
+def test_a_model_announced_again_leaves_the_running_session_running(tmp_path):
+    path = tmp_path / 'map.db'
+    with SessionMap(MapConfig(path=str(path))) as session_map:
+        session_map.start_session('one', 0)
+        session_map.adopt_model(MODEL)
+        session_map.merge(scan(1, 1.0), Pose(0.0, 0.0))
+        session_map.save()
+        session_map.adopt_model(MODEL)
+        assert [s.state for s in MapStore.open_read_only(path).sessions] == ['running']
+        assert len(MapStore.open_read_only(path).committed()) == 0
+
+
+def test_two_names_of_one_file_are_one_map(tmp_path):
+    (tmp_path / 'link.db').symlink_to(tmp_path / 'map.db')
+    with (
+        SessionMap(MapConfig(path=str(tmp_path / 'map.db'))),
+        pytest.raises(MapError, match='in use by another process that writes it'),
+    ):
+        SessionMap(MapConfig(path=str(tmp_path / 'link.db')))

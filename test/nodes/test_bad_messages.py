@@ -92,10 +92,10 @@ def test_repeated_and_backward_stamps_are_dropped_and_a_restart_is_not(
     send = observer.speaker(Image, 'radar_data/b_scan_image', qos.SCANS)
     for stamp_s in (100.0, 100.25, 100.25, 100.0, 100.5, 50.0, 50.25):
         send(image(round(stamp_s * SECOND)))
-    wait_until(lambda: len(embeddings) == 5)
+    wait_until(lambda: len(embeddings) == 6)
     assert node.status.drops == {'repeated_stamp': 1, 'stamp_backwards': 1}
-    stamps = [m.header.stamp.sec + m.header.stamp.nanosec / SECOND for m in embeddings]
-    assert stamps == [100.0, 100.25, 100.5, 50.0, 50.25]
+    answers = [(m.header.stamp.sec + m.header.stamp.nanosec / SECOND, m.width) for m in embeddings]
+    assert answers == [(100.0, 128), (100.25, 128), (100.0, 0), (100.5, 128), (50.0, 128), (50.25, 128)]
 
 
 def test_drops_are_on_the_diagnostics_topic(observer: Observer, start_node: Callable[..., StageNode]) -> None:
@@ -157,13 +157,16 @@ def test_the_query_answers_a_bad_embedding_with_the_reason(
 
 
 @pytest.mark.parametrize('node_type', [QueryNode, MapServerNode])
-def test_a_cloud_that_is_no_embedding_is_counted(
+def test_a_cloud_that_is_no_embedding_is_counted_and_answered(
     observer: Observer, start_node: Callable[..., StageNode], node_type: type[StageNode]
 ) -> None:
     node = start_node(node_type)
+    outcomes = observer.hear_outcomes()
     send = observer.speaker(PointCloud2, 'embedding', qos.RESULTS)
     send(PointCloud2(height=1, width=5))
     wait_until(lambda: node.status.drops['wrong_fields'] == 1)
+    if node_type is QueryNode:
+        assert wait_until(lambda: outcomes)[0].reason == 'invalid_embedding'
 
 
 def fix(stamp_ns: int, status: int = NavSatStatus.STATUS_FIX, **changes: float) -> NavSatFix:
@@ -255,7 +258,7 @@ def test_every_embedding_is_acknowledged_with_its_stamp(mapping: Mapping) -> Non
 def test_odometry_serves_as_position(observer: Observer, start_node: Callable[..., StageNode]) -> None:
     node = start_node(MapServerNode, {'position.source': 'odometry'})
     observer.speaker(DiagnosticStatus, 'embedding/model', qos.LATCHED)(model_message(MODEL))
-    pose = observer.speaker(Odometry, 'odometry', qos.POSITIONS)
+    pose = observer.speaker(Odometry, 'ground_truth/odometry', qos.POSITIONS)
     embed = observer.speaker(PointCloud2, 'embedding', qos.RESULTS)
     for second, x in ((10, 4.0), (11, 8.0)):
         odometry = Odometry(header=header(second * SECOND, 'map'))

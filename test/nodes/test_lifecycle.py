@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import sqlite3
@@ -12,6 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import State, Transition
@@ -19,16 +21,22 @@ from lifecycle_msgs.srv import ChangeState, GetState
 from live_nodes import WAIT_S, Observer, replay, wait_until
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, SetParameters
-from sensor_msgs.msg import PointCloud2
+from sensor_msgs.msg import NavSatFix, PointCloud2
 from std_srvs.srv import Trigger
 
+from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.mapping.store import MapStore
+from offradar_ros.nodes import map_server_node
 from offradar_ros.nodes.encoder_node import EncoderNode
 from offradar_ros.nodes.map_server_node import MapServerNode
 from offradar_ros.nodes.query_node import QueryNode
 from offradar_ros.ros import qos
+from offradar_ros.ros.embedding_message import embedding_message, model_message
+from offradar_ros.ros.place_message import PlaceRows, descriptors_message
 from offradar_ros.ros.processes import Stack
 from offradar_ros.ros.stage_node import StageNode
+from offradar_ros.ros.stamps import header
+from offradar_ros.types import Embedding, Place, PlaceTable, Pose
 
 NODES = ['encoder_node', 'map_server_node', 'query_node']
 
@@ -204,8 +212,9 @@ def test_sessions_are_services(
         nodes.wait_until_ready()
         assert not trigger(observer, 'end_session').success
         assert trigger(observer, 'start_session').success
-        assert not trigger(observer, 'start_session').success
+        assert 'it goes on' in trigger(observer, 'start_session').message
         replay(nodes, street_bag('drive', count=8), '--lockstep')
+        assert not trigger(observer, 'start_session').success
         assert trigger(observer, 'save').success
         ended = trigger(observer, 'end_session')
         assert ended.success
@@ -229,3 +238,92 @@ def test_no_node_loads_torch(domain_id: int) -> None:
     )
     environment = {**os.environ, 'ROS_DOMAIN_ID': str(domain_id)}
     assert subprocess.run([sys.executable, '-c', program], env=environment, check=False).returncode == 0
+
+
+def test_a_node_that_was_cycled_searches_the_same_map(observer: Observer, start_node: Callable[..., StageNode]) -> None:
+    rows = [Place(i, 1, i, Pose(10.0 * i, 0.0), 0.9, np.full(8, i, np.float32)) for i in range(3)]
+    latched = descriptors_message(PlaceRows(PlaceTable.from_places(rows, 8), 'ab' * 32, committed=True), 0)
+    node = start_node(QueryNode, {'autostart': False})
+    observer.speaker(PointCloud2, 'map/descriptors', qos.LATCHED)(latched)
+    time.sleep(0.5)
+    for _ in range(2):
+        assert change(observer, 'query', Transition.TRANSITION_CONFIGURE)
+        assert change(observer, 'query', Transition.TRANSITION_ACTIVATE)
+        wait_until(lambda: node._query.places == 3)
+        assert change(observer, 'query', Transition.TRANSITION_DEACTIVATE)
+        assert change(observer, 'query', Transition.TRANSITION_CLEANUP)
+
+
+def test_a_map_that_cannot_be_written_costs_neither_the_node_nor_the_session(
+    observer: Observer, stack: Callable[..., Stack], street_bag: Callable[..., Path], tmp_path: Path
+) -> None:
+    path = tmp_path / 'map.db'
+    parameters = {'map.path': str(path), 'map.start_session': True, 'map.autosave_s': 1.0}
+    with stack(parameters) as nodes:
+        nodes.wait_until_ready()
+        replay(nodes, street_bag('drive', count=8), '--lockstep')
+        server = nodes.nodes['map_server_node']
+        wait_until(lambda: MapStore.open_read_only(path).sessions)
+        with contextlib.closing(sqlite3.connect(path, isolation_level=None)) as other:
+            other.execute('BEGIN IMMEDIATE')
+            replay(nodes, street_bag('more', count=8, lane_m=40.0, start_ns=1_700_000_000 * 10**9), '--lockstep')
+            refused = trigger(observer, 'end_session')
+            assert not refused.success
+            assert 'locked' in refused.message
+            assert server.process.poll() is None
+            other.execute('ROLLBACK')
+        assert trigger(observer, 'end_session').success
+    (session,) = MapStore.open_read_only(path).sessions
+    assert (session.state, session.report['inserted']) == ('ended', len(MapStore.open_read_only(path).places))
+
+
+def test_a_map_too_large_for_a_message_is_read_from_its_file(
+    observer: Observer, start_node: Callable[..., StageNode], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(map_server_node, 'LATCHED_PLACES', 2)
+    path = str(tmp_path / 'map.db')
+    start_node(MapServerNode, {'map.path': path, 'map.start_session': False, 'map.match_distance_m': 1.0})
+    query = start_node(QueryNode, {'query.map_path': path})
+    info = ModelInfo('ring_key', 'ab' * 32, 8, {})
+    observer.speaker(DiagnosticStatus, 'embedding/model', qos.LATCHED)(model_message(info))
+    embed = observer.speaker(PointCloud2, 'embedding', qos.RESULTS)
+    fix = observer.speaker(NavSatFix, 'gps/fix', qos.POSITIONS)
+    updates = observer.hear(PointCloud2, 'map/updates', qos.UPDATES)
+    second = 10**9
+    for session in range(3):
+        assert trigger(observer, 'start_session').success
+        start = 100 * (session + 1)
+        for i in range(2):
+            lon = -1.25 + 0.001 * (2 * session + i)
+            fix(NavSatFix(header=header((start + i) * second, 'gps'), latitude=51.75, longitude=lon))
+            mean = np.full(8, 2.0 * session + i, np.float32)
+            embedding = Embedding((start + i) * second, mean, np.ones(8, np.float32), info.fingerprint)
+            embed(embedding_message(embedding, 'radar'))
+            wait_until(lambda n=2 * session + i + 1: sum(m.width > 0 for m in updates if m.width < 2) >= n)
+        assert trigger(observer, 'end_session').success
+        wait_until(lambda n=2 * (session + 1): query._query.places == n)
+    assert trigger(observer, 'undo_session').success
+    wait_until(lambda: query._query.places == 4)
+    late = start_node(QueryNode, {'query.map_path': path})
+    wait_until(lambda: late._query.places == 4)
+
+
+def test_misspelt_parameters_and_stray_arguments_are_refused(stack: Callable[..., Stack]) -> None:
+    environment = stack().environment
+    misspelt = run_node('encoder_node', environment, '-p', 'radar.rnge:=1.0')
+    assert misspelt.returncode == 1
+    assert 'radar.rnge' in misspelt.stderr
+    missing = run_node('encoder_node', environment, '--params-file', '/no/such/file.yaml')
+    assert missing.returncode == 1
+    assert missing.stderr.count('error: ') == 1
+    assert 'Traceback' not in missing.stderr
+    command = [sys.executable, '-m', 'offradar_ros.nodes.query_node', 'stray']
+    stray = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=WAIT_S, check=False)
+    assert stray.returncode == 2
+    assert "argument 'stray' is unknown" in stray.stderr
+
+
+def test_whole_numbers_are_taken_for_decimals(stack: Callable[..., Stack]) -> None:
+    with stack({'query.delta': 1, 'map.match_distance_m': 7}) as nodes:
+        nodes.wait_until_ready()
+        assert 'rejects U above 2.0' in nodes.nodes['query_node'].log.read_text()

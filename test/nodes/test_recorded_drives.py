@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from offradar_ros.ros.processes import Stack
 
 def counts(printed: str) -> dict[str, int]:
     line = next(line for line in printed.splitlines() if line.startswith('replayed'))
-    counted = line.removeprefix('replayed ').partition(' in ')[0]
+    counted = re.sub(r' \([^)]*\)', '', line.removeprefix('replayed ').partition(' in ')[0])
     return {name: int(count) for count, name in (part.split(' ', 1) for part in counted.split(', '))}
 
 

@@ -2,21 +2,30 @@
 
 from __future__ import annotations
 
+import signal
 import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from live_nodes import WAIT_S, Observer, replay, wait_until
+from rclpy.serialization import serialize_message
+from rosbags.rosbag2 import StoragePlugin, Writer
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image, NavSatFix
+from std_msgs.msg import Bool
 
 from offradar_ros.bags.reader import Bag
 from offradar_ros.bags.records import stamp_ns
+from offradar_ros.bags.writer import TYPES, image_message, write_bag
+from offradar_ros.geometry import Trajectory
 from offradar_ros.mapping.store import MapStore
 from offradar_ros.ros import qos
+from offradar_ros.ros.embedding_message import embedding_message
 from offradar_ros.ros.processes import Stack
+from offradar_ros.types import Embedding
 
 
 @pytest.fixture
@@ -129,7 +138,7 @@ def test_lockstep_says_when_nothing_answers(
     observer.node.create_publisher(Image, 'matches', qos.RESULTS)
     with alone() as nodes:
         printed = failed(nodes, str(street_bag('drive', count=8)), '--lockstep', '--timeout', '0.5')
-    assert 'error: the nodes answered none of the last 3 scans' in printed
+    assert 'error: nothing on matches for the last 3 scans' in printed
 
 
 def test_a_stop_in_the_middle_is_clean(
@@ -141,3 +150,78 @@ def test_a_stop_in_the_middle_is_clean(
         wait_until(lambda: images)
         assert process.stop() == 0
         assert 'Traceback' not in process.log.read_text()
+
+
+def test_an_interrupted_session_is_ended_and_kept(
+    stack: Callable[..., Stack], street_bag: Callable[..., Path], tmp_path: Path
+) -> None:
+    bag = street_bag('drive', count=40)
+    with stack({'map.path': str(tmp_path / 'map.db')}) as nodes:
+        nodes.wait_until_ready()
+        process = nodes.start('replay_node', [str(bag), '--session'], 'interrupted')
+        wait_until(lambda: 'session 1 started' in process.log.read_text())
+        time.sleep(3.0)
+        assert process.stop() == 0
+        printed = process.log.read_text()
+        assert 'interrupted' in printed
+        assert 'session 1 (' in printed
+        assert 'Traceback' not in printed
+        # The next one starts as if nothing had happened, within the second that the scans jump back by.
+        replay(nodes, bag, '--lockstep', '--session')
+    assert [s.state for s in MapStore.open_read_only(tmp_path / 'map.db').sessions] == ['ended', 'ended']
+
+
+def test_what_the_nodes_said_when_it_was_recorded_is_not_played(
+    observer: Observer, stack: Callable[..., Stack], street: Callable[..., Any], tmp_path: Path
+) -> None:
+    """A bag of everything on a vehicle: answers, and messages without a header."""
+    sequence, path = street(count=6), tmp_path / 'everything'
+    types = TYPES.types
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        scans = writer.add_connection('/radar_data/b_scan_image', 'sensor_msgs/msg/Image', typestore=TYPES)
+        flags = writer.add_connection('/door_open', 'std_msgs/msg/Bool', typestore=TYPES)
+        said = writer.add_connection('/embedding', 'sensor_msgs/msg/PointCloud2', typestore=TYPES)
+        old = embedding_message(Embedding(1, np.ones(8, np.float32), np.ones(8, np.float32), 'ab' * 32), 'radar')
+        for index in range(len(sequence)):
+            stamp = int(sequence.stamps_ns[index])
+            image = image_message(sequence.scan(index), plain=True)
+            writer.write(scans, stamp, TYPES.serialize_cdr(image, 'sensor_msgs/msg/Image'))
+            writer.write(flags, stamp, TYPES.serialize_cdr(types['std_msgs/msg/Bool'](data=True), 'std_msgs/msg/Bool'))
+            old.header.stamp.sec, old.header.stamp.nanosec = divmod(stamp, 10**9)
+            writer.write(said, stamp, serialize_message(old))
+    doors = observer.hear(Bool, 'door_open')
+    with stack() as nodes:
+        nodes.wait_until_ready()
+        printed = replay(nodes, path, '--rate', '4', '--restamp')
+        assert '6 scans, 6 embeddings, 0 matches, 6 rejections (6 map_empty), 0 unanswered' in printed
+        printed = replay(nodes, path, '--lockstep')
+        assert '6 scans, 6 embeddings' in printed
+    assert len(doors) == 12
+    assert all(door.data for door in doors)
+
+
+def test_a_flood_of_positions_loses_no_scan(
+    stack: Callable[..., Stack], street: Callable[..., Any], tmp_path: Path
+) -> None:
+    """An INS of 200 positions a second, and a map server that is busy when they come."""
+    sequence = street(count=8)
+
+    class Flooded(type(sequence)):  # type: ignore[misc]
+        @property
+        def trajectory(self) -> Trajectory:
+            slow = super().trajectory
+            stamps = np.arange(slow.stamps_ns[0] - 4 * 10**9, slow.stamps_ns[-1], 5_000_000)
+            each = [np.interp(stamps, slow.stamps_ns, column) for column in slow.positions.T]
+            return Trajectory(stamps, np.stack(each, axis=1), np.full(len(stamps), np.nan), geodetic=True)
+
+    bag = write_bag(Flooded(count=8), tmp_path / 'flooded')
+    with stack({'map.path': str(tmp_path / 'map.db')}) as nodes:
+        nodes.wait_until_ready()
+        process = nodes.start('replay_node', [str(bag), '--lockstep', '--session'])
+        wait_until(lambda: 'session 1 started' in process.log.read_text())
+        server = nodes.nodes['map_server_node'].process
+        server.send_signal(signal.SIGSTOP)
+        time.sleep(1.0)
+        server.send_signal(signal.SIGCONT)
+        assert process.wait(WAIT_S) == 0
+        assert '0 dropped' in process.log.read_text()

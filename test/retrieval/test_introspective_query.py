@@ -126,9 +126,9 @@ def test_places_of_another_model_are_refused(searching):
 
 def test_the_running_session_s_places_are_found_only_if_asked(searching):
     searching.update(places((2, (8, 0)), (7, (0.5, 0)), session=2), MODEL, committed=False)
-    assert ids(searching.query(scan())) == [2, 1]
+    assert ids(searching.query(scan(stamp=100))) == [2, 1]
     searching.reconfigure(dataclasses.replace(searching.config, exclude_current_session=False, top_k=4))
-    outcome = searching.query(scan())
+    outcome = searching.query(scan(stamp=100))
     # Place 2 counts once, as the running session left it.
     assert ids(outcome) == [7, 1, 2, 3]
     assert outcome.candidates[2].distance == 8.0
@@ -139,14 +139,22 @@ def test_the_running_session_s_places_are_found_only_if_asked(searching):
 def test_a_scan_never_finds_itself(searching):
     searching.reconfigure(dataclasses.replace(searching.config, exclude_current_session=False, top_k=4))
     searching.update(places((2, (8, 0)), (7, (0.5, 0)), session=2), MODEL, committed=False)
-    # Places 2 and 7 hold the scans of stamps 2 and 7: asked with such a scan, they are as they were before it.
-    assert [(c.place_id, c.distance) for c in searching.query(scan(stamp=2)).candidates] == [
-        (7, 0.5),
-        (2, 1.0),
-        (1, 5.0),
-        (3, 10.0),
-    ]
+    # Place 2 holds the scan of stamp 2 and place 7 that of stamp 7: a scan finds what was mapped before it, whether
+    # its own row came before it or comes after.
+    as_before = [(2, 1.0), (1, 5.0), (3, 10.0)]
+    for stamp in (2, 7):
+        assert [(c.place_id, c.distance) for c in searching.query(scan(stamp=stamp)).candidates] == as_before
+    assert ids(searching.query(scan(stamp=8))) == [7, 1, 2, 3]
+    # The recording again, in the same session: the places that hold this very scan are as they were.
     assert ids(searching.query(scan(stamp=7))) == [1, 2, 3]
+
+
+def test_rows_of_the_running_session_are_not_held_for_ever(searching):
+    searching.reconfigure(dataclasses.replace(searching.config, exclude_current_session=False, top_k=1))
+    for i in range(200):
+        searching.update(places((1000 + i, (0.5, 0)), session=2), MODEL, committed=False)
+    searching.query(scan(stamp=1))
+    assert len(searching._arrived) <= 64
 
 
 def test_once_committed_they_are_found_always(searching):
@@ -162,7 +170,7 @@ def test_a_session_s_first_places_answer_in_an_empty_map_if_asked():
     query = IntrospectiveQuery(QueryConfig(exclude_current_session=False))
     query.load(places(), MODEL)
     query.update(places((1, (0, 0))), MODEL, committed=False)
-    assert isinstance(query.query(scan()), Match)
+    assert isinstance(query.query(scan(stamp=100)), Match)
     query.reconfigure(QueryConfig())
     assert query.query(scan()).reason is Reason.MAP_EMPTY
 

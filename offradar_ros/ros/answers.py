@@ -1,0 +1,116 @@
+"""What running nodes answer to the scans of a replay, by stamp."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections import Counter
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.node import Node
+from sensor_msgs.msg import PointCloud2
+
+from offradar_ros.bags.reader import header_stamp_ns
+from offradar_ros.bags.records import stamp_ns
+from offradar_ros.errors import RefusedInput
+from offradar_ros.ros import qos
+from offradar_ros.ros.outcome_message import rejection_record
+
+REPLIES = ('matches', 'rejections')
+"""One of the two answers each embedding."""
+
+TOPICS = ('embedding', *REPLIES, 'map/updates')
+
+
+@dataclasses.dataclass(frozen=True)
+class Answers:
+    """Counts over the scans of a replay; latencies in seconds from sending a scan to its last answer."""
+
+    scans: int = 0
+    embeddings: int = 0
+    matches: int = 0
+    rejections: int = 0
+    unanswered: int = 0
+    answered_twice: int = 0
+    reasons: Counter[str] = dataclasses.field(default_factory=Counter)
+    latencies_s: tuple[float, ...] = ()
+
+    def __add__(self, other: Answers) -> Answers:
+        fields = [field.name for field in dataclasses.fields(self)]
+        return Answers(**{name: getattr(self, name) + getattr(other, name) for name in fields})
+
+    def summary(self, seconds: float) -> str:
+        """One line."""
+        reasons = ', '.join(f'{count} {reason}' for reason, count in sorted(self.reasons.items()))
+        text = (
+            f'replayed {self.scans} scans, {self.embeddings} embeddings, {self.matches} matches, '
+            f'{self.rejections} rejections{f" ({reasons})" if reasons else ""}, {self.unanswered} unanswered, '
+            f'{self.answered_twice} answered twice in {seconds:.1f} s'
+        )
+        if self.latencies_s:
+            p50, p99 = np.percentile(self.latencies_s, [50, 99]) * 1e3
+            text += f' ({self.scans / max(seconds, 1e-9):.1f} scans/s); latency median {p50:.1f} ms, p99 {p99:.1f} ms'
+        return text
+
+
+class AnswerLog:
+    """Listens to every topic that answers a scan."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._heard: dict[str, Counter[int]] = {topic: Counter() for topic in TOPICS}
+        self._reasons: dict[int, str] = {}
+        self.awaited: tuple[str, ...] = ()
+        for topic, profile in (('embedding', qos.RESULTS), ('matches', qos.RESULTS), ('map/updates', qos.UPDATES)):
+            note = functools.partial(self._note, topic)
+            node.create_subscription(PointCloud2, topic, note, profile, raw=True)
+        node.create_subscription(DiagnosticArray, 'rejections', self._note_rejection, qos.RESULTS)
+
+    def _note(self, topic: str, cdr: bytes) -> None:
+        self._heard[topic][header_stamp_ns(cdr)] += 1
+
+    def _note_rejection(self, message: DiagnosticArray) -> None:
+        stamp = stamp_ns(message.header.stamp)
+        self._heard['rejections'][stamp] += 1
+        try:
+            self._reasons[stamp] = rejection_record(message, 'rejections').reason.value
+        except RefusedInput as problem:
+            self._reasons[stamp] = problem.cause
+
+    def clear(self) -> None:
+        """Forget what was heard."""
+        for heard in self._heard.values():
+            heard.clear()
+        self._reasons.clear()
+
+    def present(self) -> tuple[str, ...]:
+        """The topics that somebody publishes."""
+        return tuple(t for t in TOPICS if self._node.count_publishers(self._node.resolve_topic_name(t)))
+
+    def missing(self, stamp: int) -> tuple[str, ...]:
+        """The awaited topics on which nothing has come for a scan."""
+        silent = tuple(topic for topic in self.awaited if stamp not in self._heard[topic])
+        replied = any(stamp in self._heard[topic] for topic in REPLIES)
+        return tuple(topic for topic in silent if not (replied and topic in REPLIES))
+
+    @property
+    def total(self) -> int:
+        """Messages heard."""
+        return sum(heard.total() for heard in self._heard.values())
+
+    def answers(self, sent: list[int], latencies_s: list[float]) -> Answers:
+        """Counts over the sent stamps."""
+        stamps = set(sent)
+        replies = self._heard['matches'] + self._heard['rejections']
+        counted = replies if any(topic in REPLIES for topic in self.awaited) else self._heard['embedding']
+        fields: dict[str, Any] = {
+            'embeddings': sum(self._heard['embedding'][stamp] for stamp in stamps),
+            'matches': sum(self._heard['matches'][stamp] for stamp in stamps),
+            'rejections': sum(self._heard['rejections'][stamp] for stamp in stamps),
+            'unanswered': sum(counted[stamp] == 0 for stamp in stamps),
+            'answered_twice': sum(counted[stamp] > 1 for stamp in stamps),
+        }
+        reasons = Counter(self._reasons[stamp] for stamp in stamps if stamp in self._reasons)
+        return Answers(scans=len(sent), **fields, reasons=reasons, latencies_s=tuple(latencies_s))
