@@ -1,7 +1,8 @@
 """Any RadarSequence to a rosbag2 folder with MCAP storage (zstd chunks).
 
 A bag is written within ``OUT.partial`` and moved out when it is complete, so that an interrupted run never leaves a bag
-that looks complete: a rosbag2 folder without ``metadata.yaml`` opens nowhere.
+that looks complete: a rosbag2 folder without ``metadata.yaml`` opens nowhere. A bag that it replaces is moved aside,
+to ``OUT.replaced``, and removed only when the new one is in its place.
 """
 
 from __future__ import annotations
@@ -9,7 +10,6 @@ from __future__ import annotations
 import dataclasses
 import heapq
 import math
-import shutil
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ import numpy as np
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
+from offradar_ros.bags.new_folder import new_folder
 from offradar_ros.bags.topics import FIX, FIX_TYPE, IMAGE_TYPE, ODOMETRY, ODOMETRY_TYPE, SCANS
 from offradar_ros.datasets.sequence import RadarSequence
 from offradar_ros.errors import DataError
@@ -61,23 +62,8 @@ def write_bag(
     out = Path(out)
     if not len(sequence):
         raise DataError(f'{sequence.name}: holds no scans: nothing to convert')
-    if out.exists() and not options.overwrite:
-        raise DataError(f'{out}: exists already: choose another folder or pass --overwrite')
-    if out.exists() and not (out / 'metadata.yaml').exists():
-        raise DataError(f'{out}: exists and is not a bag: not overwritten, choose another folder')
-    partial = out.with_name(out.name + '.partial')
-    try:
-        shutil.rmtree(partial, ignore_errors=True)
-        partial.mkdir(parents=True)
-        # The recording's file is named after its folder.
-        _write(sequence, partial / out.name, options, progress or (lambda _done, _total: None))
-        if out.exists():
-            shutil.rmtree(out)
-        (partial / out.name).rename(out)
-    except OSError as error:
-        raise DataError(f'{out}: cannot be written ({error.strerror or error})') from error
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
+    with new_folder(out, overwrite=options.overwrite) as draft:
+        _write(sequence, draft, options, progress or (lambda _done, _total: None))
     return out
 
 
