@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,9 +12,10 @@ from offradar_ros.bags.positions import position_topics, read_positions
 from offradar_ros.bags.reader import Bag, scan_topic
 from offradar_ros.bags.records import scan_from_image, stamp_ns
 from offradar_ros.config import PositionConfig, RadarConfig
+from offradar_ros.datasets.check.coverage import coverage
 from offradar_ros.datasets.check.findings import Finding, Findings, counted, note, ok, problem
+from offradar_ros.datasets.check.sizes import Sizes
 from offradar_ros.datasets.check.stamps import check_stamps
-from offradar_ros.datasets.coverage import fraction_covered
 from offradar_ros.errors import RefusedInput
 
 
@@ -31,7 +31,7 @@ def _findings(bag: Bag, radar: RadarConfig, max_gap_s: float) -> Iterator[Findin
         yield ok(f'topic {topic}: {counted(count, "message")} of {bag.topics[topic]}')
     topic = scan_topic(bag)
     stamps: list[int] = []
-    shapes: Counter[tuple[int, int]] = Counter()
+    sizes = Sizes()
     refused: dict[str, list[str]] = {}
     for raw in bag.messages([topic]):
         message = bag.decode(raw)
@@ -41,9 +41,8 @@ def _findings(bag: Bag, radar: RadarConfig, max_gap_s: float) -> Iterator[Findin
         except RefusedInput as refusal:
             refused.setdefault(refusal.cause, []).append(str(refusal))
         else:
-            shapes[scan.power.shape[0], scan.power.shape[1]] += 1
-    for (azimuths, bins), count in shapes.items():
-        yield ok(f'{counted(count, "scan")} of {azimuths} azimuths × {bins} range bins')
+            sizes.add(scan, f'at {scan.stamp_ns} ns')
+    yield from sizes.findings()
     for cause, messages in sorted(refused.items()):
         yield problem(f'{counted(len(messages), "scan")} would be refused ({cause}): {messages[0]}')
     stamps_ns = np.array(stamps, np.int64)
@@ -60,6 +59,4 @@ def _positions(bag: Bag, stamps_ns: NDArray[np.int64], max_gap_s: float) -> Iter
         for cause, count in sorted(refused.items()):
             yield problem(f'{topic}: {counted(count, "position")} would be refused ({cause})')
         if len(stamps_ns):
-            fraction = fraction_covered(stamps_ns, trajectory, round(max_gap_s * 1e9)) if len(trajectory) else 0.0
-            text = f'{topic}: {fraction:.0%} of the scans have a position within gaps of {max_gap_s:g} s'
-            yield ok(text) if fraction == 1.0 else problem(text)
+            yield coverage(topic, stamps_ns, trajectory, max_gap_s)

@@ -1,16 +1,19 @@
 """`offradar convert`: a data-set folder to a rosbag2 folder."""
 
+import dataclasses
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from offradar_ros.bags.reader import Bag
-from offradar_ros.bags.topics import FIX, ODOMETRY
 from offradar_ros.bags.writer import BagOptions, write_bag
 from offradar_ros.cli.progress import progress_bar
-from offradar_ros.cli.source import open_source
-from offradar_ros.config import RadarConfig
+from offradar_ros.cli.source import LAYOUT_HELP, open_source
+from offradar_ros.config import PositionConfig, RadarConfig
+from offradar_ros.datasets.check.coverage import coverage
+from offradar_ros.datasets.check.findings import counted
+from offradar_ros.datasets.sequence import RadarSequence
 from offradar_ros.errors import ConfigError
 
 LARGEST_OFFSET_S = 1e9
@@ -19,7 +22,7 @@ LARGEST_OFFSET_S = 1e9
 def convert(
     source: Annotated[Path, typer.Argument(help='Data-set folder (or another bag).')],
     out: Annotated[Path, typer.Argument(help='rosbag2 folder to write.')],
-    layout: Annotated[str, typer.Option(help='Layout of the folder; auto recognises it.')] = 'auto',
+    layout: Annotated[str, typer.Option(help=LAYOUT_HELP)] = 'auto',
     plain: Annotated[
         bool, typer.Option('--plain', help="Leave out the 11 metadata columns, as Navtech's driver does.")
     ] = False,
@@ -35,16 +38,23 @@ def convert(
         )
     sequence = open_source(source, layout, RadarConfig())
     options = BagOptions(plain=plain, position_offset_ns=round(position_offset_s * 1e9), overwrite=overwrite)
+    existed = out.exists()
     with progress_bar(f'converting {sequence.name}') as progress:
         write_bag(sequence, out, options, progress)
     with Bag(out) as bag:
         for topic, count in bag.counts.items():
-            typer.echo(f'{topic}: {count} messages')
-        if sequence.trajectory is None:
-            typer.echo('no positions: the source has none; this bag can be queried with, not mapped')
-        elif FIX not in bag.topics and ODOMETRY not in bag.topics:
-            typer.echo(
-                'no positions: the source has none within 5 s of its scans (see offradar check, --position-offset-s); '
-                'this bag can be queried with, not mapped'
-            )
-    typer.echo(f'{out}: written')
+            typer.echo(f'{topic}: {counted(count, "message")}')
+    lack = _lack_of_positions(sequence, position_offset_s)
+    if lack:
+        typer.echo(f'warning: {lack}')
+    typer.echo(f'{out}: {"replaced" if existed else "written"}')
+
+
+def _lack_of_positions(sequence: RadarSequence, offset_s: float) -> str:
+    """Which scans have no position and why, in the words of `offradar check`; empty where none lacks one."""
+    trajectory = sequence.trajectory
+    if trajectory is None:
+        return 'no positions: the source has none; this bag can be queried with, not mapped'
+    moved = dataclasses.replace(trajectory, stamps_ns=trajectory.stamps_ns + round(offset_s * 1e9))
+    found = coverage('positions', sequence.stamps_ns, moved, PositionConfig().max_gap_s, offset_s)
+    return found.text if found.level == 'problem' else ''

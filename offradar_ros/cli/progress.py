@@ -1,7 +1,5 @@
 """A progress bar with the time left."""
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Callable, Iterator
 

@@ -1,19 +1,40 @@
 """What a command is given: a data-set folder or a bag."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from offradar_ros.bags.reader import is_bag
 from offradar_ros.bags.sequence import BagSequence
 from offradar_ros.config import RadarConfig
-from offradar_ros.datasets.registry import open_sequence
+from offradar_ros.datasets.registry import LAYOUTS, open_sequence, recognised
 from offradar_ros.datasets.sequence import RadarSequence
 from offradar_ros.errors import DataError
+
+LAYOUT_HELP = f'Layout of the folder: auto recognises it; else {", ".join(LAYOUTS)}.'
+NAMED = 3
 
 
 def open_source(path: Path, layout: str, radar: RadarConfig) -> RadarSequence:
     """The scans at `path`; DataError if it is neither a bag nor a known data-set folder."""
+    require_recording(path, layout)
+    return BagSequence(path, radar) if is_bag(path) else open_sequence(path, layout, radar)
+
+
+def require_recording(path: Path, layout: str) -> None:
+    """DataError where `path` is missing, or no recording itself but a folder of some, which it names."""
     if not path.exists():
         raise DataError(f'{path}: no such folder')
-    return BagSequence(path, radar) if is_bag(path) else open_sequence(path, layout, radar)
+    if layout != 'auto' or not path.is_dir() or is_bag(path) or recognised(path):
+        return
+    try:
+        inside = [folder for folder in sorted(path.iterdir()) if _holds_recording(folder)]
+    except OSError as error:
+        raise DataError(f'{path}: cannot be read ({error.strerror})') from error
+    if inside:
+        others = f' (or one of {len(inside) - NAMED} others)' if len(inside) > NAMED else ''
+        raise DataError(
+            f'{path}: no radar scans recognised: did you mean {" or ".join(map(str, inside[:NAMED]))}?{others}'
+        )
+
+
+def _holds_recording(folder: Path) -> bool:
+    return folder.is_dir() and ((folder / 'metadata.yaml').exists() or recognised(folder) is not None)

@@ -34,17 +34,21 @@ LAYOUTS: dict[str, Layout] = {
 def open_sequence(path: str | Path, layout: str = 'auto', radar: RadarConfig | None = None) -> RecordedSequence:
     """The sequence in a data set's folder (or its folder of scans), recognised by content or opened as `layout`.
 
-    DataError lists what was looked for where nothing fits.
+    DataError says what was looked for where nothing fits.
     """
     folder = Path(path).resolve()
     if not folder.is_dir():
         raise DataError(f'{path}: ' + ('not a folder' if folder.exists() else 'no such folder'))
     if layout != 'auto' and layout not in LAYOUTS:
         raise DataError(f'layout {layout!r} is unknown: expected auto, {", ".join(LAYOUTS)}')
-    tried = LAYOUTS if layout == 'auto' else {layout: LAYOUTS[layout]}
-    for candidate in tried.values():
-        scans = candidate.locate(folder)
-        if scans is not None:
-            return candidate.open(scans, radar or RadarConfig())
-    looked_for = '; '.join(candidate.looks_for for candidate in tried.values())
-    raise DataError(f'{path}: no radar scans recognised: looked for {looked_for}')
+    name = recognised(folder) if layout == 'auto' else layout
+    scans = LAYOUTS[name].locate(folder) if name else None
+    if name is None or scans is None:
+        looked_for = f'the layouts {", ".join(LAYOUTS)}' if name is None else LAYOUTS[name].looks_for
+        raise DataError(f'{path}: no radar scans recognised: looked for {looked_for}')
+    return LAYOUTS[name].open(scans, radar or RadarConfig())
+
+
+def recognised(folder: Path) -> str | None:
+    """Name of the first layout that fits the folder."""
+    return next((name for name, layout in LAYOUTS.items() if layout.locate(folder.resolve()) is not None), None)

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -66,8 +67,59 @@ def test_scans_that_are_refused_are_left_out(
     for frame in range(1, 6):
         cv2.imwrite(str(radiate_folder / 'Navtech_Polar' / f'{frame:06d}.png'), black)
     said = refused('calibrate', radiate_folder, '--out', tmp_path / 'none.yaml')
-    assert 'city_1: expected at least one scan that can be encoded, got none' in said
+    assert 'city_1: expected at least 2 scans that can be encoded, got 0; 5 of 5 scans refused: no_signal: ' in said
     assert not (tmp_path / 'none.yaml').exists()
+
+
+def test_the_causes_are_named_where_nothing_can_be_encoded(
+    refused: Callable[..., str], street_bag: Callable[..., Path], tmp_path: Path
+) -> None:
+    given = tmp_path / 'given.yaml'
+    given.write_text('radar: {profile: custom}\n')
+    said = refused('calibrate', street_bag('bag', count=3), '--out', tmp_path / 'out.yaml', '--params', given)
+    assert '3 of 3 scans refused: unknown_range_resolution: ' in said
+    assert 'radar.range_resolution_m' in said
+
+
+def test_one_scan_is_too_few_and_few_are_noted(
+    done: Callable[..., str], refused: Callable[..., str], street_bag: Callable[..., Path], tmp_path: Path
+) -> None:
+    out = tmp_path / 'out.yaml'
+    said = refused('calibrate', street_bag('one', count=1), '--out', out)
+    assert 'expected at least 2 scans that can be encoded, got 1' in said
+    lines = done('calibrate', street_bag('few', count=3), '--out', out).splitlines()
+    assert lines[1].startswith('note: Δ from 3 scans is too narrow')
+    assert lines[2] == f'{out}: written'
+    assert done('calibrate', street_bag('more', count=100), '--out', out).splitlines()[1:] == [f'{out}: replaced']
+
+
+def test_every_other_parameter_of_the_file_is_kept(
+    done: Callable[..., str], street_bag: Callable[..., Path], tmp_path: Path
+) -> None:
+    params = tmp_path / 'my.yaml'
+    params.write_text(
+        '/**:\n  ros__parameters:\n    use_sim_time: true\n'
+        '    radar: {range_resolution_m: 0.17, azimuth_offset_rad: 1}\n'
+        '    position: {source: odometry, max_gap_s: 3}\n    query: {top_k: 9, delta: 0.1}\n    map: {path: town.db}\n'
+        '    qos_overrides: {/gps/fix: {subscription: {depth: 3}}}\n'
+    )
+    before = read_parameters(params)
+    done('calibrate', street_bag('bag', count=3), '--out', params, '--params', params)
+    after = read_parameters(params)
+    new = {name for name in after if name not in before}
+    assert all(name.startswith('encoder.') or name in ('query.level', 'query.levels') for name in new)
+    assert {name for name in before if after[name] != before[name]} == {'query.delta'}
+    # Nodes refuse a whole number where they want a decimal one.
+    assert isinstance(after['position.max_gap_s'], float)
+    assert isinstance(after['radar.azimuth_offset_rad'], float)
+
+
+def test_a_place_that_cannot_be_written_is_refused_before_the_work(
+    offradar: Callable[..., Any], street_bag: Callable[..., Path], tmp_path: Path
+) -> None:
+    ran = offradar('calibrate', street_bag('bag', count=2), '--out', tmp_path / 'no' / 'params.yaml')
+    assert ran.status == 1
+    assert 'encoding' not in ran.err
 
 
 def test_bad_input_is_refused(refused: Callable[..., str], street_bag: Callable[..., Path], tmp_path: Path) -> None:
@@ -81,5 +133,5 @@ def test_bad_input_is_refused(refused: Callable[..., str], street_bag: Callable[
         'calibrate', bag, '--out', out, '--params', tmp_path / 'bad.yaml'
     )
     assert 'encoder.weights' in refused('calibrate', bag, '--out', out, '--params', tmp_path / 'learned.yaml')
-    assert 'not a readable YAML' in refused('calibrate', bag, '--out', out, '--params', tmp_path / 'none.yaml')
+    assert 'none.yaml: no such file' in refused('calibrate', bag, '--out', out, '--params', tmp_path / 'none.yaml')
     assert not out.exists()

@@ -15,7 +15,7 @@ import pytest
 
 from offradar_ros.bags.reader import Bag
 from offradar_ros.bags.sequence import BagSequence
-from offradar_ros.datasets.registry import open_sequence
+from offradar_ros.datasets.registry import LAYOUTS, open_sequence
 
 WAIT_S = 30.0
 
@@ -54,10 +54,16 @@ def test_an_offset_brings_positions_of_another_clock_back(
     done: Callable[..., str], real_data: Path, tmp_path: Path
 ) -> None:
     folder = real_data / 'radiate_tiny_foggy'
-    assert 'no positions: the source has none within 5 s' in done('convert', folder, tmp_path / 'apart')
+    said = done('convert', folder, tmp_path / 'apart')
+    (warning,) = [line for line in said.splitlines() if line.startswith('warning: ')]
+    assert warning == (
+        'warning: positions: no scan has a position: positions start 59.8 s after the last scan '
+        '(if the clocks disagree: offradar convert --position-offset-s -64.1)'
+    )
     assert set(counts(tmp_path / 'apart')) == {'/radar_data/b_scan_image'}
-    said = done('convert', folder, tmp_path / 'joined', '--position-offset-s', '-64')
-    assert 'no positions' not in said
+    assert 'warning' not in done('convert', folder, tmp_path / 'joined', '--position-offset-s', '-64.1')
+    said = done('convert', folder, tmp_path / 'nearer', '--position-offset-s', '-30')
+    assert '--position-offset-s -64.1)' in said
     assert counts(tmp_path / 'joined')['/gps/fix'] > 18
 
 
@@ -76,6 +82,19 @@ def test_an_offset_that_is_no_time_is_refused(
 ) -> None:
     said = refused('convert', radiate_folder, tmp_path / 'bag', f'--position-offset-s={seconds}')
     assert '--position-offset-s: expected seconds within' in said
+
+
+def test_scans_without_a_position_are_counted(done: Callable[..., str], radiate_folder: Path, tmp_path: Path) -> None:
+    said = done('convert', radiate_folder, tmp_path / 'bag', '--position-offset-s', '-61.5')
+    assert 'warning: positions: 3 of 5 scans have a position (gaps up to 1.5 s)\n' in said
+
+
+def test_one_message_is_one(done: Callable[..., str], street_bag: Callable[..., Path], tmp_path: Path) -> None:
+    assert 'b_scan_image: 1 message\n' in done('convert', street_bag('one', count=1), tmp_path / 'bag')
+
+
+def test_the_help_names_the_layouts(done: Callable[..., str]) -> None:
+    assert all(name in done('convert', '--help') for name in LAYOUTS)
 
 
 def test_a_source_without_positions_says_so(done: Callable[..., str], radiate_folder: Path, tmp_path: Path) -> None:
@@ -101,7 +120,7 @@ def test_an_existing_bag_is_kept_unless_told(
     bag = street_bag('bag', count=2)
     assert f'{bag}: exists already' in refused('convert', radiate_folder, bag)
     assert counts(bag)['/radar_data/b_scan_image'] == 2
-    done('convert', radiate_folder, bag, '--overwrite')
+    assert done('convert', radiate_folder, bag, '--overwrite').endswith(f'{bag}: replaced\n')
     assert counts(bag)['/radar_data/b_scan_image'] == 5
 
 

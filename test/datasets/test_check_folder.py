@@ -1,14 +1,18 @@
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from offradar_ros.config import PositionConfig, RadarConfig
 from offradar_ros.datasets.check import Findings, check_folder
+from offradar_ros.datasets.check.coverage import coverage
 from offradar_ros.datasets.coverage import covered, seconds_apart
 from offradar_ros.datasets.registry import open_sequence
 from offradar_ros.errors import DataError
@@ -211,8 +215,51 @@ def test_scans_before_and_after_the_positions(first: int, last: int, seconds: fl
 def test_foggy_positions_start_after_the_last_scan(real_data: Path) -> None:
     findings = check_folder(real_data / 'radiate_tiny_foggy')
     problems = [finding.text for finding in findings.problems]
-    assert 'GPS_IMU_Twist.txt: no scan has a position: positions start 59.8 s after the last scan' in problems
+    assert (
+        'GPS_IMU_Twist.txt: no scan has a position: positions start 59.8 s after the last scan '
+        '(if the clocks disagree: offradar convert --position-offset-s -64.1)'
+    ) in problems
     assert '18 scans of 400 azimuths × 576 range bins of 0.1736 m' in texts(findings, 'ok')
+
+
+def test_positions_of_other_days_are_notes(real_data: Path) -> None:
+    findings = check_folder(real_data / 'mulran_kaist03')
+    others = [text for text in texts(findings, 'note') if text.endswith('not of this drive')]
+    assert [text.split(':')[0] for text in others] == [
+        'mulran_KAIST01_radar_utm.csv',
+        'mulran_KAIST02_radar_utm.csv',
+    ]
+    assert others[0].split(': ')[1] == '74.2 days from the scans at the nearest'
+    (apart,) = [f.text for f in findings.problems if 'no scan has a position' in f.text]
+    assert apart.startswith('mulran_KAIST03_radar_utm.csv: ')
+
+
+@given(
+    length_ns=st.integers(1, 10**11),
+    later_ns=st.integers(1, 10**12),
+    early=st.booleans(),
+)
+@settings(max_examples=100, deadline=None)
+def test_the_proposed_offset_brings_both_together(length_ns: int, later_ns: int, early: bool) -> None:
+    """Scans over 1 s, positions for longer, apart by `later_ns`."""
+    scans = 10**18 + np.arange(5) * 250_000_000
+    known = np.arange(0, 10**9 + length_ns + 3 * 10**8, 10**8)
+    known += scans[0] - known[-1] - later_ns if early else scans[-1] + later_ns
+    trajectory = Trajectory(known, np.zeros((len(known), 3)), np.full(len(known), np.nan), geodetic=False)
+    text = coverage('gps', scans, trajectory, 1.5).text
+    assert f'positions {"end" if early else "start"} ' in text
+    offset_s = float(text.rpartition(' ')[2].rstrip(')'))
+    moved = dataclasses.replace(trajectory, stamps_ns=known + round(offset_s * 1e9))
+    assert coverage('gps', scans, moved, 1.5).text == 'gps: 5 of 5 scans have a position (gaps up to 1.5 s)'
+
+
+def test_an_offset_already_given_is_part_of_the_proposed_one() -> None:
+    known = np.array([100, 110]) * 10**9
+    trajectory = Trajectory(known, np.zeros((2, 3)), np.full(2, np.nan), geodetic=False)
+    said = coverage('gps', np.array([10, 20]) * 10**9, trajectory, 1.5, offset_s=7.0).text
+    assert said.endswith('--position-offset-s -83.0)')
+    nothing = dataclasses.replace(trajectory, stamps_ns=known[:0], positions=np.zeros((0, 3)), yaws_rad=np.zeros(0))
+    assert coverage('gps', known, nothing, 1.5).level == 'problem'
 
 
 def test_the_recorded_oxford_folder_is_sound(real_data: Path) -> None:

@@ -246,7 +246,10 @@ def test_a_scan_without_signal_is_refused_with_its_file(oxford_folder: Path, sca
 def test_nothing_recognised_lists_what_was_looked_for(tmp_path: Path) -> None:
     with pytest.raises(DataError) as error:
         open_sequence(tmp_path)
-    for layout in LAYOUTS.values():
+    assert all(name in str(error.value) for name in LAYOUTS)
+    for name, layout in LAYOUTS.items():
+        with pytest.raises(DataError) as error:
+            open_sequence(tmp_path, name)
         assert layout.looks_for in str(error.value)
     assert '\n' not in str(error.value)
 

@@ -7,8 +7,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from offradar_ros.datasets.check.coverage import apart, coverage
 from offradar_ros.datasets.check.findings import Finding, counted, note, ok, problem
-from offradar_ros.datasets.coverage import covered, seconds_apart
+from offradar_ros.datasets.coverage import seconds_apart
 from offradar_ros.datasets.position_file import PositionFile
 from offradar_ros.datasets.positions.track import DUPLICATE
 from offradar_ros.datasets.sequence import RecordedSequence
@@ -31,8 +32,11 @@ def check_positions(sequence: RecordedSequence, max_gap_s: float) -> Iterator[Fi
             continue
         readable += 1
         yield from _contents(source, trajectory, tally, max_gap_s)
-    if readable and sequence.trajectory is not None:
-        yield from _coverage(sequence, sequence.trajectory, max_gap_s)
+        apart_s = seconds_apart(sequence.stamps_ns, trajectory)
+        if apart_s and source.path != sequence.trajectory_path:
+            yield note(f'{source.path.name}: {apart(apart_s)} from the scans at the nearest: not of this drive')
+    if readable and sequence.trajectory is not None and sequence.trajectory_path is not None:
+        yield coverage(sequence.trajectory_path.name, sequence.stamps_ns, sequence.trajectory, max_gap_s)
 
 
 def _contents(source: PositionFile, trajectory: Trajectory, tally: Counter[str], max_gap_s: float) -> Iterator[Finding]:
@@ -46,17 +50,3 @@ def _contents(source: PositionFile, trajectory: Trajectory, tally: Counter[str],
     gaps = steps_s[steps_s > max_gap_s]
     if len(gaps):
         yield note(f'{name}: {counted(len(gaps), "gap")} over {max_gap_s:g} s, the longest {gaps.max():.1f} s')
-
-
-def _coverage(sequence: RecordedSequence, trajectory: Trajectory, max_gap_s: float) -> Iterator[Finding]:
-    path = sequence.trajectory_path
-    name = path.name if path else ''
-    apart_s = seconds_apart(sequence.stamps_ns, trajectory)
-    if apart_s:
-        before = 'before the first scan' if trajectory.stamps_ns[-1] < sequence.stamps_ns[0] else 'after the last scan'
-        verb = 'end' if before.startswith('before') else 'start'
-        yield problem(f'{name}: no scan has a position: positions {verb} {apart_s:.1f} s {before}')
-        return
-    with_position = int(np.count_nonzero(covered(sequence.stamps_ns, trajectory, round(max_gap_s * 1e9))))
-    text = f'{name}: {with_position} of {len(sequence)} scans have a position (gaps up to {max_gap_s:g} s)'
-    yield ok(text) if with_position == len(sequence) else problem(text)

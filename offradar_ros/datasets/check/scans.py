@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from offradar_ros.datasets.check.findings import Finding, counted, note, ok, problem, some
+from offradar_ros.datasets.check.sizes import Sizes
 from offradar_ros.datasets.sequence import RecordedSequence
 from offradar_ros.errors import DataError, RefusedInput
 from offradar_ros.types import PolarScan
@@ -29,8 +30,7 @@ def check_scans(
     if 0 < sample < len(sequence):
         indices = [int(i) for i in np.linspace(0, len(sequence) - 1, sample).round()]
         yield note(f'{len(indices)} of {len(sequence)} scans decoded')
-    shapes: Counter[tuple[int, int, float]] = Counter()
-    first_of_shape: dict[tuple[int, int, float], str] = {}
+    sizes = Sizes()
     faults: dict[str, list[str]] = {}
     anchors: Counter[str] = Counter()
     for done, index in enumerate(indices, start=1):
@@ -46,17 +46,12 @@ def check_scans(
             reason = str(refusal).removeprefix(f'{sequence.files[index]}: ')
             faults.setdefault(_REFUSALS.get(refusal.cause, reason), []).append(file)
             continue
-        shape = (int(scan.power.shape[0]), int(scan.power.shape[1]), scan.range_resolution_m)
-        shapes[shape] += 1
-        first_of_shape.setdefault(shape, file)
+        sizes.add(scan, file)
         for fault in _faults(scan):
             faults.setdefault(fault, []).append(file)
         if scan.azimuth_stamps_ns is not None:
             anchors[_anchor(scan)] += 1
-    for number, (shape, count) in enumerate(shapes.most_common()):
-        azimuths, bins, resolution_m = shape
-        text = f'{counted(count, "scan")} of {azimuths} azimuths × {bins} range bins of {resolution_m:g} m'
-        yield ok(text) if number == 0 else problem(f'odd size: {text}, first {first_of_shape[shape]}')
+    yield from sizes.findings()
     for fault, files in faults.items():
         yield problem(f'{fault}: {counted(len(files), "scan")} ({some(files)})')
     for anchor, count in anchors.most_common():
