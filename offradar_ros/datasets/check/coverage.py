@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,7 +9,7 @@ from offradar_ros.datasets.check.findings import Finding, ok, problem
 from offradar_ros.datasets.coverage import covered, seconds_apart
 from offradar_ros.geometry import Trajectory
 
-_REMEDY_STEP_S = 0.1
+_STEP_NS = 10**8
 _DAY_S = 24 * 3600.0
 
 
@@ -45,5 +43,4 @@ def apart(seconds: float) -> str:
 
 def _offset_s(stamps_ns: NDArray[np.int64], trajectory: Trajectory) -> float:
     """What to add so that both start together, the first position no later than the first scan."""
-    start_s = int(stamps_ns[0] - trajectory.stamps_ns[0]) / 1e9
-    return math.floor(round(start_s / _REMEDY_STEP_S, 6)) * _REMEDY_STEP_S
+    return int(stamps_ns[0] - trajectory.stamps_ns[0]) // _STEP_NS * _STEP_NS / 1e9
