@@ -2,8 +2,8 @@
 
 Each folder of the package, and each module beside the folders, imports only from those above it in `ORDER`. So the
 core stands without what is built on it, and everything up to `cli` without ROS: `cli` comes before `ros`, `nodes` and
-`demo`, and reaches the one of them that it needs (the demonstration) from inside a function. Because that order alone
-would let a node import the command line, `APART` forbids it.
+`demo`, and reaches what it needs of them (the demonstration, the session services) from inside a function. Because that
+order alone would let a node import the command line, `APART` forbids it.
 
 Only imports at a module's level count. Those inside functions load something heavy where it is needed and are listed,
 each of them, in `LAZY`. What `import` statements cannot tell, a fresh interpreter does: nothing of the core or the
@@ -36,6 +36,7 @@ ORDER = (
     'encoders',
     'mapping',
     'retrieval',
+    'evaluation',
     'pipeline',
     'cli',
     'ros',
@@ -51,6 +52,7 @@ LAZY = {
     ('encoders.onnx_export', 'encoders.variational'),
     ('cli.export', 'encoders.onnx_export'),
     ('cli.demo', 'demo.run'),
+    ('cli.session', 'ros.sessions'),
 }
 BACKENDS = {
     f'encoders.{name}' for name in ('backbone', 'network_files', 'onnx_backend', 'torch_backend', 'variational')

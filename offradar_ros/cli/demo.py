@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from offradar_ros.cli.need import ros_hint
 from offradar_ros.errors import OffradarError
 
 
@@ -16,9 +17,7 @@ def demo(
     """Simulate three drives, replay them through the nodes over DDS, and print and draw what came of it."""
     for package, extra in (('rclpy', 'ros'), ('matplotlib', 'plot')):
         if importlib.util.find_spec(package) is None:
-            raise OffradarError(
-                f"the demo needs {package}: source a ROS 2 installation, or pip install 'offradar_ros[{extra}]'"
-            )
+            raise OffradarError(f'the demo {ros_hint(package, extra)}')
     # Only the demonstration needs ROS: the other commands work without it.
     from offradar_ros.demo.run import run_demo  # noqa: PLC0415
 

@@ -1,22 +1,36 @@
 """`offradar drive`: a bag through the whole pipeline without ROS, at full CPU speed."""
 
+import contextlib
 from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Optional
 
+import numpy as np
 import typer
+from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
+from offradar_ros.bags.positions import read_positions
 from offradar_ros.bags.reader import Bag
+from offradar_ros.bags.topics import FIX_TYPE, ODOMETRY_TYPE
+from offradar_ros.cli.answers import recall_line, require_writable, write_answers
+from offradar_ros.cli.interrupt import held_interrupt
 from offradar_ros.cli.progress import progress_bar
-from offradar_ros.config import load_config
+from offradar_ros.config import Config, load_config
+from offradar_ros.encoders.protocol import Encoder, ModelInfo
 from offradar_ros.encoders.registry import make_encoder
 from offradar_ros.errors import MapError
+from offradar_ros.evaluation.truth import errors_m, true_positions
+from offradar_ros.geometry import GeoPoint
 from offradar_ros.mapping.sessions import SessionMap
+from offradar_ros.mapping.store import MapStore
 from offradar_ros.pipeline import DriveResult
 from offradar_ros.pipeline import drive as drive_through
-from offradar_ros.types import Match
+from offradar_ros.types import Match, PlaceTable
+
+INTERRUPTED = 130
 
 
 def drive(
@@ -24,28 +38,111 @@ def drive(
     params: Annotated[Optional[Path], typer.Option(help='Parameter file, as the nodes read it.')] = None,
     map_path: Annotated[Optional[Path], typer.Option('--map', help='SQLite map file; in memory if left out.')] = None,
     session: Annotated[Optional[str], typer.Option(help='Map the drive as a session of this name.')] = None,
+    out: Annotated[Optional[Path], typer.Option(help='CSV file for the answers, a row a scan.')] = None,
 ) -> None:
-    """Encode, map and query every scan of a bag, exactly as the nodes do."""
+    """Encode, map and query every scan of a bag, exactly as the nodes do.
+
+    Without --session the map is only read, also while a map server writes it. Ctrl-C ends a session and keeps it.
+    """
     config = load_config(params, {'map.path': str(map_path)} if map_path else None)
-    if session is None and config.map.path and not Path(config.map.path).exists():
-        raise MapError(f'{config.map.path}: no map file there: --session NAME starts one')
+    if out:
+        require_writable(out)
     encoder = make_encoder(config.encoder)
+    with Bag(bag) as opened:
+        if session is None:
+            places, origin = _read_only(config.map.path, encoder.info)
+            with progress_bar(f'driving {bag.name}') as progress:
+                result = drive_through(opened, config, encoder, places, progress=progress)
+        else:
+            result, origin = _mapped(opened, config, encoder, session)
+        positions = _truth(opened, config, result, origin)
+        _print(result)
+        if session is not None:
+            _print_session(opened, config, result)
+    errors = errors_m(result.outcomes, positions)
+    recall = recall_line(result.outcomes, errors)
+    if recall:
+        typer.echo(recall)
+    if out:
+        write_answers(out, result.outcomes, positions, errors)
+        typer.echo(f'{out}: written')
+
+
+def _read_only(path: str, model: ModelInfo) -> tuple[PlaceTable, Optional[GeoPoint]]:
+    """Places as of the last ended session, and where their frame starts; MapError if they are of another model."""
+    if not path:
+        return PlaceTable.from_places([], model.dimension), None
+    if not Path(path).exists():
+        raise MapError(f'{path}: no map file there: --session NAME starts one')
+    stored = MapStore.open_read_only(Path(path))
+    places = stored.committed()
+    if stored.model is None or not len(places):
+        return PlaceTable.from_places([], model.dimension), stored.origin
+    if stored.model.fingerprint != model.fingerprint:
+        raise MapError(
+            f'{path}: holds embeddings of {stored.model.name} {stored.model.fingerprint[:12]}, '
+            f'not of {model.name} {model.fingerprint[:12]}: use that model, or another map'
+        )
+    return places, stored.origin
+
+
+def _mapped(opened: Bag, config: Config, encoder: Encoder, session: str) -> tuple[DriveResult, Optional[GeoPoint]]:
     with (
-        Bag(bag) as opened,
         SessionMap(config.map) as session_map,
-        progress_bar(f'driving {bag.name}') as progress,
+        progress_bar(f'driving {opened.path.name}') as draw,
+        _ended_by_interrupt(session_map),
+        held_interrupt() as check,
     ):
+
+        def progress(done: int, total: int) -> None:
+            draw(done, total)
+            check()
+
         result = drive_through(opened, config, encoder, session_map, session=session, progress=progress)
-    _print(result)
+        return result, session_map.origin
+
+
+@contextlib.contextmanager
+def _ended_by_interrupt(session_map: SessionMap) -> Iterator[None]:
+    try:
+        yield
+    except KeyboardInterrupt:
+        if session_map.running_session_id is None:
+            raise
+        typer.echo(f'interrupted, what was mapped is kept: {session_map.end_session().summary()}')
+        raise typer.Exit(INTERRUPTED) from None
+
+
+def _truth(opened: Bag, config: Config, result: DriveResult, origin: Optional[GeoPoint]) -> NDArray[np.float64]:
+    topics = opened.topics_of(_position_type(config))
+    if not topics:
+        return np.full((len(result.outcomes), 2), np.nan)
+    trajectory, _ = read_positions(opened, topics[0])
+    return true_positions(result.outcomes, trajectory, origin, round(config.position.max_gap_s * 1e9))
+
+
+def _position_type(config: Config) -> str:
+    return FIX_TYPE if config.position.source == 'fix' else ODOMETRY_TYPE
 
 
 def _print(result: DriveResult) -> None:
     answers = Counter('match' if isinstance(o, Match) else f'rejected: {o.reason.value}' for o in result.outcomes)
-    table = Table('answer', 'scans')
-    for answer, count in sorted(answers.items()):
-        table.add_row(answer, str(count))
-    for cause, count in sorted(result.refused.items()):
-        table.add_row(f'dropped: {cause}', str(count))
-    Console().print(table)
-    if result.report:
-        typer.echo(result.report.summary())
+    for title, counts in ((('answer', 'scans'), answers), (('dropped', 'scans or positions'), result.refused)):
+        if counts:
+            table = Table(*title)
+            for name, count in sorted(counts.items()):
+                table.add_row(name, str(count))
+            Console().print(table)
+
+
+def _print_session(opened: Bag, config: Config, result: DriveResult) -> None:
+    report = result.report
+    if report is None:
+        return
+    typer.echo(report.summary())
+    if report.inserted + report.replaced + report.kept == 0:
+        causes = ', '.join(f'{count} scans {cause}' for cause, count in sorted(report.dropped.items()))
+        wanted = _position_type(config)
+        if not opened.topics_of(wanted):
+            causes = f'the bag has no {wanted}, which position.source: {config.position.source} asks for'
+        typer.echo(f'note: nothing was mapped: {causes}')

@@ -14,6 +14,7 @@ from offradar_ros.cli.drive import drive
 from offradar_ros.cli.export import export
 from offradar_ros.cli.map import show_map
 from offradar_ros.cli.parameters import parameters
+from offradar_ros.cli.session import session
 from offradar_ros.cli.simulate import simulate
 from offradar_ros.errors import OffradarError
 
@@ -29,6 +30,7 @@ app.command()(simulate)
 app.command()(calibrate)
 app.command()(drive)
 app.command('map')(show_map)
+app.command()(session)
 app.command()(export)
 app.command()(parameters)
 app.command()(demo)

@@ -1,7 +1,9 @@
 """`offradar map`: what a map file holds."""
 
+import datetime
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from rich.console import Console
@@ -14,9 +16,10 @@ REPORTED = {
     'inserted': 'inserted',
     'replaced': 'replaced',
     'kept': 'kept',
+    'dropped': 'dropped',
     'places': 'places_after',
-    'U before': 'mean_uncertainty_before',
-    'U after': 'mean_uncertainty_after',
+    'U\nbefore': 'mean_uncertainty_before',
+    'U\nafter': 'mean_uncertainty_after',
 }
 
 
@@ -32,14 +35,36 @@ def show_map(path: Annotated[Path, typer.Argument(help='SQLite map file.')]) -> 
     if len(stored.places):
         typer.echo(f'mean U: {stored.places.uncertainties.mean():.4f}')
     table = Table(
-        '',
+        Column('id', no_wrap=True),
         Column('session', overflow='fold'),
-        'state',
+        Column('date (UTC)', no_wrap=True),
+        Column('state', no_wrap=True),
         *(Column(name, no_wrap=True) for name in REPORTED),
         collapse_padding=True,
+        pad_edge=False,
+        padding=0,
     )
     for session in stored.sessions:
-        told = [session.report.get(column) for column in REPORTED.values()]
-        cells = ['' if v is None else f'{v:.3f}' if isinstance(v, float) else str(v) for v in told]
-        table.add_row(str(session.session_id), escape(session.name), session.state, *cells)
+        told = [_readable(session.report, column) for column in REPORTED.values()]
+        table.add_row(
+            str(session.session_id), escape(session.name), _day(session.stamp_ns), escape(session.state), *told
+        )
     Console().print(table)
+    if any(session.state == 'interrupted' for session in stored.sessions):
+        typer.echo('interrupted: saved, then the process ended before the session did; it is kept and can be undone')
+
+
+def _readable(report: Mapping[str, Any], column: str) -> str:
+    value = report.get(column)
+    if value is None:
+        return ''
+    if isinstance(value, Mapping):
+        return str(sum(value.values()))
+    return f'{value:.3f}' if isinstance(value, float) else str(value)
+
+
+def _day(stamp_ns: int) -> str:
+    try:
+        return datetime.datetime.fromtimestamp(stamp_ns // 10**9, datetime.timezone.utc).strftime('%Y-%m-%d')
+    except (ValueError, OverflowError, OSError):
+        return ''

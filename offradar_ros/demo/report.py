@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from offradar_ros.demo.truth import TOLERANCE_M, Judged
+from offradar_ros.demo.truth import Judged
+from offradar_ros.evaluation.truth import TOLERANCE_M
 from offradar_ros.mapping.stored_map import StoredSession
 from offradar_ros.types import Match, PlaceTable, Reason
 

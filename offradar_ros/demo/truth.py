@@ -10,11 +10,9 @@ from numpy.typing import NDArray
 
 from offradar_ros.bags.sequence import BagSequence
 from offradar_ros.demo.live import Driven
-from offradar_ros.geometry import GeoPoint, LocalFrame
-from offradar_ros.types import Match, Outcome
-
-TOLERANCE_M = 25.0
-"""A place within this of the scan is the right one (Sec. IV-C of the paper)."""
+from offradar_ros.evaluation.truth import TOLERANCE_M, errors_m, true_positions
+from offradar_ros.geometry import GeoPoint
+from offradar_ros.types import Match
 
 MAX_GAP_NS = 1_500_000_000
 
@@ -46,20 +44,11 @@ def judge(driven: Driven, origin: GeoPoint) -> Judged:
     trajectory = BagSequence(driven.drive.bag).trajectory
     if trajectory is None:
         raise ValueError(f'{driven.drive.name} has no positions')
-    metric = trajectory.in_frame(LocalFrame(origin))
-    poses = [metric.at(outcome.stamp_ns, MAX_GAP_NS) for outcome in driven.outcomes]
-    positions = np.array([(math.nan, math.nan) if p is None else (p.x_m, p.y_m) for p in poses]).reshape(-1, 2)
+    positions = true_positions(driven.outcomes, trajectory, origin, MAX_GAP_NS)
     return Judged(
         driven,
         positions,
-        np.array([_is_right(o, p) for o, p in zip(driven.outcomes, positions, strict=True)], np.bool_),
+        errors_m(driven.outcomes, positions) <= TOLERANCE_M,
         np.array([isinstance(o, Match) for o in driven.outcomes], np.bool_),
         np.array([o.stamp_ns in driven.drive.spoiled_ns for o in driven.outcomes], np.bool_),
     )
-
-
-def _is_right(outcome: Outcome, position: NDArray[np.float64]) -> bool:
-    if not outcome.candidates:
-        return False
-    pose = outcome.candidates[0].pose
-    return math.hypot(pose.x_m - position[0], pose.y_m - position[1]) <= TOLERANCE_M

@@ -49,7 +49,7 @@ def test_what_it_does_not_know_is_said(offradar: Callable[..., Any], arguments: 
 
 def test_help_names_every_command(done: Callable[..., str]) -> None:
     said = done('--help')
-    commands = ('check', 'convert', 'simulate', 'calibrate', 'drive', 'map', 'export', 'parameters', 'demo')
+    commands = ('check', 'convert', 'simulate', 'calibrate', 'drive', 'map', 'session', 'export', 'parameters', 'demo')
     assert all(f'│ {command} ' in said for command in commands)
 
 
@@ -67,7 +67,18 @@ def test_the_demonstration_says_what_it_needs(
     refused: Callable[..., str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr('importlib.util.find_spec', lambda name: None)
-    assert 'the demo needs rclpy: source a ROS 2 installation, or pip install' in refused('demo', '--out', tmp_path)
+    said = refused('demo', '--out', tmp_path)
+    assert "the demo needs rclpy: source a ROS 2 installation, or pip install '.[ros]' in the project's folder" in said
+
+
+def test_export_asks_for_the_file_before_it_asks_for_torch(
+    refused: Callable[..., str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, 'offradar_ros.encoders.onnx_export', None)
+    assert 'nope: no such weights file' in refused('export', tmp_path / 'nope', tmp_path / 'out.onnx')
+    (tmp_path / 'weights.safetensors').write_text('')
+    said = refused('export', tmp_path / 'weights.safetensors', tmp_path / 'out.onnx')
+    assert "export needs torch and onnx: pip install '.[torch]' in the project's folder" in said
 
 
 def test_the_demonstration_empties_no_folder_of_others(refused: Callable[..., str], tmp_path: Path) -> None:

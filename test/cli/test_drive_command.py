@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+import contextlib
+import csv
+import dataclasses
+import math
 import re
+import sqlite3
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from offradar_ros.bags.sequence import BagSequence
+from offradar_ros.bags.writer import write_bag
+from offradar_ros.config import load_config
+from offradar_ros.mapping.sessions import SessionMap
 from offradar_ros.mapping.store import MapStore
 
 HOUR_NS = 3600 * 10**9
@@ -57,10 +68,11 @@ def test_two_sessions_then_a_query(done: Callable[..., str], drives: list[Path],
     assert shown.startswith(f'{db}: {len(after.places)} places\nmodel: ring_key, d = 128, ')
     assert 'origin: 51.75' in shown
     rows = [[cell.strip() for cell in line.split('│')[1:-1]] for line in shown.splitlines() if line.startswith('│')]
-    assert [row[:6] for row in rows] == [
-        ['1', 'one', 'ended', str(inserted), str(replaced), str(kept)],
-        ['2', 'two', 'ended', *re.findall(r'(\d+) (?:inserted|replaced|kept)', second)],
+    assert [row[:8] for row in rows if row[0]] == [
+        ['1', 'one', '2020-09-13', 'ended', str(inserted), str(replaced), str(kept), '0'],
+        ['2', 'two', '2020-09-13', 'ended', *re.findall(r'(\d+) (?:inserted|replaced|kept|dropped)', second)],
     ]
+    assert 'interrupted' not in shown
 
 
 def test_without_a_file_the_map_is_in_memory(done: Callable[..., str], drives: list[Path], tmp_path: Path) -> None:
@@ -77,7 +89,7 @@ def test_names_with_brackets_and_braces_are_printed_as_they_are(
     bag = street_bag('bag', count=3).rename(tmp_path / 'a[red]{}')
     said = done('drive', bag, '--map', tmp_path / 'map.db', '--session', name)
     assert f'session 1 ({name}): ' in said
-    assert f'│{name} ' in done('map', tmp_path / 'map.db')
+    assert f'│{name}│' in done('map', tmp_path / 'map.db')
 
 
 def test_a_map_of_another_model_is_refused_and_kept(
@@ -165,3 +177,119 @@ def test_a_recorded_drive_finds_itself(done: Callable[..., str], real_data: Path
     found = answers(done('drive', tmp_path / 'bag', *options))
     assert found.pop('match') >= 10
     assert set(found) <= {'rejected: uncertain'}
+
+
+def test_a_query_needs_no_writer_and_writes_nothing(
+    done: Callable[..., str], drives: list[Path], params: Path, tmp_path: Path
+) -> None:
+    db = tmp_path / 'map.db'
+    done('drive', drives[0], '--params', params, '--map', db, '--session', 'one')
+    config = load_config(params, {'map.path': str(db)})
+    before = db.read_bytes()
+    with SessionMap(config.map):
+        assert answers(done('drive', drives[1], '--params', params, '--map', db)) == {'match': COUNT}
+    assert db.read_bytes() == before
+
+
+def test_answers_are_written_a_row_a_scan(
+    done: Callable[..., str], drives: list[Path], params: Path, tmp_path: Path
+) -> None:
+    db, out = tmp_path / 'map.db', tmp_path / 'answers.csv'
+    first = done('drive', drives[0], '--params', params, '--map', db, '--session', 'one', '--out', out)
+    assert 'Recall' not in first
+    with out.open(newline='') as file:
+        rows = list(csv.DictReader(file))
+    assert [(row['answer'], row['reason'], row['place_id']) for row in rows] == [('rejected', 'map_empty', '')] * COUNT
+    assert all(row['true_x_m'] and not row['error_m'] for row in rows)
+    said = done('drive', drives[1], '--params', params, '--map', db, '--out', out)
+    assert f'Recall@1 within 25 m: 1.000 of {COUNT} scans, 1.000 of {COUNT} matches\n' in said
+    assert said.endswith(f'{out}: written\n')
+    with out.open(newline='') as file:
+        rows = list(csv.DictReader(file))
+    stored = MapStore.open_read_only(db).places
+    assert [int(row['stamp_ns']) for row in rows] == BagSequence(drives[1]).stamps_ns.tolist()
+    for index, row in enumerate(rows):
+        assert (row['answer'], row['reason']) == ('match', '')
+        assert float(row['uncertainty']) <= float(row['threshold'])
+        (place,) = (stored.place_ids == int(row['place_id'])).nonzero()[0]
+        assert [float(row['x_m']), float(row['y_m'])] == stored.positions_m[place, :2].tolist()
+        # The frame starts at the first fix, 5 m behind the first scan of the first drive.
+        assert float(row['true_x_m']) == pytest.approx(5.0 + 1.25 * index, abs=0.01)
+        assert float(row['true_y_m']) == pytest.approx(0.5, abs=0.01)
+        apart = [float(row[f'{axis}_m']) - float(row[f'true_{axis}_m']) for axis in 'xy']
+        assert float(row['error_m']) == pytest.approx(math.hypot(*apart))
+
+
+def test_answers_that_cannot_be_written_are_refused_first(
+    refused: Callable[..., str], drives: list[Path], tmp_path: Path
+) -> None:
+    out = tmp_path / 'no' / 'answers.csv'
+    said = refused('drive', drives[0], '--map', tmp_path / 'map.db', '--session', 'one', '--out', out)
+    assert f'{out}: cannot be written' in said
+    assert not (tmp_path / 'map.db').exists()
+
+
+def test_a_session_without_positions_says_why_nothing_was_mapped(
+    done: Callable[..., str], street: Callable[..., Any], tmp_path: Path
+) -> None:
+    drive = street(count=4)
+
+    class Lost(type(drive)):  # type: ignore[misc]
+        trajectory = None
+
+    bag = write_bag(Lost(count=4), tmp_path / 'bag')
+    said = done('drive', bag, '--map', tmp_path / 'map.db', '--session', 'one')
+    assert (
+        'note: nothing was mapped: the bag has no sensor_msgs/msg/NavSatFix, which position.source: fix asks for'
+    ) in said
+    late = dataclasses.replace(drive.trajectory, stamps_ns=drive.trajectory.stamps_ns + 5 * 10**9)
+
+    class Late(type(drive)):  # type: ignore[misc]
+        trajectory = late
+
+    bag = write_bag(Late(count=4), tmp_path / 'late')
+    said = done('drive', bag, '--map', tmp_path / 'map.db', '--session', 'one')
+    assert 'note: nothing was mapped: 4 scans no_position' in said
+    # What was dropped is a table of its own.
+    assert said.index('rejected: map_empty') < said.index('┃ dropped') < said.index('│ no_position')
+
+
+def test_ctrl_c_ends_the_session_and_keeps_it(street_bag: Callable[..., Path], tmp_path: Path) -> None:
+    bag, db = street_bag('long', count=600), tmp_path / 'map.db'
+    code = (
+        'import os, signal, sys\n'
+        'from offradar_ros import pipeline\n'
+        'from offradar_ros.cli.main import main\n'
+        'encode = pipeline.EncodeStage.encode\n'
+        'def interrupted(self, *scan):\n'
+        '    interrupted.count += 1\n'
+        '    if interrupted.count == 20:\n'
+        '        os.kill(os.getpid(), signal.SIGINT)\n'
+        '    return encode(self, *scan)\n'
+        'interrupted.count = 0\n'
+        'pipeline.EncodeStage.encode = interrupted\n'
+        'sys.exit(main())\n'
+    )
+    command = [sys.executable, '-c', code, 'drive', str(bag), '--map', str(db), '--session', 'one']
+    ran = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert ran.returncode == 130, ran.stderr
+    assert 'Traceback' not in ran.stderr
+    (line,) = ran.stdout.splitlines()
+    assert line.startswith('interrupted, what was mapped is kept: session 1 (one): ')
+    stored = MapStore.open_read_only(db)
+    assert [session.state for session in stored.sessions] == ['ended']
+    inserted, replaced, kept = map(int, re.findall(r'(\d+) (?:inserted|replaced|kept)', line))
+    assert 10 < inserted + replaced + kept <= 20
+    assert len(stored.places) == inserted
+
+
+def test_an_interrupted_session_is_explained(
+    done: Callable[..., str], drives: list[Path], params: Path, tmp_path: Path
+) -> None:
+    db = tmp_path / 'map.db'
+    done('drive', drives[0], '--params', params, '--map', db, '--session', 'one')
+    with contextlib.closing(sqlite3.connect(db)) as connection, connection:
+        connection.execute("UPDATE sessions SET state = 'interrupted'")
+    shown = done('map', db)
+    assert '│interrupted' in shown
+    assert shown.splitlines()[-1].startswith('interrupted: saved, then the process ended')

@@ -1,0 +1,77 @@
+"""A drive's answers as a table of a row a scan, and how many of them were right."""
+
+import csv
+import math
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from offradar_ros.errors import DataError
+from offradar_ros.evaluation.truth import TOLERANCE_M, recall_at_1
+from offradar_ros.types import Match, Outcome
+
+COLUMNS = ('stamp_ns', 'answer', 'reason', 'uncertainty', 'threshold', 'place_id', 'distance', 'x_m', 'y_m')
+TRUTH_COLUMNS = ('true_x_m', 'true_y_m', 'error_m')
+
+
+def require_writable(path: Path) -> None:
+    """DataError where no file can be written at `path`; what is there stays as it is."""
+    existed = path.exists()
+    try:
+        with path.open('ab'):
+            pass
+        if not existed:
+            path.unlink()
+    except OSError as error:
+        raise DataError(f'{path}: cannot be written ({error.strerror})') from error
+
+
+def write_answers(
+    path: Path, outcomes: Sequence[Outcome], positions: NDArray[np.float64], errors: NDArray[np.float64]
+) -> None:
+    """CSV with the best candidate, returned or withheld, of each outcome; what is unknown is left empty.
+
+    `positions` (N, 2) and `errors` (N,) as `offradar_ros.evaluation.truth` has them, metres in the ``map`` frame.
+    """
+    try:
+        with path.open('w', encoding='utf-8', newline='') as file:
+            writer = csv.writer(file, lineterminator='\n')
+            writer.writerow((*COLUMNS, *TRUTH_COLUMNS))
+            for outcome, (x_m, y_m), error_m in zip(outcomes, positions.tolist(), errors.tolist(), strict=True):
+                writer.writerow((*_answer(outcome), *(_known(value) for value in (x_m, y_m, error_m))))
+    except OSError as error:
+        raise DataError(f'{path}: cannot be written ({error.strerror})') from error
+
+
+def _answer(outcome: Outcome) -> list[object]:
+    is_match = isinstance(outcome, Match)
+    row = [
+        outcome.stamp_ns,
+        'match' if is_match else 'rejected',
+        '' if isinstance(outcome, Match) else outcome.reason.value,
+        _known(outcome.uncertainty),
+        outcome.threshold,
+    ]
+    if not outcome.candidates:
+        return [*row, '', '', '', '']
+    best = outcome.candidates[0]
+    return [*row, best.place_id, best.distance, best.pose.x_m, best.pose.y_m]
+
+
+def _known(value: float) -> object:
+    return value if math.isfinite(value) else ''
+
+
+def recall_line(outcomes: Sequence[Outcome], errors: NDArray[np.float64]) -> str:
+    """Recall@1 over all scans of known position and over the matches among them; empty where nothing can be said."""
+    known = ~np.isnan(errors)
+    if not np.isfinite(errors).any():
+        return ''
+    matched = np.array([isinstance(outcome, Match) for outcome in outcomes], np.bool_) & known
+    text = f'Recall@1 within {TOLERANCE_M:g} m: {recall_at_1(errors[known]):.3f} of {int(known.sum())} scans'
+    if matched.any():
+        text += f', {recall_at_1(errors[matched]):.3f} of {int(matched.sum())} matches'
+    unknown = int((~known).sum())
+    return text + (f' ({unknown} without a recorded position left out)' if unknown else '')

@@ -1,0 +1,50 @@
+"""Answers against where the vehicle really was."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from offradar_ros.geometry import GeoPoint, LocalFrame, Trajectory
+from offradar_ros.types import Outcome
+
+TOLERANCE_M = 25.0
+"""A place within this of the scan is the right one (Sec. IV-C of the paper)."""
+
+
+def true_positions(
+    outcomes: Sequence[Outcome], trajectory: Trajectory, origin: GeoPoint | None, max_gap_ns: int
+) -> NDArray[np.float64]:
+    """(N, 2) recorded east and north at each outcome's stamp, metres in the ``map`` frame; NaN where unknown.
+
+    `origin` is where that frame starts; a trajectory in metres is taken to be in it already.
+    """
+    if trajectory.geodetic and origin is None:
+        return np.full((len(outcomes), 2), np.nan)
+    metric = trajectory.in_frame(LocalFrame(origin) if origin else None)
+    poses = [metric.at(outcome.stamp_ns, max_gap_ns) for outcome in outcomes]
+    return np.array([(math.nan, math.nan) if p is None else (p.x_m, p.y_m) for p in poses], np.float64).reshape(-1, 2)
+
+
+def errors_m(outcomes: Sequence[Outcome], positions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N,) metres from the best candidate, returned or withheld, to the true position.
+
+    NaN where that is unknown, infinite where it is known and there is no candidate.
+    """
+    pairs = zip(outcomes, positions.tolist(), strict=True)
+    return np.array([_error_m(outcome, x_m, y_m) for outcome, (x_m, y_m) in pairs], np.float64)
+
+
+def _error_m(outcome: Outcome, x_m: float, y_m: float) -> float:
+    if math.isnan(x_m) or not outcome.candidates:
+        return math.nan if math.isnan(x_m) else math.inf
+    pose = outcome.candidates[0].pose
+    return math.hypot(pose.x_m - x_m, pose.y_m - y_m)
+
+
+def recall_at_1(errors: NDArray[np.float64]) -> float:
+    """Share of (N,) errors, metres, that are within `TOLERANCE_M`; unknown ones count as wrong, none gives NaN."""
+    return float(np.mean(errors <= TOLERANCE_M)) if len(errors) else math.nan

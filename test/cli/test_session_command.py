@@ -1,0 +1,52 @@
+"""`offradar session` against a real map server, in a domain of its own."""
+
+from __future__ import annotations
+
+import importlib.util
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+
+def test_it_says_what_it_needs(refused: Callable[..., str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('importlib.util.find_spec', lambda name: None)
+    said = refused('session', 'start')
+    assert "needs rclpy: source a ROS 2 installation, or pip install '.[ros]' in the project's folder" in said
+
+
+@pytest.mark.skipif(importlib.util.find_spec('rclpy') is None, reason='rclpy is not installed')
+def test_every_action_reaches_the_map_server(tmp_path: Path) -> None:
+    from offradar_ros.ros.processes import Stack  # noqa: PLC0415
+
+    parameters = {'map.path': tmp_path / 'map.db', 'map.start_session': False}
+    with Stack(tmp_path / 'logs', 74, parameters, names=['map_server_node']) as nodes:
+        nodes.wait_until_ready()
+
+        def call(action: str) -> tuple[int, str, str]:
+            command = [sys.executable, '-m', 'offradar_ros.cli.main', 'session', action]
+            ran = subprocess.run(
+                command, env=nodes.environment, capture_output=True, text=True, timeout=60, check=False
+            )
+            return ran.returncode, ran.stdout, ran.stderr
+
+        status, said, _ = call('start')
+        assert (status, 'session 1' in said) == (0, True)
+        status, said, _ = call('end')
+        assert (status, said.startswith('session 1')) == (0, True)
+        assert call('end') == (1, '', 'error: service map_server/end_session: no session runs: start one first\n')
+        assert call('save')[0] == 0
+        assert call('undo')[2].startswith('error: service map_server/undo_session: ')
+        assert 'map.db' in call('clear')[1]
+
+
+@pytest.mark.skipif(importlib.util.find_spec('rclpy') is None, reason='rclpy is not installed')
+def test_no_map_server_is_one_line() -> None:
+    from offradar_ros.ros.processes import isolated_environment  # noqa: PLC0415
+
+    command = [sys.executable, '-m', 'offradar_ros.cli.main', 'session', 'end', '--timeout', '0.5']
+    ran = subprocess.run(command, env=isolated_environment(75), capture_output=True, text=True, timeout=60, check=False)
+    assert (ran.returncode, ran.stdout) == (1, '')
+    assert ran.stderr == 'error: service map_server/end_session: no map server within 0.5 s\n'
