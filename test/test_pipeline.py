@@ -562,6 +562,18 @@ def test_a_recording_played_twice_is_answered_twice_and_maps_the_same_places(
     assert not report.dropped
 
 
+def test_a_table_of_places_answers_as_the_map_that_it_is_of(street_bag: Callable[..., Path]) -> None:
+    encoder = make_encoder(CONFIG.encoder)
+    with SessionMap(CONFIG.map) as session_map:
+        driven(street_bag('first', count=6), CONFIG, session_map, 'one')
+        with Bag(street_bag('second', count=6, noise_seed=1)) as bag:
+            by_map = drive(bag, CONFIG, encoder, session_map)
+            by_table = drive(bag, CONFIG, encoder, session_map.committed())
+    assert any(outcome.candidates for outcome in by_map.outcomes)
+    assert repr(by_table.outcomes) == repr(by_map.outcomes)
+    assert by_table.report is None
+
+
 def test_progress_counts_to_the_number_of_scans(street_bag: Callable[..., Path]) -> None:
     seen: list[tuple[int, int]] = []
     with SessionMap(CONFIG.map) as session_map, Bag(street_bag('drive', count=4)) as bag:

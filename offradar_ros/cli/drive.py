@@ -19,6 +19,7 @@ from offradar_ros.cli.answers import recall_line, require_writable, write_answer
 from offradar_ros.cli.interrupt import held_interrupt
 from offradar_ros.cli.progress import progress_bar
 from offradar_ros.config import Config, load_config
+from offradar_ros.datasets.check.findings import counted
 from offradar_ros.encoders.protocol import Encoder, ModelInfo
 from offradar_ros.encoders.registry import make_encoder
 from offradar_ros.errors import MapError
@@ -141,7 +142,7 @@ def _print_session(opened: Bag, config: Config, result: DriveResult) -> None:
         return
     typer.echo(report.summary())
     if report.inserted + report.replaced + report.kept == 0:
-        causes = ', '.join(f'{count} scans {cause}' for cause, count in sorted(report.dropped.items()))
+        causes = ', '.join(f'{counted(count, "scan")} {cause}' for cause, count in sorted(report.dropped.items()))
         wanted = _position_type(config)
         if not opened.topics_of(wanted):
             causes = f'the bag has no {wanted}, which position.source: {config.position.source} asks for'
