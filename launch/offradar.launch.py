@@ -13,10 +13,11 @@ def generate_launch_description() -> LaunchDescription:
     """Encoder, map server and query node in one namespace."""
     params = LaunchConfiguration('params')
     sim_time = {'use_sim_time': ParameterValue(LaunchConfiguration('use_sim_time'), value_type=bool)}
-    map_path = {'map.path': ParameterValue(LaunchConfiguration('map'), value_type=str)}
+    map_file = ParameterValue(LaunchConfiguration('map'), value_type=str)
     namespace = LaunchConfiguration('namespace')
     scans = ('radar_data/b_scan_image', LaunchConfiguration('scans'))
     fixes = ('gps/fix', LaunchConfiguration('fixes'))
+    odometry = ('ground_truth/odometry', LaunchConfiguration('odometry'))
 
     def node(executable: str, name: str, *parameters: object, remappings: list[tuple[object, object]]) -> Node:
         return Node(
@@ -43,8 +44,13 @@ def generate_launch_description() -> LaunchDescription:
                 'scans', default_value='radar_data/b_scan_image', description='topic of the polar images'
             ),
             DeclareLaunchArgument('fixes', default_value='gps/fix', description='topic of the positions'),
+            DeclareLaunchArgument(
+                'odometry',
+                default_value='ground_truth/odometry',
+                description='topic of the positions where position.source is odometry',
+            ),
             node('encoder_node', 'encoder', remappings=[scans]),
-            node('map_server_node', 'map_server', map_path, remappings=[fixes]),
-            node('query_node', 'query', remappings=[]),
+            node('map_server_node', 'map_server', {'map.path': map_file}, remappings=[fixes, odometry]),
+            node('query_node', 'query', {'query.map_path': map_file}, remappings=[]),
         ]
     )

@@ -21,11 +21,13 @@ from offradar_ros.cli.progress import progress_bar
 from offradar_ros.demo.drives import Drive
 from offradar_ros.errors import OffradarError
 from offradar_ros.ros import qos
+from offradar_ros.ros.answers import REPLIES
 from offradar_ros.ros.outcome_message import match_record, rejection_record
 from offradar_ros.ros.processes import Stack
 from offradar_ros.types import Outcome
 
 REPLAY_TIMEOUT_S = 240.0
+MEET_S = 15.0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,9 +44,10 @@ class Driven:
 def drive_live(drives: list[Drive], folder: Path, params: Path, domain_id: int) -> list[Driven]:
     """Replay every drive in lockstep; the nodes stop afterwards, whatever happens."""
     parameters = {'map.path': folder / 'map.db', 'map.start_session': False}
-    with Stack(folder / 'logs', domain_id, parameters, [params]) as nodes, _listening(domain_id) as outcomes:
+    with Stack(folder / 'logs', domain_id, parameters, [params]) as nodes, _listening(domain_id) as listener:
         nodes.wait_until_ready()
-        return [_replayed(drive, nodes, outcomes) for drive in drives]
+        listener.wait_until_met()
+        return [_replayed(drive, nodes, listener.outcomes) for drive in drives]
 
 
 def _replayed(drive: Drive, nodes: Stack, outcomes: list[Outcome]) -> Driven:
@@ -71,25 +74,49 @@ def _replayed(drive: Drive, nodes: Stack, outcomes: list[Outcome]) -> Driven:
     return Driven(drive, tuple(outcomes), counts, tuple(told['latencies_s']), told['session'])
 
 
-@contextmanager
-def _listening(domain_id: int) -> Iterator[list[Outcome]]:
+class _Listener:
     """A node of the demonstration's own, as a vehicle's stack would have one, that keeps every answer."""
-    outcomes: list[Outcome] = []
+
+    def __init__(self, context: Context) -> None:
+        self.node = Node('listener', context=context)
+        self.outcomes: list[Outcome] = []
+        self._met: set[str] = set()
+        self._all_met = threading.Event()
+        self.node.create_subscription(PointCloud2, 'matches', self._on_match, qos.RESULTS)
+        self.node.create_subscription(DiagnosticArray, 'rejections', self._on_rejection, qos.RESULTS)
+        self.node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, qos.RESULTS)
+
+    def wait_until_met(self) -> None:
+        """Wait until the query node knows of this one, so that not even its first answer is missed."""
+        if not self._all_met.wait(MEET_S):
+            raise OffradarError(f'the query node has not found the demonstration within {MEET_S:g} s')
+
+    def _on_match(self, message: PointCloud2) -> None:
+        self.outcomes.append(match_record(message, 'matches'))
+
+    def _on_rejection(self, message: DiagnosticArray) -> None:
+        self.outcomes.append(rejection_record(message, 'rejections'))
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        told = {item.key: item.value for status in message.status for item in status.values}
+        self._met |= {topic for topic in REPLIES if told.get(f'subscribers./{topic}', '0') != '0'}
+        if len(self._met) == len(REPLIES):
+            self._all_met.set()
+
+
+@contextmanager
+def _listening(domain_id: int) -> Iterator[_Listener]:
     context = Context()
     rclpy.init(context=context, domain_id=domain_id)
-    node = Node('listener', context=context)
-    node.create_subscription(PointCloud2, 'matches', lambda m: outcomes.append(match_record(m, 'matches')), qos.RESULTS)
-    node.create_subscription(
-        DiagnosticArray, 'rejections', lambda m: outcomes.append(rejection_record(m, 'rejections')), qos.RESULTS
-    )
+    listener = _Listener(context)
     executor = SingleThreadedExecutor(context=context)
-    executor.add_node(node)
+    executor.add_node(listener.node)
     thread = threading.Thread(target=executor.spin, daemon=True)
     thread.start()
     try:
-        yield outcomes
+        yield listener
     finally:
         executor.shutdown(5.0)
         thread.join(5.0)
-        node.destroy_node()
+        listener.node.destroy_node()
         rclpy.shutdown(context=context)

@@ -46,6 +46,8 @@ def _rows(drives: list[Judged]) -> dict[str, list[str]]:
         'rejected as uncertain, spoiled / clean': [_uncertain(j) for j in drives],
         f'Recall@1 within {TOLERANCE_M:g} m, every scan': recall([np.ones(len(j.accepted), bool) for j in drives]),
         'Recall@1 of the matches': recall([j.accepted for j in drives]),
+        'of those, of clean scans': recall([j.accepted & ~j.spoiled for j in drives]),
+        'of those, of spoiled scans': recall([j.accepted & j.spoiled for j in drives]),
         'Recall@1 had the rejected been answered': recall([~j.accepted for j in drives]),
         'latency, median / p99': [f'{p50:.0f} / {p99:.0f} ms' for p50, p99 in percentiles],
     }
@@ -81,21 +83,26 @@ class _Readable(dict[str, object]):
 
 def draw_map(places: PlaceTable, judged: Judged, path: Path) -> None:
     """The map coloured by U, and on it the last drive: matches, wrong matches and rejections."""
-    figure = Figure(figsize=(11, 7.5), layout='constrained')
+    figure = Figure(figsize=(12, 8), layout='constrained')
     axes = figure.add_subplot()
     drawn = axes.scatter(
         places.positions_m[:, 0], places.positions_m[:, 1], c=places.uncertainties, s=150, cmap='YlOrBr', zorder=1
     )
-    figure.colorbar(drawn, label='uncertainty U of the mapped scan (1 on average when calibrated)', shrink=0.8)
+    figure.colorbar(drawn, label='uncertainty U of the mapped scan (1 on average when calibrated)', shrink=0.7)
     right = judged.accepted & judged.nearest_is_right
     for chosen, marker, colour, size, label in (
         (right, '.', 'limegreen', 22, 'matched to the right place'),
-        (judged.accepted & ~judged.nearest_is_right, 'X', 'red', 70, f'matched to a place over {TOLERANCE_M:g} m away'),
-        (~judged.accepted & judged.nearest_is_right, '+', 'black', 45, 'rejected, would have been right'),
-        (~judged.accepted & ~judged.nearest_is_right, 'x', 'blue', 45, 'rejected, would have been wrong'),
+        (judged.accepted & ~judged.nearest_is_right, 'x', 'red', 26, f'matched to a place over {TOLERANCE_M:g} m away'),
+        (~judged.accepted & judged.nearest_is_right, '+', 'black', 30, 'rejected, would have been right'),
+        (~judged.accepted & ~judged.nearest_is_right, '+', 'blue', 30, 'rejected, would have been wrong'),
     ):
         east_m, north_m = judged.positions_m[chosen].T
         axes.scatter(east_m, north_m, s=size, c=colour, marker=marker, label=f'{label} ({int(chosen.sum())})', zorder=2)
+    east_m, north_m = judged.positions_m[judged.spoiled].T
+    spoiled = f'scan spoiled by the simulation ({int(judged.spoiled.sum())})'
+    axes.scatter(
+        east_m, north_m, s=90, edgecolors='dimgrey', facecolors='none', linewidths=0.7, label=spoiled, zorder=2
+    )
     axes.set(
         aspect='equal',
         xlabel='east, m',
@@ -103,6 +110,6 @@ def draw_map(places: PlaceTable, judged: Judged, path: Path) -> None:
         title=f'{judged.driven.drive.name} asked of a map of {len(places)} places (simulated)',
         facecolor='whitesmoke',
     )
-    axes.legend(loc='upper center', bbox_to_anchor=(0.5, -0.1), ncols=2, facecolor='whitesmoke')
+    figure.legend(loc='outside lower center', ncols=3, facecolor='whitesmoke')
     FigureCanvasAgg(figure)
     figure.savefig(path)

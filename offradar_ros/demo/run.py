@@ -38,7 +38,9 @@ def run_demo(out: Path, domain_id: int) -> None:
     print_table(judged, stored.sessions, console)
     picture = out / 'map.png'
     draw_map(stored.committed(), judged[-1], picture)
-    console.print(f'map drawn in {picture}', highlight=False)
+    console.print(
+        f'map drawn in {picture}; the map, the bags, the parameters and the logs lie beside it', highlight=False
+    )
 
 
 def _empty(out: Path) -> None:

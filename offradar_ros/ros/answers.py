@@ -34,12 +34,13 @@ class Answers:
     rejections: int = 0
     unanswered: int = 0
     answered_twice: int = 0
-    reasons: Counter[str] = dataclasses.field(default_factory=Counter)
+    reasons: dict[str, int] = dataclasses.field(default_factory=dict)
     latencies_s: tuple[float, ...] = ()
 
     def __add__(self, other: Answers) -> Answers:
-        fields = [field.name for field in dataclasses.fields(self)]
-        return Answers(**{name: getattr(self, name) + getattr(other, name) for name in fields})
+        fields = [field.name for field in dataclasses.fields(self) if field.name != 'reasons']
+        reasons = dict(Counter(self.reasons) + Counter(other.reasons))
+        return Answers(**{name: getattr(self, name) + getattr(other, name) for name in fields}, reasons=reasons)
 
     def summary(self, seconds: float) -> str:
         """One line."""
@@ -113,4 +114,4 @@ class AnswerLog:
             'answered_twice': sum(counted[stamp] > 1 for stamp in stamps),
         }
         reasons = Counter(self._reasons[stamp] for stamp in stamps if stamp in self._reasons)
-        return Answers(scans=len(sent), **fields, reasons=reasons, latencies_s=tuple(latencies_s))
+        return Answers(scans=len(sent), **fields, reasons=dict(reasons), latencies_s=tuple(latencies_s))

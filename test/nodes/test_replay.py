@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import signal
 import time
 from collections.abc import Callable
@@ -64,6 +65,20 @@ def test_the_clock_is_the_recording(
     assert start_ns <= times[0] < times[-1] <= end_ns + 10**8
     assert times[-1] - times[0] > 0.8 * (end_ns - start_ns)
     assert times == sorted(times)
+
+
+def test_the_report_holds_what_was_printed(
+    stack: Callable[..., Stack], street_bag: Callable[..., Path], tmp_path: Path
+) -> None:
+    report = tmp_path / 'report.json'
+    with stack() as nodes:
+        nodes.wait_until_ready()
+        printed = replay(nodes, street_bag('drive', count=6), '--lockstep', '--loop', '2', '--report', str(report))
+    told = json.loads(report.read_text())
+    assert (told['scans'], told['embeddings'], told['rejections'], told['unanswered']) == (12, 12, 12, 0)
+    assert told['reasons'] == {'map_empty': 12}
+    assert len(told['latencies_s']) == 12
+    assert '12 rejections (12 map_empty)' in printed
 
 
 def test_nodes_follow_the_clock_of_the_recording(
