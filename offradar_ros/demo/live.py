@@ -82,8 +82,9 @@ class _Listener:
         self.outcomes: list[Outcome] = []
         self._met: set[str] = set()
         self._all_met = threading.Event()
-        self.node.create_subscription(PointCloud2, 'matches', self._on_match, qos.RESULTS)
-        self.node.create_subscription(DiagnosticArray, 'rejections', self._on_rejection, qos.RESULTS)
+        # Deeper than the results' own queue: in lockstep they come faster than a busy process takes them.
+        self.node.create_subscription(PointCloud2, 'matches', self._on_match, qos.UPDATES)
+        self.node.create_subscription(DiagnosticArray, 'rejections', self._on_rejection, qos.UPDATES)
         self.node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, qos.RESULTS)
 
     def wait_until_met(self) -> None:

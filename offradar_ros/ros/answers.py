@@ -64,10 +64,10 @@ class AnswerLog:
         self._heard: dict[str, Counter[int]] = {topic: Counter() for topic in TOPICS}
         self._reasons: dict[int, str] = {}
         self.awaited: tuple[str, ...] = ()
-        for topic, profile in (('embedding', qos.RESULTS), ('matches', qos.RESULTS), ('map/updates', qos.UPDATES)):
+        for topic in ('embedding', 'matches', 'map/updates'):
             note = functools.partial(self._note, topic)
-            node.create_subscription(PointCloud2, topic, note, profile, raw=True)
-        node.create_subscription(DiagnosticArray, 'rejections', self._note_rejection, qos.RESULTS)
+            node.create_subscription(PointCloud2, topic, note, qos.UPDATES, raw=True)
+        node.create_subscription(DiagnosticArray, 'rejections', self._note_rejection, qos.UPDATES)
 
     def _note(self, topic: str, cdr: bytes) -> None:
         self._heard[topic][header_stamp_ns(cdr)] += 1

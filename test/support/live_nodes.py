@@ -63,10 +63,10 @@ class Observer:
     def hear_outcomes(self) -> list[Outcome]:
         outcomes: list[Outcome] = []
         self.node.create_subscription(
-            PointCloud2, 'matches', lambda m: outcomes.append(match_record(m, 'matches')), qos.RESULTS
+            PointCloud2, 'matches', lambda m: outcomes.append(match_record(m, 'matches')), qos.UPDATES
         )
         self.node.create_subscription(
-            DiagnosticArray, 'rejections', lambda m: outcomes.append(rejection_record(m, 'rejections')), qos.RESULTS
+            DiagnosticArray, 'rejections', lambda m: outcomes.append(rejection_record(m, 'rejections')), qos.UPDATES
         )
         return outcomes
 
