@@ -22,7 +22,7 @@ lint: $(VENV)/.test
 test-fast: $(VENV)/.test
 	$(BIN)/python -m pytest -n 2 --dist loadfile --ignore test/nodes
 
-# The figures quoted in the README.
+# The figures that benchmarks/README.md explains.
 bench: $(VENV)/.test
 	$(BIN)/python benchmarks/polar_to_cartesian.py
 	$(BIN)/python benchmarks/ring_key_uncertainty.py
