@@ -27,6 +27,10 @@ from offradar_ros.types import PlaceTable
 _NOTHING = (None,) * 8
 
 
+BUSY_S = 0.5
+"""Longest wait for somebody else's lock: scans go on coming in meanwhile."""
+
+
 class MapStore:
     """The one writer of a map file. Each method that changes the file is one transaction: all of it or nothing.
 
@@ -142,7 +146,11 @@ class MapStore:
     def _open_connection(self) -> sqlite3.Connection:
         if self._connection is None:
             self._connection = sqlite3.connect(
-                f'{self.path.resolve().as_uri()}?mode=rw', uri=True, isolation_level=None, check_same_thread=False
+                f'{self.path.resolve().as_uri()}?mode=rw',
+                uri=True,
+                isolation_level=None,
+                check_same_thread=False,
+                timeout=BUSY_S,
             )
             self._connection.execute('PRAGMA journal_mode = WAL')
             self._connection.execute('PRAGMA synchronous = FULL')

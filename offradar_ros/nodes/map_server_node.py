@@ -124,6 +124,7 @@ class MapServerNode(StageNode):
             try:
                 self._save()
             except MapError as error:
+                self._saved_s = time.monotonic()
                 self.refuse(RefusedInput('not_saved', str(error)), 'map')
 
     def _on_model(self, message: DiagnosticStatus) -> None:
