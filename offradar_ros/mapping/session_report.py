@@ -40,7 +40,7 @@ class SessionReport:
         """One line."""
         dropped = ', '.join(f'{count} {cause}' for cause, count in sorted(self.dropped.items()))
         return (
-            f'session {self.session_id} ({self.name}): {self.inserted} inserted, {self.replaced} replaced, '
+            f'{called(self.session_id, self.name)}: {self.inserted} inserted, {self.replaced} replaced, '
             f'{self.kept} kept, {sum(self.dropped.values())} dropped{f" ({dropped})" if dropped else ""}; '
             f'places {self.places_before} -> {self.places_after}, mean U '
             f'{_number(self.mean_uncertainty_before)} -> {_number(self.mean_uncertainty_after)}'
@@ -65,10 +65,15 @@ class UndoReport:
 
     def __str__(self) -> str:
         return (
-            f'session {self.session_id} ({self.name}) {"discarded" if self.was_running else "undone"}: '
+            f'{called(self.session_id, self.name)} {"discarded" if self.was_running else "undone"}: '
             f'{self.removed} places removed, {self.restored} restored; {self.places_after} places'
         )
 
 
 def _number(value: float) -> str:
     return 'none' if math.isnan(value) else f'{value:.3f}'
+
+
+def called(session_id: int, name: str) -> str:
+    """What a session is called in a line of text."""
+    return f'session {session_id} ({name})' if name else f'session {session_id}'

@@ -12,7 +12,7 @@ from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.errors import MapError, RefusedInput
 from offradar_ros.geometry import GeoPoint
 from offradar_ros.mapping.parent_map import Merge, MergeKind, ParentMap
-from offradar_ros.mapping.session_report import SessionReport, UndoReport
+from offradar_ros.mapping.session_report import SessionReport, UndoReport, called
 from offradar_ros.mapping.store import MapStore
 from offradar_ros.mapping.stored_map import Before, StoredMap, StoredSession, revert
 from offradar_ros.types import Embedding, PlaceTable, Pose
@@ -136,7 +136,7 @@ class SessionMap:
     def start_session(self, name: str, stamp_ns: int) -> int:
         """Start a session and return its id; MapError while another runs."""
         if self._running:
-            raise MapError(f'session {self._running.session_id} ({self._running.name}) runs: end it or undo it first')
+            raise MapError(f'{called(self._running.session_id, self._running.name)} runs: end it or undo it first')
         session_id = self._next_session_id
         self._next_session_id += 1
         self._running = _Running(session_id, name, stamp_ns, len(self), self._parent.mean_uncertainty)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import collections
-import datetime
 import math
 import sys
 import time
@@ -222,8 +221,7 @@ class MapServerNode(StageNode):
         session_map = self._stage.map
         if session_map.running_session_id is not None and session_map.is_session_empty:
             return f'session {session_map.running_session_id} runs and is empty: it goes on'
-        now = datetime.datetime.fromtimestamp(self.now_ns() / 1e9, datetime.timezone.utc)
-        session_id = session_map.start_session(now.strftime('%Y-%m-%d %H:%M:%S'), self.now_ns())
+        session_id = session_map.start_session('', self.now_ns())
         return f'session {session_id} started'
 
     def _end_session(self) -> str:

@@ -62,6 +62,8 @@ class QueryNode(StageNode):
 
     def apply(self, config: Config) -> None:
         """Thresholds may change while the node runs."""
+        if config == self.config:
+            return
         super().apply(config)
         self._query.reconfigure(config.query)
         self.get_logger().info(f'rejects U above {self._query.threshold:.4f}')

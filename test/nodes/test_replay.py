@@ -179,7 +179,7 @@ def test_an_interrupted_session_is_ended_and_kept(
         assert process.stop() == 0
         printed = process.log.read_text()
         assert 'interrupted' in printed
-        assert 'session 1 (' in printed
+        assert 'session 1: ' in printed
         assert 'Traceback' not in printed
         # The next one starts as if nothing had happened, within the second that the scans jump back by.
         replay(nodes, bag, '--lockstep', '--session')
