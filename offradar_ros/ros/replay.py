@@ -43,6 +43,8 @@ CLOCK_PERIOD_S = 0.025
 DISCOVERY_S = 4.0
 SETTLE_S = 1.0
 SILENT_SCANS = 3
+BURST = 400
+"""Messages sent without an answer in between that a busy process can be trusted to have room for."""
 AHEAD_S = PositionConfig().max_gap_s
 
 
@@ -126,16 +128,22 @@ class Player:
 
     def _play_in_lockstep(self) -> None:
         others = [topic for topic in self._publishers if topic != self._scan_topic]
-        silent = 0
+        silent = burst = 0
         for message in in_lockstep_order(self._bag, self._scan_topic, others, AHEAD_S):
             repeated = message.topic == self._scan_topic and self._sent[-1:] == [header_stamp_ns(message.cdr)]
             self._publish(message)
-            if message.topic != self._scan_topic or repeated:
+            if message.topic != self._scan_topic:
+                burst += 1
+                if burst == BURST:
+                    self._wait_for_acknowledgement()
+                    burst = 0
+                continue
+            if repeated:
                 continue
             stamp, sent_s = self._sent[-1], time.monotonic()
             if self._spin_until(functools.partial(self._is_answered, stamp), self._options.timeout_s):
                 self._latencies_s.append(time.monotonic() - sent_s)
-                silent = 0
+                silent = burst = 0
             elif (silent := silent + 1) == SILENT_SCANS:
                 raise OffradarError(
                     f'nothing on {", ".join(self._log.missing(stamp))} for the last {silent} scans, each waited for '
@@ -178,9 +186,8 @@ class Player:
     def _settle(self) -> None:
         """Wait for messages still on their way, then for answers: bounded in all, and over when nothing more comes."""
         if not self._options.lockstep:
-            # Takes up to a heartbeat of 3 s. In lockstep the answers tell that everything arrived.
-            for publisher in self._publishers.values():
-                publisher.wait_for_all_acked(Duration(seconds=self._options.timeout_s))
+            # In lockstep the answers tell that everything arrived.
+            self._wait_for_acknowledgement()
         deadline_s = time.monotonic() + self._options.timeout_s
         quiet_s, last = time.monotonic(), -1
         while time.monotonic() < min(deadline_s, quiet_s + SETTLE_S):
@@ -189,6 +196,11 @@ class Player:
             if all(self._is_answered(stamp) for stamp in self._sent):
                 return
             self._spin_for(0.01)
+
+    def _wait_for_acknowledgement(self) -> None:
+        """Until every subscriber has everything; may take a heartbeat of 3 s."""
+        for publisher in self._publishers.values():
+            publisher.wait_for_all_acked(Duration(seconds=self._options.timeout_s))
 
     def _advertised(self) -> Iterator[tuple[str, Publisher]]:
         for topic, msgtype in self._bag.topics.items():

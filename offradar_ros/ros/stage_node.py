@@ -64,7 +64,6 @@ class StageNode(LifecycleNode):
 
     def configure(self) -> None:
         """Build the core objects; OffradarError leaves the node unconfigured."""
-        raise NotImplementedError
 
     def activated(self) -> None:
         """Called when the node has become active."""

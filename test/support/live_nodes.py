@@ -70,6 +70,17 @@ class Observer:
         )
         return outcomes
 
+    def wait_until_met(self) -> None:
+        """Wait until the query node knows that somebody hears its answers: before that, they are lost."""
+        heard = self.hear(DiagnosticArray, '/diagnostics')
+
+        def met() -> bool:
+            told = [{i.key: i.value for i in status.values} for message in heard for status in message.status]
+            topics = ('subscribers./matches', 'subscribers./rejections')
+            return all(any(values.get(topic, '0') != '0' for values in told) for topic in topics)
+
+        wait_until(met)
+
     def speaker(self, kind: type, topic: str, profile: QoSProfile) -> Callable[[Any], None]:
         """A function that publishes, ready once something listens."""
         publisher = self.node.create_publisher(kind, topic, profile)
