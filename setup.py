@@ -32,7 +32,7 @@ setup(
     ],
     extras_require={
         'onnx': ['onnxruntime>=1.18'],
-        'plot': ['matplotlib>=3.7'],
+        'plot': ['matplotlib>=3.6'],
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
         'test': [
             'hypothesis',

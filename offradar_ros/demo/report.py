@@ -83,8 +83,8 @@ class _Readable(dict[str, object]):
 
 def draw_map(places: PlaceTable, judged: Judged, path: Path) -> None:
     """The map coloured by U, and on it the last drive: matches, wrong matches and rejections."""
-    figure = Figure(figsize=(12, 8), layout='constrained')
-    axes = figure.add_subplot()
+    figure = Figure(figsize=(12, 8))
+    axes = figure.add_axes((0.07, 0.16, 0.84, 0.78))
     drawn = axes.scatter(
         places.positions_m[:, 0], places.positions_m[:, 1], c=places.uncertainties, s=150, cmap='YlOrBr', zorder=1
     )
@@ -110,6 +110,6 @@ def draw_map(places: PlaceTable, judged: Judged, path: Path) -> None:
         title=f'{judged.driven.drive.name} asked of a map of {len(places)} places (simulated)',
         facecolor='whitesmoke',
     )
-    figure.legend(loc='outside lower center', ncols=3, facecolor='whitesmoke')
+    figure.legend(loc='lower center', ncols=3, facecolor='whitesmoke')
     FigureCanvasAgg(figure)
     figure.savefig(path)
