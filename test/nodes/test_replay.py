@@ -119,7 +119,7 @@ def test_a_namespace_and_a_remapping_move_every_topic(
 def failed(nodes: Stack, *arguments: str) -> str:
     process = nodes.start('replay_node', arguments, 'failing')
     try:
-        assert process.wait(WAIT_S) not in (0, -11)
+        assert process.wait(2 * WAIT_S) not in (0, -11)
         return process.log.read_text()
     finally:
         process.stop()
@@ -152,7 +152,7 @@ def test_lockstep_says_when_nothing_answers(
     observer.hear(Image, 'radar_data/b_scan_image', qos.SCANS)
     observer.node.create_publisher(Image, 'matches', qos.RESULTS)
     with alone() as nodes:
-        printed = failed(nodes, str(street_bag('drive', count=8)), '--lockstep', '--timeout', '0.5')
+        printed = failed(nodes, str(street_bag('drive', count=8)), '--lockstep', '--timeout', '4')
     assert 'error: nothing on matches for the last 3 scans' in printed
 
 
