@@ -22,7 +22,7 @@ from offradar_ros.ros.processes import Stack
 from offradar_ros.types import Match, Outcome
 
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-WAIT_S = 20.0
+WAIT_S = 40.0
 
 
 def wait_until(done: Callable[[], Any], timeout_s: float = WAIT_S) -> Any:
