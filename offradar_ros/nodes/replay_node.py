@@ -17,6 +17,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import rclpy
+import rclpy.signals
 from rclpy.node import Node
 from rclpy.utilities import remove_ros_args
 
@@ -86,10 +87,13 @@ def _play(node: Node, argv: Sequence[str], arguments: argparse.Namespace) -> int
 def _end_session(node: Node, argv: Sequence[str], timeout_s: float) -> str:
     if rclpy.ok():
         return SessionClient(node, timeout_s).end()
-    # Interrupted: what was mapped so far is kept all the same.
+    # Interrupted: what was mapped so far is kept all the same, however often the signal comes again.
+    rclpy.signals.uninstall_signal_handlers()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
     context = rclpy.Context()
     rclpy.init(args=list(argv), context=context)
-    again = rclpy.create_node('replay', context=context)
+    again = rclpy.create_node('replay_end', context=context, enable_rosout=False)
     try:
         return SessionClient(again, timeout_s).end()
     finally:

@@ -240,3 +240,19 @@ def test_a_flood_of_positions_loses_no_scan(
         server.send_signal(signal.SIGCONT)
         assert process.wait(WAIT_S) == 0
         assert '0 dropped' in process.log.read_text()
+
+
+@pytest.mark.parametrize('after_s', [0.01, 0.3])
+def test_a_second_interrupt_does_not_keep_the_session_from_ending(
+    stack: Callable[..., Stack], street_bag: Callable[..., Path], tmp_path: Path, after_s: float
+) -> None:
+    with stack({'map.path': str(tmp_path / 'map.db')}) as nodes:
+        nodes.wait_until_ready()
+        process = nodes.start('replay_node', [str(street_bag('drive', count=40)), '--session'], 'interrupted')
+        wait_until(lambda: 'session 1 started' in process.log.read_text())
+        time.sleep(3.0)
+        process.process.send_signal(signal.SIGINT)
+        time.sleep(after_s)
+        assert process.stop() == 0
+        assert 'session 1: ' in process.log.read_text()
+    assert [s.state for s in MapStore.open_read_only(tmp_path / 'map.db').sessions] == ['ended']
