@@ -107,4 +107,7 @@ def _azimuths_are_columns(image: NDArray[np.uint8], config: RadarConfig) -> bool
     if config.azimuth_axis != 'auto':
         return config.azimuth_axis == 'columns'
     rows, columns = (int(n) for n in image.shape)
-    return abs(columns - config.azimuth_samples) < abs(rows - config.azimuth_samples)
+    if config.azimuth_samples in (rows, columns):
+        return rows != config.azimuth_samples
+    # A partial rotation has fewer azimuths still, and a radar more range bins than azimuths.
+    return columns < rows

@@ -15,6 +15,7 @@ import numpy as np
 from offradar_ros.bags.records import scan_from_image
 from offradar_ros.config import RadarConfig
 from offradar_ros.errors import RefusedInput
+from offradar_ros.radar.image import scan_from_rows
 from offradar_ros.types import PolarScan
 
 BIN_SIZE_UNIT_M = 1e-4
@@ -34,7 +35,7 @@ def message_types() -> tuple[type, type] | None:
 
 
 def configured(config: RadarConfig, message: Any) -> RadarConfig:
-    """The radar configuration with what the sensor says of itself; explicit parameters win."""
+    """The radar configuration with what the sensor says of itself; an explicit bin size or range offset wins."""
     resolution_m = float(message.bin_size) * BIN_SIZE_UNIT_M * float(message.range_gain or 1.0)
     if not 0.0 < resolution_m < 10.0 or not message.azimuth_samples or not message.encoder_size:
         raise RefusedInput(
@@ -60,10 +61,7 @@ def scan_from_b_scan(message: Any, config: RadarConfig) -> PolarScan:
             'wrong_size',
             f'RadarBScanMsg has {len(scan.power)} rows but {len(encoder)} encoder values: expected as many',
         )
-    azimuths_rad = (encoder / config.encoder_size * 2 * np.pi + config.azimuth_offset_rad) % (2 * np.pi)
+    angles_rad = encoder / config.encoder_size * 2 * np.pi
     stamps_ns = np.asarray(message.timestamps, np.int64)
-    return dataclasses.replace(
-        scan,
-        azimuths_rad=azimuths_rad,
-        azimuth_stamps_ns=stamps_ns if len(stamps_ns) == len(encoder) else None,
-    )
+    row_stamps_ns = stamps_ns if len(stamps_ns) == len(encoder) else None
+    return scan_from_rows(scan.power, angles_rad, row_stamps_ns, scan.stamp_ns, config)

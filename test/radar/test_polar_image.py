@@ -91,8 +91,11 @@ def test_the_azimuth_axis_is_the_one_with_400(shape: tuple[int, int], turned: bo
     assert scan.power.flags.c_contiguous
 
 
-@pytest.mark.parametrize(('shape', 'rows'), [((399, 3360), 399), ((3360, 399), 399), ((120, 2856), 120)])
-def test_else_the_nearer_one(shape: tuple[int, int], rows: int) -> None:
+@pytest.mark.parametrize(
+    ('shape', 'rows'),
+    [((399, 3360), 399), ((3360, 399), 399), ((120, 2856), 120), ((100, 650), 100), ((650, 100), 100)],
+)
+def test_else_the_smaller_one(shape: tuple[int, int], rows: int) -> None:
     assert decode_polar_image(**fields(powers(*shape))).power.shape[0] == rows
 
 

@@ -60,6 +60,12 @@ def test_rows_lie_at_their_encoder_angles() -> None:
     np.testing.assert_array_equal(scan.azimuth_stamps_ns, np.arange(400))
 
 
+def test_rows_turn_the_way_that_the_parameters_say() -> None:
+    config = navtech.configured(RadarConfig(azimuth_direction='counterclockwise'), configuration())
+    scan = navtech.scan_from_b_scan(b_scan(), config)
+    np.testing.assert_allclose(scan.azimuths_rad, 2 * np.pi - (7 + 14 * np.arange(400)) / 5600 * 2 * np.pi)
+
+
 def test_a_scan_with_too_few_angles_is_refused() -> None:
     with pytest.raises(RefusedInput, match='400 rows but 3 encoder values'):
         navtech.scan_from_b_scan(b_scan(encoders=[1, 2, 3]), navtech.configured(RadarConfig(), configuration()))
