@@ -209,9 +209,9 @@ def test_what_the_nodes_said_when_it_was_recorded_is_not_played(
         nodes.wait_until_ready()
         printed = replay(nodes, path, '--rate', '4', '--restamp')
         assert '6 scans, 6 embeddings, 0 matches, 6 rejections (6 map_empty), 0 unanswered' in printed
+        wait_until(lambda: len(doors) == 6)
         printed = replay(nodes, path, '--lockstep')
         assert '6 scans, 6 embeddings' in printed
-    assert len(doors) == 12
     assert all(door.data for door in doors)
 
 
