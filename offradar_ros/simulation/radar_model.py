@@ -1,20 +1,19 @@
 """From a world and a moving radar to one polar scan.
 
 Model: each azimuth is one ray from where the radar then is. A wall returns by its face's angle to the ray and hides
-what is behind it but for a twelfth of the power; poles, trees and cars return equally on all sides; everything falls
-with range. Returns spread over the beam's width and a range cell, lie on clutter from the ground and
-on receiver noise, and are multiplied by speckle. The recorded byte is power in half decibels.
+what is behind it but for the share that passes it; poles, trees and cars return equally on all sides; everything falls
+with range. Returns spread over the beam's width and a range cell, lie on clutter from the ground and on receiver noise,
+and are multiplied by speckle. The recorded byte is power in half decibels.
 """
 
 from __future__ import annotations
-
-import dataclasses
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros.simulation.degradation import Degradation, degrade
+from offradar_ros.simulation.reflectors import Reflectors
 from offradar_ros.simulation.sensor import SimulatedSensor
 
 Array = NDArray[np.float64]
@@ -25,9 +24,6 @@ _REFERENCE_M = 10.0
 _FALL = 1.2
 """Returns fall with this power of range, as the upper quantiles of recorded scans do between 5 m and 160 m."""
 
-_THROUGH = 1.0 / 12.0
-"""Share of the power that passes a wall, there and back."""
-
 _SEEN_WALLS = 3
 """A ray is followed through this many walls."""
 
@@ -36,29 +32,6 @@ _VEHICLE_M = 2.4
 
 _GROUND = 1.0
 """Clutter from the ground at the reference range."""
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Reflectors:
-    """What there is to see during one scan, in the world's frame; shapes as in `World`."""
-
-    walls_m: Array
-    wall_powers: Array
-    scatterers_m: Array
-    scatterer_powers: Array
-
-    def within(self, centre_m: Array, range_m: float) -> Reflectors:
-        """Those that may be nearer than `range_m`."""
-        starts, ends = self.walls_m[:, 0] - centre_m, self.walls_m[:, 1] - centre_m
-        half = np.hypot(*(ends - starts).T) / 2
-        walls = np.hypot(*((starts + ends) / 2).T) < range_m + half
-        scatterers = np.hypot(*(self.scatterers_m - centre_m).T) < range_m
-        return Reflectors(
-            self.walls_m[walls],
-            self.wall_powers[walls],
-            self.scatterers_m[scatterers],
-            self.scatterer_powers[scatterers],
-        )
 
 
 class RadarModel:
@@ -83,8 +56,8 @@ class RadarModel:
         """(A, R) uint8 power, seen from (A, 3) poses x, y, heading: one for each azimuth, as the radar moves on."""
         near = reflectors.within(poses[len(poses) // 2, :2], self.sensor.max_range_m + 5.0)
         power = np.zeros(self.sensor.azimuths * self._cells)
-        hits_m = self._add_walls(power, near, poses)
-        self._add_scatterers(power, near, poses, hits_m)
+        hits_m, left = self._add_walls(power, near, poses)
+        self._add_scatterers(power, near, poses, hits_m, left)
         signal = self._blurred(power.reshape(-1, self._cells).astype(np.float32)) + self._clutter
         noise = np.full_like(signal, self._noise)
         if degradation:
@@ -93,8 +66,12 @@ class RadarModel:
         half_decibels = np.log10(received + np.float32(1e-6)) * np.float32(20.0)
         return self._recorded(half_decibels)
 
-    def _add_walls(self, power: Array, near: Reflectors, poses: Array) -> Array:
-        """Add walls' returns to flat (A·C,) `power`; (A, 3) ranges of the walls that each ray passes, nearest first."""
+    def _add_walls(self, power: Array, near: Reflectors, poses: Array) -> tuple[Array, Array]:
+        """Add walls' returns to flat (A·C,) `power`.
+
+        Returns the (A, 3) ranges of the walls that each ray passes, nearest first, and the (A, 4) share of the power
+        that is left after 0, 1, … of them.
+        """
         angle = poses[:, 2] - self.azimuths_rad
         ray_x, ray_y = np.cos(angle)[:, None], np.sin(angle)[:, None]
         along = near.walls_m[:, 1] - near.walls_m[:, 0]
@@ -110,21 +87,26 @@ class RadarModel:
         order = np.lexsort((range_m, rows))
         rows, walls, range_m = rows[order], walls[order], range_m[order]
         passed = np.arange(len(rows)) - np.searchsorted(rows, rows)
-        incidence = np.abs(across[rows, walls]) / np.hypot(*along[walls].T)
-        returned = near.wall_powers[walls] * (0.03 + 0.97 * incidence**6) * _THROUGH**passed
         seen = passed < _SEEN_WALLS
-        self._add(power, rows[seen], range_m[seen], returned[seen])
+        rows, walls, range_m, passed = rows[seen], walls[seen], range_m[seen], passed[seen]
         hits_m = np.full((len(poses), _SEEN_WALLS), np.inf)
-        hits_m[rows[seen], passed[seen]] = range_m[seen]
-        return hits_m
+        hits_m[rows, passed] = range_m
+        # Column k: share of the power that is left after k walls.
+        left = np.ones((len(poses), _SEEN_WALLS + 1))
+        left[rows, passed + 1] = near.wall_through[walls]
+        left = np.cumprod(left, axis=1)
+        incidence = np.abs(across[rows, walls]) / np.hypot(*along[walls].T)
+        returned = near.wall_powers[walls] * (0.03 + 0.97 * incidence**6) * left[rows, passed]
+        self._add(power, rows, range_m, returned)
+        return hits_m, left
 
-    def _add_scatterers(self, power: Array, near: Reflectors, poses: Array, hits_m: Array) -> None:
+    def _add_scatterers(self, power: Array, near: Reflectors, poses: Array, hits_m: Array, left: Array) -> None:
         """Each scatterer returns on the azimuth that points at it when the radar looks there."""
         middle = np.broadcast_to(poses[len(poses) // 2], (len(near.scatterers_m), 3))
         rows, _ = _seen_from(middle, near.scatterers_m, len(poses))
         rows, range_m = _seen_from(poses[rows], near.scatterers_m, len(poses))
         passed = np.sum(hits_m[rows] < range_m[:, None], axis=1)
-        self._add(power, rows, range_m, near.scatterer_powers * _THROUGH**passed)
+        self._add(power, rows, range_m, near.scatterer_powers * left[rows, passed])
 
     def _add(self, power: Array, rows: NDArray[np.intp], range_m: Array, returned: Array) -> None:
         cells = (range_m / self._cell_m).astype(np.intp)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros.simulation.degradation import Degradation, DegradationKind
-from offradar_ros.simulation.radar_model import Reflectors
+from offradar_ros.simulation.reflectors import THROUGH, Reflectors
 from offradar_ros.simulation.route import Route
 from offradar_ros.simulation.world import World
 
@@ -82,6 +82,7 @@ class Traversal:
         return Reflectors(
             self._world.walls_m,
             self._world.wall_powers,
+            np.full(len(self._world.wall_powers), THROUGH),
             np.concatenate([self._fixed_m, _cars(vehicles)]),
             np.concatenate([self._fixed_powers, np.full(len(vehicles) * len(_CAR), _CAR_POWER)]),
         )

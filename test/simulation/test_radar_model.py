@@ -5,16 +5,23 @@ import math
 import numpy as np
 import pytest
 
-from offradar_ros.simulation.radar_model import RadarModel, Reflectors
+from offradar_ros.simulation.radar_model import RadarModel
+from offradar_ros.simulation.reflectors import THROUGH, Reflectors
 from offradar_ros.simulation.sensor import SimulatedSensor
 
 SENSOR = SimulatedSensor(azimuths=360, range_bins=400, range_resolution_m=0.25)
 NO_WALLS, NO_POINTS = np.empty((0, 2, 2)), np.empty((0, 2))
 
 
-def seen(walls=NO_WALLS, points=NO_POINTS, wall_power=1e6, point_power=1e6) -> Reflectors:
+def seen(walls=NO_WALLS, points=NO_POINTS, wall_power=1e6, point_power=1e6, through=THROUGH) -> Reflectors:
     walls, points = np.asarray(walls, float), np.asarray(points, float)
-    return Reflectors(walls, np.full(len(walls), wall_power), points, np.full(len(points), point_power))
+    return Reflectors(
+        walls,
+        np.full(len(walls), wall_power),
+        np.full(len(walls), through),
+        points,
+        np.full(len(points), point_power),
+    )
 
 
 def still(x=0.0, y=0.0, heading=0.0, azimuths=360):
