@@ -12,13 +12,16 @@ import dataclasses
 import enum
 import functools
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pyproj
 from numpy.typing import NDArray
 
 from offradar_ros.errors import RefusedInput
 from offradar_ros.types import Pose
+
+if TYPE_CHECKING:
+    import pyproj
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,6 +45,9 @@ class LocalFrame:
     """East-north-up frame tangent to WGS-84 at `origin`."""
 
     def __init__(self, origin: GeoPoint) -> None:
+        # Here, because machines that train and evaluate on simulated scans need no PROJ.
+        import pyproj  # noqa: PLC0415
+
         self.origin = origin
         # float() because NumPy's scalars have a repr that PROJ reads as zero.
         latitude, longitude, altitude = map(float, dataclasses.astuple(origin))
@@ -66,6 +72,8 @@ class LocalFrame:
 
 @functools.lru_cache(maxsize=16)
 def _from_utm(epsg: int) -> pyproj.Transformer:
+    import pyproj  # noqa: PLC0415
+
     return pyproj.Transformer.from_crs(epsg, 4326, always_xy=True)
 
 

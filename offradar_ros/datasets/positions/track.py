@@ -7,7 +7,6 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
-import pyproj
 from numpy.typing import NDArray
 
 from offradar_ros.datasets.positions.table import Row
@@ -77,6 +76,8 @@ class Track:
 
     def from_utm(self, epsg: int) -> Trajectory:
         """The positions as UTM easting, northing, altitude, turned geodetic; yaw from grid east to true east."""
+        import pyproj  # noqa: PLC0415
+
         stamps, utm, yaws = self._columns()
         points = utm_to_geodetic(utm, epsg)
         if not np.isfinite(points).all():
