@@ -39,7 +39,7 @@ class SimulatedSequence:
         self.name = plan.name
         self._traversal = Traversal(plan, world)
         self._model = RadarModel(self.sensor)
-        self._frame = LocalFrame(origin)
+        self._origin = origin
         period_ns = round(self.sensor.rotation_s * 1e9)
         self.stamps_ns: NDArray[np.int64] = plan.start_ns + period_ns // 2 + period_ns * np.arange(plan.scans)
 
@@ -85,7 +85,7 @@ class SimulatedSequence:
         enu = np.column_stack([poses[:, :2], np.zeros(len(poses))])
         return Trajectory(
             stamps_ns=self.plan.start_ns + np.rint(seconds * 1e9).astype(np.int64),
-            positions=self._frame.to_geodetic(enu),
+            positions=LocalFrame(self._origin).to_geodetic(enu),
             yaws_rad=wrap_angle(poses[:, 2]),
             geodetic=True,
         )
