@@ -13,6 +13,7 @@ from offradar_ros.errors import ConfigError
 # The network halves the image five times.
 REDUCTION = 32
 
+METHODS = ('variational', 'bc_radar', 'vae', 'mc_dropout', 'stun')
 BACKBONES = ('vgg16', 'compact')
 DESCRIPTORS = ('z_i_plus_mu', 'z_i')
 
@@ -22,22 +23,27 @@ class NetworkConfig:
     """What the network is and what image it sees; ConfigError for values that no network has.
 
     Attributes:
+        method: ``variational`` (the paper's own) or the learned method that it is compared with.
         backbone: ``vgg16`` (the paper's) or ``compact`` (five strided convolutions).
         dimension: d, the length of Z_I, μ_V and σ².
         side_px: side of the square Cartesian image, a multiple of 32.
         resolution_m: metres a pixel.
         min_range_m: nearer returns are blanked.
-        descriptor: what is compared: Z_I + μ_V (= E[Z]) or Z_I alone.
+        descriptor: what is compared: Z_I + μ_V (= E[Z]) or Z_I alone; of the variational method only.
+        dropout: probability that MC Dropout drops a feature; of no other method.
     """
 
+    method: str = 'variational'
     backbone: str = 'vgg16'
     dimension: int = 128
     side_px: int = 256
     resolution_m: float = 0.5
     min_range_m: float = 2.5
     descriptor: str = 'z_i_plus_mu'
+    dropout: float = 0.2
 
     def __post_init__(self) -> None:
+        _expect(self.method in METHODS, 'method', f'one of {", ".join(METHODS)}', self.method)
         _expect(self.backbone in BACKBONES, 'backbone', f'one of {", ".join(BACKBONES)}', self.backbone)
         _expect(self.descriptor in DESCRIPTORS, 'descriptor', f'one of {", ".join(DESCRIPTORS)}', self.descriptor)
         _expect(1 <= self.dimension <= 65536, 'dimension', '1 to 65536', self.dimension)
@@ -45,6 +51,7 @@ class NetworkConfig:
         _expect(whole, 'side_px', f'a multiple of {REDUCTION} up to 2048', self.side_px)
         _expect(0.01 <= self.resolution_m <= 10.0, 'resolution_m', '0.01 to 10 m', self.resolution_m)
         _expect(0.0 <= self.min_range_m <= 50.0, 'min_range_m', '0 to 50 m', self.min_range_m)
+        _expect(0.0 < self.dropout < 1.0, 'dropout', 'a probability between 0 and 1', self.dropout)
 
     @property
     def cartesian(self) -> CartesianConfig:

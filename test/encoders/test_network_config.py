@@ -7,19 +7,21 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from offradar_ros.encoders.network_config import BACKBONES, DESCRIPTORS, NetworkConfig
+from offradar_ros.encoders.network_config import BACKBONES, DESCRIPTORS, METHODS, NetworkConfig
 from offradar_ros.errors import ConfigError
 
 
 @given(
     st.builds(
         NetworkConfig,
+        method=st.sampled_from(METHODS),
         backbone=st.sampled_from(BACKBONES),
         dimension=st.integers(1, 4096),
         side_px=st.integers(1, 64).map(lambda n: 32 * n),
         resolution_m=st.floats(0.01, 10.0),
         min_range_m=st.floats(0.0, 50.0),
         descriptor=st.sampled_from(DESCRIPTORS),
+        dropout=st.floats(0.01, 0.99),
     )
 )
 def test_json_round_trip(config: NetworkConfig) -> None:
@@ -28,6 +30,7 @@ def test_json_round_trip(config: NetworkConfig) -> None:
 
 def test_default_is_the_papers_network() -> None:
     config = NetworkConfig()
+    assert config.method == 'variational'
     assert (config.backbone, config.dimension, config.descriptor) == ('vgg16', 128, 'z_i_plus_mu')
     assert (config.cartesian.side_px, config.cartesian.resolution_m, config.cartesian.min_range_m) == (256, 0.5, 2.5)
 
@@ -35,6 +38,7 @@ def test_default_is_the_papers_network() -> None:
 @pytest.mark.parametrize(
     'name, value',
     [
+        ('method', 'magic'),
         ('backbone', 'resnet'),
         ('descriptor', 'z'),
         ('dimension', 0),
@@ -44,6 +48,8 @@ def test_default_is_the_papers_network() -> None:
         ('resolution_m', 0.0),
         ('resolution_m', float('nan')),
         ('min_range_m', -1.0),
+        ('dropout', 0.0),
+        ('dropout', 1.0),
     ],
 )
 def test_values_that_no_network_has_are_refused(name: str, value: Any) -> None:
