@@ -37,6 +37,7 @@ ORDER = (
     'mapping',
     'retrieval',
     'evaluation',
+    'training',
     'pipeline',
     'cli',
     'ros',
@@ -45,6 +46,7 @@ ORDER = (
 )
 APART = {('ros', 'cli'), ('nodes', 'cli')}
 WITH_ROS = ('ros', 'nodes', 'demo')
+WITH_TORCH = ('training',)
 LAZY = {
     ('encoders.registry', 'encoders.onnx_backend'),
     ('encoders.registry', 'encoders.torch_backend'),
@@ -137,7 +139,7 @@ def loaded_by(modules: list[str], path: Path) -> list[str]:
 
 def light_modules(root: Path) -> list[str]:
     names = [module_name(file, root) for file in sorted(root.rglob('*.py'))]
-    return [f'{PACKAGE}.{n}' for n in names if n and unit(n) not in WITH_ROS and n not in BACKENDS]
+    return [f'{PACKAGE}.{n}' for n in names if n and unit(n) not in (*WITH_ROS, *WITH_TORCH) and n not in BACKENDS]
 
 
 def vague_names(*folders: Path) -> list[str]:

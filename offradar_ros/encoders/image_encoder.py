@@ -8,19 +8,19 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from offradar_ros.encoders.network_image import make_image
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.encoders.weights_header import NAME, WeightsHeader
 from offradar_ros.errors import RefusedInput
-from offradar_ros.radar.cartesian import PolarToCartesian
 from offradar_ros.types import Embedding, PolarScan
 
 
 class ImageEncoder(abc.ABC):
-    """Encodes the Cartesian image that the weights' header asks for; a backend says how."""
+    """Encodes the image that the weights' header asks for; a backend says how."""
 
     def __init__(self, header: WeightsHeader, path: str | Path) -> None:
         self.header = header
-        self._to_image = PolarToCartesian(header.config.cartesian)
+        self._to_image = make_image(header.config)
         self._info = ModelInfo(
             name=NAME,
             fingerprint=header.fingerprint,

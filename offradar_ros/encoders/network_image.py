@@ -1,0 +1,20 @@
+"""The image that a network sees of a scan: the same in training as on the vehicle, because it is made here alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from offradar_ros.encoders.network_config import NetworkConfig
+from offradar_ros.radar.cartesian import PolarToCartesian
+from offradar_ros.types import PolarScan
+
+
+def make_image(config: NetworkConfig) -> Callable[[PolarScan], NDArray[np.uint8]]:
+    """A function from a scan to the (S, S) uint8 image of `config`.
+
+    It may keep tables from scan to scan: use one in each thread.
+    """
+    return PolarToCartesian(config.cartesian)

@@ -1,0 +1,32 @@
+"""Every method by name."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from torch import nn
+
+from offradar_ros.errors import ConfigError
+from offradar_ros.training.config import TrainingConfig
+from offradar_ros.training.objective import Objective
+from offradar_ros.training.variational_objective import VariationalObjective
+
+MakeObjective = Callable[[TrainingConfig, 'nn.Module | None'], Objective]
+
+OBJECTIVES: dict[str, MakeObjective] = {
+    'variational': lambda config, _teacher: VariationalObjective(config),
+}
+NEED_TEACHER = frozenset({'stun'})
+"""Methods whose entry above is given a trained network of `TeacherConfig.method`."""
+
+
+def make_objective(config: TrainingConfig, teacher: nn.Module | None = None) -> Objective:
+    """The objective of `config.method`, with a network initialised from torch's seed; ConfigError for an unknown one.
+
+    `teacher` is what a method of `NEED_TEACHER` learns from.
+    """
+    if config.method not in OBJECTIVES:
+        raise ConfigError(f'key method: expected one of {", ".join(OBJECTIVES)}, got {config.method!r}')
+    if config.method in NEED_TEACHER and teacher is None:
+        raise ConfigError(f'method {config.method} learns from a teacher, and there is none')
+    return OBJECTIVES[config.method](config, teacher)
