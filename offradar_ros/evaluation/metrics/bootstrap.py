@@ -1,0 +1,44 @@
+"""How far a figure may be off through the pairs of drives that happened to be measured."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+
+def bootstrap_interval(
+    groups: ArrayLike,
+    statistic: Callable[[NDArray[np.float64]], float],
+    *,
+    resamples: int,
+    seed: int,
+    level: float = 0.95,
+) -> tuple[float, float]:
+    """Percentile interval of a statistic when whole groups (pairs of drives) are drawn with replacement.
+
+    Scans of one pair are not independent, so that drawing single scans would promise too much.
+
+    Args:
+        groups: (N,) int ≥ 0, the group of each row.
+        statistic: takes (N,) float64 weights of the rows, how often each row's group was drawn.
+        resamples: number of draws; a draw whose statistic is NaN is left out.
+        seed: of the draws.
+        level: share of the draws that the interval holds.
+
+    Returns:
+        Its ends; NaN where no draw gave a number.
+    """
+    labels, inverse = np.unique(np.asarray(groups), return_inverse=True)
+    if not len(labels):
+        return math.nan, math.nan
+    rng = np.random.default_rng(seed)
+    drawn = rng.multinomial(len(labels), np.full(len(labels), 1.0 / len(labels)), resamples).astype(np.float64)
+    found = np.array([statistic(times[inverse.reshape(-1)]) for times in drawn])
+    found = found[np.isfinite(found)]
+    if not len(found):
+        return math.nan, math.nan
+    low, high = np.quantile(found, [(1.0 - level) / 2.0, (1.0 + level) / 2.0])
+    return float(low), float(high)
