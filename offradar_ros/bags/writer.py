@@ -21,7 +21,7 @@ from rosbags.typesys import Stores, get_typestore
 from offradar_ros.bags.new_folder import new_folder
 from offradar_ros.bags.topics import FIX, FIX_TYPE, IMAGE_TYPE, ODOMETRY, ODOMETRY_TYPE, SCANS
 from offradar_ros.datasets.sequence import RadarSequence
-from offradar_ros.errors import DataError
+from offradar_ros.errors import DataError, RefusedInput
 from offradar_ros.geometry import LocalFrame, Trajectory
 from offradar_ros.radar.navtech_rows import join_rows
 from offradar_ros.types import PolarScan
@@ -29,6 +29,7 @@ from offradar_ros.types import PolarScan
 POSITION_MARGIN_NS = 5 * 10**9
 TYPES = get_typestore(Stores.ROS2_JAZZY)
 Progress = Callable[[int, int], None]
+Unreadable = Callable[[int, DataError | RefusedInput], None]
 _Stamped = tuple[int, int, str, Any]
 
 
@@ -51,42 +52,50 @@ class BagOptions:
 
 
 def write_bag(
-    sequence: RadarSequence, out: str | Path, options: BagOptions | None = None, progress: Progress | None = None
+    sequence: RadarSequence,
+    out: str | Path,
+    options: BagOptions | None = None,
+    progress: Progress | None = None,
+    unreadable: Unreadable | None = None,
 ) -> Path:
     """Write scans, ``gps/fix`` and ``ground_truth/odometry`` in order of time; returns the folder.
 
-    Positions are those of the drive and of the few seconds around it, so that its ends can be interpolated. Raises
-    DataError if the sequence is empty, or `out` exists, is not a bag that may be replaced, or cannot be written.
+    Positions are those of the drive and of the few seconds around it, so that its ends can be interpolated. A scan that
+    cannot be read is an error, unless `unreadable` takes its index and the error and returns: then it is left out.
+    Raises DataError if the sequence is empty, no scan can be read, or `out` exists, is not a bag that may be replaced,
+    or cannot be written.
     """
     options = options or BagOptions()
     out = Path(out)
     if not len(sequence):
         raise DataError(f'{sequence.name}: holds no scans: nothing to convert')
     with new_folder(out, overwrite=options.overwrite) as draft:
-        _write(sequence, draft, options, progress or (lambda _done, _total: None))
+        _write(sequence, draft, options, progress or (lambda _done, _total: None), unreadable or _stop)
     return out
 
 
-def _write(sequence: RadarSequence, path: Path, options: BagOptions, progress: Progress) -> None:
+def _stop(_index: int, error: DataError | RefusedInput) -> None:
+    raise error
+
+
+def _write(
+    sequence: RadarSequence, path: Path, options: BagOptions, progress: Progress, unreadable: Unreadable
+) -> None:
     writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
     writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
     trajectory = _covering(sequence, options.position_offset_ns)
     with writer:
         connections = {SCANS: writer.add_connection(SCANS, IMAGE_TYPE, typestore=TYPES)}
-        streams: list[Iterator[_Stamped]] = [_scans(sequence, options)]
+        streams: list[Iterator[_Stamped]] = [_scans(sequence, options, progress, unreadable)]
         if trajectory is not None:
             if trajectory.geodetic:
                 connections[FIX] = writer.add_connection(FIX, FIX_TYPE, typestore=TYPES)
                 streams.append(_fixes(trajectory))
             connections[ODOMETRY] = writer.add_connection(ODOMETRY, ODOMETRY_TYPE, typestore=TYPES)
             streams.append(_odometry(trajectory))
-        done = 0
         for stamp_ns, _rank, topic, message in heapq.merge(*streams, key=lambda item: item[:2]):
             connection = connections[topic]
             writer.write(connection, stamp_ns, TYPES.serialize_cdr(message, connection.msgtype))
-            if topic == SCANS:
-                done += 1
-                progress(done, len(sequence))
 
 
 def _covering(sequence: RadarSequence, offset_ns: int) -> Trajectory | None:
@@ -126,11 +135,22 @@ def image_message(scan: PolarScan, *, plain: bool, encoder_size: int = 5600) -> 
     )
 
 
-def _scans(sequence: RadarSequence, options: BagOptions) -> Iterator[_Stamped]:
+def _scans(
+    sequence: RadarSequence, options: BagOptions, progress: Progress, unreadable: Unreadable
+) -> Iterator[_Stamped]:
+    errors: list[DataError | RefusedInput] = []
     for index in range(len(sequence)):
-        scan = sequence.scan(index)
-        message = image_message(scan, plain=options.plain, encoder_size=options.encoder_size)
-        yield scan.stamp_ns, 1, SCANS, message
+        try:
+            scan = sequence.scan(index)
+        except (DataError, RefusedInput) as error:
+            unreadable(index, error)
+            errors.append(error)
+        else:
+            message = image_message(scan, plain=options.plain, encoder_size=options.encoder_size)
+            yield scan.stamp_ns, 1, SCANS, message
+        progress(index + 1, len(sequence))
+    if len(errors) == len(sequence):
+        raise DataError(f'{sequence.name}: none of its {len(sequence)} scans can be read: {errors[0]}')
 
 
 def _fixes(trajectory: Trajectory) -> Iterator[_Stamped]:

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -134,10 +135,62 @@ def test_overwrite_replaces_bags_only(refused: Callable[..., str], radiate_folde
 def test_a_damaged_source_leaves_no_bag(refused: Callable[..., str], radiate_folder: Path, tmp_path: Path) -> None:
     scan = radiate_folder / 'Navtech_Polar' / '000004.png'
     scan.write_bytes(scan.read_bytes()[:1000])
-    assert f'{scan}: truncated PNG' in refused('convert', radiate_folder, tmp_path / 'bag')
+    said = refused('convert', radiate_folder, tmp_path / 'bag')
+    assert f'{scan}: truncated PNG' in said
+    assert said.endswith('(--skip-unreadable leaves such scans out)')
     cv2.imwrite(str(scan), np.zeros((576, 400, 3), np.uint8))
     assert f'{scan}: ' in refused('convert', radiate_folder, tmp_path / 'bag')
     assert [path.name for path in tmp_path.iterdir()] == ['city_1']
+
+
+def test_unreadable_scans_are_left_out_and_named_if_so_told(
+    done: Callable[..., str], radiate_folder: Path, tmp_path: Path
+) -> None:
+    scans = sorted((radiate_folder / 'Navtech_Polar').glob('*.png'))
+    scans[0].write_bytes(b'')
+    scans[3].write_bytes(scans[3].read_bytes()[:1000])
+    said = done('convert', radiate_folder, tmp_path / 'bag', '--skip-unreadable', '--position-offset-s', '-60')
+    summary = said[said.index('skipped') :].splitlines()
+    assert summary == [
+        'skipped 2 of 5 scans that cannot be read:',
+        f'  {scans[0]}: empty file, expected a PNG',
+        f'  {scans[3]}: truncated PNG, it ends after 1000 bytes',
+        f'{tmp_path / "bag"}: written',
+    ]
+    source, bag = open_sequence(radiate_folder), BagSequence(tmp_path / 'bag')
+    kept = [1, 2, 4]
+    np.testing.assert_array_equal(bag.stamps_ns, source.stamps_ns[kept])
+    for at, index in enumerate(kept):
+        np.testing.assert_array_equal(bag.scan(at).power, source.scan(index).power)
+
+
+@pytest.mark.parametrize('spoil', [b'', b'\x89PNG\r\n\x1a\n'])
+def test_an_unreadable_scan_with_metadata_columns_is_left_out(
+    done: Callable[..., str], real_data: Path, tmp_path: Path, spoil: bytes
+) -> None:
+    folder = tmp_path / 'oxford_tiny'
+    shutil.copytree(real_data / 'oxford_tiny', folder)
+    scans = sorted(folder.rglob('radar/*.png'))
+    assert len(scans) == 11
+    # The first, by which a layout is recognised, and the last.
+    for scan in (scans[0], scans[-1]):
+        scan.write_bytes(spoil)
+    said = done('convert', folder, tmp_path / 'bag', '--skip-unreadable')
+    assert 'skipped 2 of 11 scans that cannot be read:\n' in said
+    assert all(f'  {scan}: ' in said for scan in (scans[0], scans[-1]))
+    assert counts(tmp_path / 'bag')['/radar_data/b_scan_image'] == 9
+
+
+def test_nothing_is_skipped_silently_and_nothing_readable_is_no_bag(
+    done: Callable[..., str], refused: Callable[..., str], radiate_folder: Path, tmp_path: Path
+) -> None:
+    assert 'cannot be read' not in done('convert', radiate_folder, tmp_path / 'whole', '--skip-unreadable')
+    scans = sorted((radiate_folder / 'Navtech_Polar').glob('*.png'))
+    for scan in scans:
+        scan.write_bytes(b'')
+    said = refused('convert', radiate_folder, tmp_path / 'bag', '--skip-unreadable')
+    assert said.endswith(f'none of its 5 scans can be read: {scans[0]}: empty file, expected a PNG')
+    assert not (tmp_path / 'bag').exists()
 
 
 def test_a_place_that_cannot_be_written_is_refused(
