@@ -11,6 +11,7 @@ from rich.markup import escape
 from rich.table import Column, Table
 
 from offradar_ros.mapping.store import MapStore
+from offradar_ros.mapping.writer_lock import has_writer
 
 REPORTED = {
     'inserted': 'inserted',
@@ -25,6 +26,8 @@ REPORTED = {
 
 def show_map(path: Annotated[Path, typer.Argument(help='SQLite map file.')]) -> None:
     """Print the model, the origin and the sessions of a map, without changing it."""
+    # Asked first: a session that a process starts meanwhile is not in what is read then.
+    is_written = has_writer(path)
     stored = MapStore.open_read_only(path)
     model, origin = stored.model, stored.origin
     typer.echo(f'{path}: {len(stored.places)} places')
@@ -44,13 +47,15 @@ def show_map(path: Annotated[Path, typer.Argument(help='SQLite map file.')]) -> 
         pad_edge=False,
         padding=0,
     )
-    for session in stored.sessions:
+    # The next writer of the file marks a session that was cut off; until then it says there that it runs.
+    states = [
+        'interrupted' if session.state == 'running' and not is_written else session.state for session in stored.sessions
+    ]
+    for session, state in zip(stored.sessions, states, strict=True):
         told = [_readable(session.report, column) for column in REPORTED.values()]
-        table.add_row(
-            str(session.session_id), escape(session.name), _day(session.stamp_ns), escape(session.state), *told
-        )
+        table.add_row(str(session.session_id), escape(session.name), _day(session.stamp_ns), escape(state), *told)
     Console().print(table)
-    if any(session.state == 'interrupted' for session in stored.sessions):
+    if 'interrupted' in states:
         typer.echo('interrupted: saved, then the process ended before the session did; it is kept and can be undone')
 
 

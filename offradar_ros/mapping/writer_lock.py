@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import fcntl
 import os
+import time
 from pathlib import Path
 
 from offradar_ros.errors import MapError
+
+ASKED_S = 0.2
+"""Longest wait for those who only ask whether there is a writer: they hold the lock for an instant."""
 
 
 class WriterLock:
@@ -16,10 +20,11 @@ class WriterLock:
     """
 
     def __init__(self, path: Path) -> None:
-        self._path = path.with_name(path.name + '.lock')
+        self._path = _lock_file(path)
         self._file = self._acquire(path)
 
     def _acquire(self, path: Path) -> int:
+        deadline_s = time.monotonic() + ASKED_S
         while True:
             try:
                 file = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
@@ -33,13 +38,40 @@ class WriterLock:
             except FileNotFoundError:
                 pass
             except OSError as error:
-                os.close(file)
                 busy = isinstance(error, BlockingIOError)
-                why = 'is in use by another process that writes it' if busy else f'cannot be locked ({error.strerror})'
-                raise MapError(f'{path}: the map {why}') from error
+                if not busy or time.monotonic() > deadline_s:
+                    os.close(file)
+                    why = (
+                        'is in use by another process that writes it'
+                        if busy
+                        else f'cannot be locked ({error.strerror})'
+                    )
+                    raise MapError(f'{path}: the map {why}') from error
+                time.sleep(0.01)
             os.close(file)
 
     def release(self) -> None:
         """Let another writer in."""
         self._path.unlink(missing_ok=True)
         os.close(self._file)
+
+
+def has_writer(path: Path) -> bool:
+    """Whether a process, this one included, may be writing the map at `path`; changes nothing."""
+    try:
+        file = os.open(_lock_file(path.resolve()), os.O_RDONLY | os.O_CLOEXEC)
+    except FileNotFoundError:
+        return False
+    except OSError:
+        return True
+    try:
+        fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except OSError:
+        return True
+    finally:
+        os.close(file)
+    return False
+
+
+def _lock_file(path: Path) -> Path:
+    return path.with_name(path.name + '.lock')

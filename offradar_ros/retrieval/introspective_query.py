@@ -69,7 +69,12 @@ class IntrospectiveQuery:
             self._arrived.append(table)
 
     def query(self, embedding: Embedding) -> Outcome:
-        """The `top_k` nearest places, or a rejection with those that would have been returned where there are any."""
+        """The `top_k` nearest places, or a rejection with those that would have been returned where there are any.
+
+        An embedding of another model is rejected as `wrong_model` only where the map has a model. An empty map has one
+        when it is read from a file, and none when it comes as a message: then any model may still fill it, and every
+        valid embedding is rejected as `map_empty`.
+        """
         problem = embedding_problem(embedding)
         if problem:
             return self._rejection(embedding, Reason.INVALID_EMBEDDING, (), problem, math.nan)

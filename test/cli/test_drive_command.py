@@ -18,7 +18,7 @@ import pytest
 
 from offradar_ros.bags.sequence import BagSequence
 from offradar_ros.bags.writer import write_bag
-from offradar_ros.config import load_config
+from offradar_ros.config import MapConfig, load_config
 from offradar_ros.mapping.sessions import SessionMap
 from offradar_ros.mapping.store import MapStore
 
@@ -293,3 +293,27 @@ def test_an_interrupted_session_is_explained(
     shown = done('map', db)
     assert '│interrupted' in shown
     assert shown.splitlines()[-1].startswith('interrupted: saved, then the process ended')
+
+
+def test_a_killed_process_s_session_is_interrupted_and_a_living_one_s_runs(
+    done: Callable[..., str], drives: list[Path], params: Path, tmp_path: Path
+) -> None:
+    db, link = tmp_path / 'map.db', tmp_path / 'link.db'
+    done('drive', drives[0], '--params', params, '--map', db, '--session', 'one')
+    with contextlib.closing(sqlite3.connect(db)) as connection, connection:
+        connection.execute("UPDATE sessions SET state = 'running'")
+    link.symlink_to(db)
+    before = db.read_bytes()
+    for path in (db, link):
+        shown = done('map', path)
+        assert '│interrupted' in shown
+        assert shown.splitlines()[-1].startswith('interrupted: saved, then the process ended')
+    assert db.read_bytes() == before
+    with SessionMap(MapConfig(path=str(db))):
+        for path in (db, link):
+            shown = done('map', path)
+            assert '│running' in shown
+            assert 'interrupted' not in shown
+    # Left by a process that was killed: nothing holds it.
+    db.with_name('map.db.lock').touch()
+    assert '│interrupted' in done('map', db)

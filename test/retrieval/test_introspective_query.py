@@ -112,6 +112,9 @@ def test_the_first_reason_in_order_counts(searching):
 def test_without_a_map_there_is_nothing_to_search_until_the_first_places_come():
     query = IntrospectiveQuery(QueryConfig())
     assert query.query(scan()).reason is Reason.MAP_EMPTY
+    # An empty map that came as a message tells of no model.
+    query.load(places(), '')
+    assert query.query(scan(model=OTHER)).reason is Reason.MAP_EMPTY
     query.update(places((1, (0, 0))), MODEL, committed=True)
     assert isinstance(query.query(scan()), Match)
 

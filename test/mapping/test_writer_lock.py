@@ -1,0 +1,58 @@
+"""One writer a map, and who only asks whether there is one keeps none out."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+from offradar_ros.errors import MapError
+from offradar_ros.mapping.writer_lock import WriterLock, has_writer
+
+
+def test_the_writer_is_seen_from_the_lock_s_first_to_its_last(tmp_path: Path) -> None:
+    path = tmp_path / 'a.map'
+    assert not has_writer(path)
+    lock = WriterLock(path)
+    assert has_writer(path)
+    with pytest.raises(MapError, match='in use by another process'):
+        WriterLock(path)
+    assert has_writer(path)
+    lock.release()
+    assert not has_writer(path)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_killed_writer_is_none(tmp_path: Path) -> None:
+    path = tmp_path / 'a.map'
+    code = (
+        'import sys, os, signal, pathlib\n'
+        'from offradar_ros.mapping.writer_lock import WriterLock\n'
+        'lock = WriterLock(pathlib.Path(sys.argv[1]))\n'
+        'os.kill(os.getpid(), signal.SIGKILL)\n'
+    )
+    root = Path(__file__).resolve().parents[2]
+    subprocess.run([sys.executable, '-c', code, str(path)], check=False, env=os.environ | {'PYTHONPATH': str(root)})
+    assert (tmp_path / 'a.map.lock').exists()
+    assert not has_writer(path)
+
+
+def test_a_lock_that_cannot_be_asked_may_be_held(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError
+
+    monkeypatch.setattr('os.open', refuse)
+    assert has_writer(tmp_path / 'a.map')
+
+
+def test_the_asking_keeps_no_writer_out(tmp_path: Path) -> None:
+    path = tmp_path / 'a.map'
+    asked = os.open(tmp_path / 'a.map.lock', os.O_RDWR | os.O_CREAT)
+    fcntl.flock(asked, fcntl.LOCK_SH)
+    threading.Timer(0.03, os.close, [asked]).start()
+    WriterLock(path).release()
