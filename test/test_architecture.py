@@ -51,13 +51,29 @@ LAZY = {
     ('encoders.registry', 'encoders.onnx_backend'),
     ('encoders.registry', 'encoders.torch_backend'),
     ('encoders.onnx_export', 'encoders.network_files'),
-    ('encoders.onnx_export', 'encoders.variational'),
+    ('encoders.onnx_export', 'encoders.networks'),
+    ('encoders.onnx_export', 'encoders.onnx_half'),
     ('cli.export', 'encoders.onnx_export'),
     ('cli.demo', 'demo.run'),
     ('cli.session', 'ros.sessions'),
 }
 BACKENDS = {
-    f'encoders.{name}' for name in ('backbone', 'network_files', 'onnx_backend', 'torch_backend', 'variational')
+    f'encoders.{name}'
+    for name in (
+        'backbone',
+        'bc_radar',
+        'feature_map',
+        'mc_dropout',
+        'network_files',
+        'networks',
+        'onnx_backend',
+        'onnx_half',
+        'stun',
+        'torch_backend',
+        'unit_length',
+        'vae',
+        'variational',
+    )
 }
 """The modules that import a runtime of learned encoders when they are imported."""
 HEAVY = ('rclpy', 'torch', 'onnxruntime', 'onnx', 'matplotlib')

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from offradar_ros.encoders.network_image import make_image
 from offradar_ros.encoders.protocol import ModelInfo
-from offradar_ros.encoders.weights_header import NAME, WeightsHeader
+from offradar_ros.encoders.weights_header import WeightsHeader
 from offradar_ros.errors import RefusedInput
 from offradar_ros.types import Embedding, PolarScan
 
@@ -22,13 +22,14 @@ class ImageEncoder(abc.ABC):
         self.header = header
         self._to_image = make_image(header.config)
         self._info = ModelInfo(
-            name=NAME,
+            name=header.config.method,
             fingerprint=header.fingerprint,
             dimension=header.config.dimension,
             metadata={
                 'settings': header.config.to_json(),
                 'created_by': header.created_by,
                 'description': header.description,
+                'stored': header.stored,
                 'file': Path(path).name,
             },
         )
@@ -42,16 +43,20 @@ class ImageEncoder(abc.ABC):
     def infer(self, images: NDArray[np.uint8]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Images (N, S, S) uint8 → mean and variance, both (N, d) float32, as the network gives them."""
 
-    def encode(self, scan: PolarScan) -> Embedding:
-        """Embedding of one scan; RefusedInput ``no_signal`` where its image is empty or all zero.
-
-        Numbers that are not finite are passed on: whoever compares embeddings refuses them.
-        """
+    def image(self, scan: PolarScan) -> NDArray[np.uint8]:
+        """What the network sees of a scan, (S, S); RefusedInput ``no_signal`` where it is empty or all zero."""
         image = self._to_image(scan) if scan.power.size else np.zeros((0, 0), np.uint8)
         if not image.any():
             raise RefusedInput(
                 'no_signal',
                 f'scan at {scan.stamp_ns} ns, shape {scan.power.shape}, holds no power within its Cartesian image',
             )
-        mean, variance = self.infer(image[np.newaxis])
+        return image
+
+    def encode(self, scan: PolarScan) -> Embedding:
+        """Embedding of one scan; RefusedInput ``no_signal`` where its image is empty or all zero.
+
+        Numbers that are not finite are passed on: whoever compares embeddings refuses them.
+        """
+        mean, variance = self.infer(self.image(scan)[np.newaxis])
         return Embedding(scan.stamp_ns, mean[0], variance[0], self._info.fingerprint)

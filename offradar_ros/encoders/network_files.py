@@ -6,25 +6,22 @@ from pathlib import Path
 
 import torch
 
-from offradar_ros.encoders.variational import VariationalNetwork
+from offradar_ros.encoders.networks import Network, make_network
 from offradar_ros.encoders.weights import load_weights, save_weights
 from offradar_ros.encoders.weights_header import WeightsHeader
 from offradar_ros.errors import ModelError
 
 
-def save_network(path: str | Path, network: VariationalNetwork, description: str = '') -> WeightsHeader:
-    """Write a network's weights and settings."""
+def save_network(path: str | Path, network: Network, description: str = '', half: bool = False) -> WeightsHeader:
+    """Write a network's weights and settings, with `half` in half precision (see `save_weights`)."""
     tensors = {name: tensor.detach().cpu().numpy() for name, tensor in network.state_dict().items()}
-    return save_weights(path, network.config, tensors, description)
+    return save_weights(path, network.config, tensors, description, half)
 
 
-def load_network(path: str | Path) -> tuple[VariationalNetwork, WeightsHeader]:
-    """The network of a weights file, in evaluation mode and single precision; ModelError where they do not fit.
-
-    Weights may be stored in half precision.
-    """
+def load_network(path: str | Path) -> tuple[Network, WeightsHeader]:
+    """The network of a weights file, in evaluation mode and single precision; ModelError where they do not fit."""
     header, tensors = load_weights(path)
-    network = VariationalNetwork(header.config)
+    network = make_network(header.config)
     expected = network.state_dict()
     for name, tensor in expected.items():
         if name not in tensors:
@@ -33,7 +30,9 @@ def load_network(path: str | Path) -> tuple[VariationalNetwork, WeightsHeader]:
             raise ModelError(f'{path}: tensor {name}: expected shape {tuple(tensor.shape)}, got {tensors[name].shape}')
     unknown = sorted(tensors.keys() - expected.keys())
     if unknown:
-        raise ModelError(f'{path}: tensor {unknown[0]} is of no {header.config.backbone} network')
+        raise ModelError(
+            f'{path}: tensor {unknown[0]} is of no {header.config.backbone} {header.config.method} network'
+        )
     network.load_state_dict(
         {name: torch.from_numpy(tensors[name]).to(tensor.dtype) for name, tensor in expected.items()}, assign=True
     )

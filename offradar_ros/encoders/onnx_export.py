@@ -16,8 +16,9 @@ def export_onnx(weights_path: str | Path, onnx_path: str | Path) -> WeightsHeade
     """Write what `OnnxEncoder` reads; returns the header that both files carry.
 
     Input ``images`` (N, S, S) uint8, so that scaling and normalisation are part of the graph; outputs ``mean`` and
-    ``variance`` (N, d) float32; N is free. The file is written whole or not at all. ModelError for weights that cannot
-    be read, a file that cannot be written or a missing package.
+    ``variance`` (N, d) float32; N is free. Weights stored in half precision are stored so here too, and computed with
+    in single precision. The file is written whole or not at all. ModelError for weights that cannot be read, a file
+    that cannot be written or a missing package.
     """
     for package in ('torch', 'safetensors', 'onnx'):
         require_package(package, weights_path)
@@ -25,12 +26,13 @@ def export_onnx(weights_path: str | Path, onnx_path: str | Path) -> WeightsHeade
     import torch  # noqa: PLC0415
 
     from offradar_ros.encoders.network_files import load_network  # noqa: PLC0415
-    from offradar_ros.encoders.variational import VariationalNetwork  # noqa: PLC0415
+    from offradar_ros.encoders.networks import Network  # noqa: PLC0415
+    from offradar_ros.encoders.onnx_half import store_halves  # noqa: PLC0415
 
     class Inference(torch.nn.Module):
         """The part of the network that a vehicle runs."""
 
-        def __init__(self, network: VariationalNetwork) -> None:
+        def __init__(self, network: Network) -> None:
             super().__init__()
             self.network = network
 
@@ -49,11 +51,15 @@ def export_onnx(weights_path: str | Path, onnx_path: str | Path) -> WeightsHeade
             exported,
             dynamo=False,
             opset_version=OPSET,
+            # Batch normalisation stays apart from its convolution, so that the weights are those of the file.
+            training=torch.onnx.TrainingMode.PRESERVE,
             input_names=['images'],
             output_names=['mean', 'variance'],
             dynamic_axes={'images': {0: 'N'}, 'mean': {0: 'N'}, 'variance': {0: 'N'}},
         )
         model = onnx.load(exported)
+    if header.stored == 'float16':
+        store_halves(model)
     for key, value in header.to_metadata().items():
         model.metadata_props.add(key=key, value=value)
     onnx.checker.check_model(model, full_check=True)

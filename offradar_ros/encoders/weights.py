@@ -15,16 +15,27 @@ from safetensors.numpy import save
 from offradar_ros.encoders.fingerprint import fingerprint
 from offradar_ros.encoders.model_files import first_line, require_file, write_atomically
 from offradar_ros.encoders.network_config import NetworkConfig
-from offradar_ros.encoders.weights_header import NAME, WeightsHeader
+from offradar_ros.encoders.weights_header import WeightsHeader
 from offradar_ros.errors import ModelError
 
 
 def save_weights(
-    path: str | Path, config: NetworkConfig, tensors: Mapping[str, NDArray[Any]], description: str = ''
+    path: str | Path,
+    config: NetworkConfig,
+    tensors: Mapping[str, NDArray[Any]],
+    description: str = '',
+    half: bool = False,
 ) -> WeightsHeader:
-    """Write weights atomically; returns the header written."""
-    digest = fingerprint(NAME, dataclasses.asdict(config), tensors)
-    header = WeightsHeader(config, digest, description=description)
+    """Write weights atomically; returns the header written.
+
+    With `half` the float32 matrices and kernels are rounded to float16 on disk (vectors, such as biases and batch
+    statistics, are small and keep their precision); the fingerprint is that of the rounded weights. ModelError for one
+    that float16 cannot hold.
+    """
+    if half:
+        tensors = {name: _rounded(name, tensor, path) for name, tensor in tensors.items()}
+    digest = fingerprint(config.method, dataclasses.asdict(config), _as_loaded(tensors))
+    header = WeightsHeader(config, digest, description=description, stored='float16' if half else 'float32')
     contiguous = {name: np.ascontiguousarray(tensor).reshape(tensor.shape) for name, tensor in tensors.items()}
     write_atomically(path, save(contiguous, metadata=header.to_metadata()))
     return header
@@ -41,17 +52,36 @@ def read_header(path: str | Path) -> WeightsHeader:
 
 
 def load_weights(path: str | Path) -> tuple[WeightsHeader, dict[str, NDArray[Any]]]:
-    """Header and tensors by name; ModelError also where the tensors are not those of the fingerprint."""
+    """Header and tensors by name, those stored in half precision as float32.
+
+    ModelError also where the tensors are not those of the fingerprint, which is made of what is returned here.
+    """
     header = read_header(path)
     try:
         with safetensors.safe_open(path, framework='numpy') as opened:
             # `keys` is a method of the reader, which is no mapping.
-            tensors = {name: opened.get_tensor(name) for name in list(opened.keys())}
+            tensors = _as_loaded({name: opened.get_tensor(name) for name in list(opened.keys())})
     except (safetensors.SafetensorError, OSError, TypeError) as error:
         raise ModelError(f'{path}: its tensors cannot be read ({first_line(error)})') from error
-    found = fingerprint(NAME, dataclasses.asdict(header.config), tensors)
+    found = fingerprint(header.config.method, dataclasses.asdict(header.config), tensors)
     if found != header.fingerprint:
         raise ModelError(
             f'{path}: damaged or altered: expected fingerprint {header.fingerprint}, but its tensors give {found}'
         )
     return header, tensors
+
+
+def _as_loaded(tensors: Mapping[str, NDArray[Any]]) -> dict[str, NDArray[Any]]:
+    return {
+        name: tensor.astype(np.float32) if tensor.dtype == np.float16 else tensor for name, tensor in tensors.items()
+    }
+
+
+def _rounded(name: str, tensor: NDArray[Any], path: str | Path) -> NDArray[Any]:
+    if tensor.dtype != np.float32 or tensor.ndim < 2:
+        return tensor
+    with np.errstate(over='ignore'):
+        half = tensor.astype(np.float16)
+    if not np.array_equal(np.isfinite(half), np.isfinite(tensor)):
+        raise ModelError(f'{path}: tensor {name} holds numbers beyond half precision (±65504)')
+    return half

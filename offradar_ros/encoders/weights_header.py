@@ -1,7 +1,8 @@
 """What weights of a learned encoder say of themselves, in a weights file and in an ONNX file made from it.
 
 Text entries: ``offradar.settings`` (JSON of `NetworkConfig`), ``offradar.fingerprint``, ``offradar.created_by``
-(package and version) and ``offradar.description``. Nothing here needs safetensors: a vehicle reads ONNX files alone.
+(package and version), ``offradar.description`` and ``offradar.stored`` (precision of the weight matrices on disk; all
+are single precision once loaded). Nothing here needs safetensors: a vehicle reads ONNX files alone.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ from offradar_ros import __version__
 from offradar_ros.encoders.network_config import NetworkConfig
 from offradar_ros.errors import ConfigError, ModelError
 
-NAME = 'variational'
+STORED = ('float32', 'float16')
 
 
 @dataclasses.dataclass(frozen=True)
@@ -25,6 +26,7 @@ class WeightsHeader:
     fingerprint: str
     created_by: str = f'offradar_ros {__version__}'
     description: str = ''
+    stored: str = 'float32'
 
     def to_metadata(self) -> dict[str, str]:
         """Text entries that `from_metadata` reads."""
@@ -33,19 +35,22 @@ class WeightsHeader:
             'offradar.fingerprint': self.fingerprint,
             'offradar.created_by': self.created_by,
             'offradar.description': self.description,
+            'offradar.stored': self.stored,
         }
 
     @classmethod
     def from_metadata(cls, metadata: Mapping[str, str], path: str | Path) -> WeightsHeader:
         """Read the entries of `path`; ModelError where they are missing or not ours."""
-        fields = ('settings', 'fingerprint', 'created_by', 'description')
+        fields = ('settings', 'fingerprint', 'created_by', 'description', 'stored')
         missing = [field for field in fields if f'offradar.{field}' not in metadata]
         if missing:
             raise ModelError(f'{path}: not offradar weights: its metadata has no offradar.{missing[0]}')
-        settings, digest, created_by, description = (metadata[f'offradar.{field}'] for field in fields)
+        settings, digest, created_by, description, stored = (metadata[f'offradar.{field}'] for field in fields)
         if len(digest) != 64 or set(digest) - set('0123456789abcdef'):
             raise ModelError(f'{path}: offradar.fingerprint: expected 64 hexadecimal digits, got {digest[:80]!r}')
+        if stored not in STORED:
+            raise ModelError(f'{path}: offradar.stored: expected one of {", ".join(STORED)}, got {stored[:80]!r}')
         try:
-            return cls(NetworkConfig.from_json(settings), digest, created_by, description)
+            return cls(NetworkConfig.from_json(settings), digest, created_by, description, stored)
         except ConfigError as error:
             raise ModelError(f'{path}: {error}') from error

@@ -176,7 +176,7 @@ def test_onnx_whose_graph_is_not_what_its_metadata_says_is_refused(tmp_path: Pat
     model = onnx.load(small_onnx)
     for prop in model.metadata_props:
         if prop.key == 'offradar.settings':
-            prop.value = NetworkConfig('compact', dimension=16, side_px=64).to_json()
+            prop.value = NetworkConfig(backbone='compact', dimension=16, side_px=64).to_json()
     path = tmp_path / 'swapped.onnx'
     onnx.save(model, path)
     with pytest.raises(ModelError, match=r'swapped\.onnx: expected inputs and outputs'):

@@ -77,7 +77,9 @@ def test_evaluation_samples_nothing(network: VariationalNetwork) -> None:
 @pytest.mark.parametrize('descriptor', ['z_i', 'z_i_plus_mu'])
 def test_embedding_is_the_chosen_descriptor_and_the_posterior_variance(descriptor: str) -> None:
     torch.manual_seed(0)
-    network = VariationalNetwork(NetworkConfig('compact', 8, 64, descriptor=descriptor)).eval()
+    network = VariationalNetwork(
+        NetworkConfig(backbone='compact', dimension=8, side_px=64, descriptor=descriptor)
+    ).eval()
     with torch.no_grad():
         mean, variance = network.embed(images(2))
         out = network(images(2))
@@ -136,7 +138,7 @@ def test_tensors_that_do_not_fit_are_named(tmp_path: Path, network: VariationalN
     cases = {
         'tensor mu.bias is missing': {name: t for name, t in tensors.items() if name != 'mu.bias'},
         'tensor mu.bias: expected shape (8,), got (3,)': {**tensors, 'mu.bias': np.zeros(3, np.float32)},
-        'tensor extra is of no compact network': {**tensors, 'extra': np.zeros(3, np.float32)},
+        'tensor extra is of no compact variational network': {**tensors, 'extra': np.zeros(3, np.float32)},
     }
     for expected, changed in cases.items():
         path = tmp_path / 'changed.safetensors'

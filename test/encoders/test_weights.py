@@ -50,8 +50,34 @@ def test_round_trip(written: Path) -> None:
     assert found.keys() == tensors().keys()
     for name, tensor in tensors().items():
         np.testing.assert_array_equal(found[name], tensor)
-        assert found[name].dtype == tensor.dtype
+        assert found[name].dtype == (np.float32 if name == 'half' else tensor.dtype)
         assert found[name].shape == tensor.shape
+
+
+def test_half_precision_rounds_matrices_alone_and_is_what_the_fingerprint_is_of(tmp_path: Path) -> None:
+    exact = {
+        'kernel': np.array([[1.0, 1.0 + 2**-20], [3.14159, -65000.0]], np.float32),
+        'bias': np.array([1.0 + 2**-20], np.float32),
+        'mask': np.array([[True, False]]),
+    }
+    header = save_weights(tmp_path / 'half.safetensors', CONFIG, exact, half=True)
+    found_header, found = load_weights(tmp_path / 'half.safetensors')
+    assert found_header == header
+    assert header.stored == 'float16'
+    assert load_file(tmp_path / 'half.safetensors')['kernel'].dtype == np.float16
+    np.testing.assert_array_equal(found['kernel'], np.array([[1.0, 1.0], [3.140625, -64992.0]], np.float32))
+    assert found['kernel'].dtype == np.float32
+    for name in ('bias', 'mask'):
+        np.testing.assert_array_equal(found[name], exact[name])
+    # The same numbers in single precision are the same model; the exact ones are another.
+    assert save_weights(tmp_path / 'same.safetensors', CONFIG, found).fingerprint == header.fingerprint
+    assert save_weights(tmp_path / 'exact.safetensors', CONFIG, exact).fingerprint != header.fingerprint
+
+
+def test_weights_beyond_half_precision_are_refused_and_nothing_is_written(tmp_path: Path) -> None:
+    with pytest.raises(ModelError, match=r'big\.safetensors: tensor kernel holds numbers beyond half precision'):
+        save_weights(tmp_path / 'big.safetensors', CONFIG, {'kernel': np.full((2, 2), 7e4, np.float32)}, half=True)
+    assert not list(tmp_path.iterdir())
 
 
 def test_nothing_else_is_left_in_the_folder(written: Path) -> None:
@@ -127,6 +153,7 @@ def test_weights_of_another_program_are_refused(tmp_path: Path, found: dict[str,
     [
         ({'settings': '{}'}, 'network settings: expected an object'),
         ({'settings': 'nonsense'}, 'network settings: expected JSON'),
+        ({'stored': 'float8'}, 'offradar.stored: expected one of float32, float16'),
         ({'fingerprint': 'xyz'}, 'offradar.fingerprint: expected 64 hexadecimal digits'),
         ({'fingerprint': 'cd' * 32}, 'damaged or altered: expected fingerprint cdcd'),
         (
