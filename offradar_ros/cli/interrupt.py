@@ -1,4 +1,4 @@
-"""Ctrl-C at a moment of our choosing."""
+"""Ctrl-C, and being asked to end, at a moment of our choosing."""
 
 import contextlib
 import signal
@@ -13,20 +13,43 @@ def held_interrupt() -> Iterator[Callable[[], None]]:
 
     A second Ctrl-C is not held back.
     """
-    pressed = False
-    before = signal.getsignal(signal.SIGINT)
+    with held_signals(signal.SIGINT) as check:
 
-    def hold(_signal: int, _frame: Optional[FrameType]) -> None:
-        nonlocal pressed
-        pressed = True
-        signal.signal(signal.SIGINT, before)
+        def interrupt() -> None:
+            try:
+                check()
+            except Signalled:
+                raise KeyboardInterrupt from None
+
+        yield interrupt
+
+
+class Signalled(Exception):
+    """A signal came; `status` is the exit status that tells so, 130 for SIGINT and 143 for SIGTERM."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__(signal.Signals(number).name)
+        self.status = 128 + number
+
+
+@contextlib.contextmanager
+def held_signals(*numbers: signal.Signals) -> Iterator[Callable[[], None]]:
+    """Yields a function that raises Signalled where one of the signals came since; the same once more is not held."""
+    came: list[int] = []
+    before = {number: signal.getsignal(number) for number in numbers}
+
+    def hold(number: int, _frame: Optional[FrameType]) -> None:
+        came.append(number)
+        signal.signal(number, before[signal.Signals(number)])
 
     def check() -> None:
-        if pressed:
-            raise KeyboardInterrupt
+        if came:
+            raise Signalled(came[0])
 
-    signal.signal(signal.SIGINT, hold)
+    for number in numbers:
+        signal.signal(number, hold)
     try:
         yield check
     finally:
-        signal.signal(signal.SIGINT, before)
+        for number in numbers:
+            signal.signal(number, before[number])

@@ -2,10 +2,14 @@
 
 import enum
 import importlib.util
+import signal
+from collections.abc import Callable
+from functools import partial
 from typing import Annotated
 
 import typer
 
+from offradar_ros.cli.interrupt import Signalled, held_signals
 from offradar_ros.cli.need import ros_hint
 from offradar_ros.errors import OffradarError
 
@@ -36,18 +40,26 @@ def session(
     """Start, end, undo or save a session of the running map server, or clear its map, and print what it says."""
     if importlib.util.find_spec('rclpy') is None:
         raise OffradarError(f'this command {ros_hint("rclpy", "ros")}')
+    # From here on, since loading ROS takes a while too.
+    with held_signals(signal.SIGINT, signal.SIGTERM) as check:
+        _ask(SERVICES[action], timeout, check)
+
+
+def _ask(service: str, timeout: float, check: Callable[[], None]) -> None:
     # Only this needs ROS: the other commands work without it.
     import rclpy  # noqa: PLC0415
-    from rclpy.executors import ExternalShutdownException  # noqa: PLC0415
+    from rclpy.signals import SignalHandlerOptions  # noqa: PLC0415
 
     from offradar_ros.ros.sessions import SessionClient  # noqa: PLC0415
 
-    rclpy.init(args=[])
+    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     node = rclpy.create_node('offradar_session')
+    client = SessionClient(node, timeout, say=partial(typer.echo, err=True), check=check)
     try:
-        typer.echo(SessionClient(node, timeout).call(SERVICES[action]))
-    except ExternalShutdownException:
-        raise typer.Exit(130) from None
+        typer.echo(client.call(service))
+    except Signalled as signalled:
+        typer.echo(f'interrupted while waiting for {client.waiting_for}', err=True)
+        raise typer.Exit(signalled.status) from None
     finally:
         node.destroy_node()  # type: ignore[no-untyped-call]
         rclpy.try_shutdown()

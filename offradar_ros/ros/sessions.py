@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-import rclpy
-from rclpy.executors import SingleThreadedExecutor
+import time
+from collections.abc import Callable
+
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
@@ -11,14 +13,30 @@ from offradar_ros.errors import OffradarError
 
 COMMIT_S = 60.0
 """Longest wait for an answer: a session may have changed a million places."""
+PATIENCE_S = 2.0
+"""A wait longer than this is spoken of."""
+POLL_S = 0.1
 
 
 class SessionClient:
-    """Calls the services of the node `map_server` and returns what they say; OffradarError if they refuse."""
+    """Calls the services of the node `map_server` and returns what they say; OffradarError if they refuse.
 
-    def __init__(self, node: Node, timeout_s: float) -> None:
+    What it waits for is in `waiting_for`, and told to `say` when it takes long. `check` is called some ten times a
+    second while it waits, and may raise to end that.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        timeout_s: float,
+        say: Callable[[str], None] | None = None,
+        check: Callable[[], None] = lambda: None,
+    ) -> None:
         self._node = node
         self._timeout_s = timeout_s
+        self._say = say or (lambda text: node.get_logger().info(text))
+        self._check = check
+        self.waiting_for = ''
 
     def start(self) -> str:
         """Start a session."""
@@ -31,17 +49,40 @@ class SessionClient:
     def call(self, name: str) -> str:
         """Any of the services, by name."""
         client = self._node.create_client(Trigger, f'map_server/{name}')
+        answer_s = max(self._timeout_s, COMMIT_S)
         try:
-            if not client.wait_for_service(self._timeout_s):
+            self.waiting_for = f'the service {client.service_name}'
+            hint = f'gives up after {self._timeout_s:g} s; is map_server_node running, in this domain and namespace?'
+            if not self._wait(client.service_is_ready, self._timeout_s, hint):
                 raise OffradarError(f'service map_server/{name}: no map server within {self._timeout_s:g} s')
             future = client.call_async(Trigger.Request())
-            executor = SingleThreadedExecutor(context=self._node.context)
-            rclpy.spin_until_future_complete(self._node, future, executor, timeout_sec=max(self._timeout_s, COMMIT_S))
+            self.waiting_for = f'the answer of {client.service_name}, which may be carried out all the same'
+            if not self._wait(future.done, answer_s, f'gives up after {answer_s:g} s'):
+                raise OffradarError(f'service map_server/{name}: no answer within {answer_s:g} s')
             response = future.result()
-            if response is None:
-                raise OffradarError(f'service map_server/{name}: no answer within {max(self._timeout_s, COMMIT_S):g} s')
             if not response.success:
                 raise OffradarError(f'service map_server/{name}: {response.message}')
             return str(response.message)
         finally:
             self._node.destroy_client(client)
+
+    def _wait(self, done: Callable[[], bool], timeout_s: float, hint: str) -> bool:
+        executor = SingleThreadedExecutor(context=self._node.context)
+        executor.add_node(self._node)
+        started_s, spoken = time.monotonic(), False
+        try:
+            while not done():
+                self._check()
+                if not self._node.context.ok():
+                    raise ExternalShutdownException
+                waited_s = time.monotonic() - started_s
+                if waited_s >= timeout_s:
+                    return False
+                if waited_s >= PATIENCE_S and not spoken:
+                    spoken = True
+                    self._say(f'waiting for {self.waiting_for} ({hint})')
+                executor.spin_once(timeout_sec=min(POLL_S, timeout_s - waited_s))
+            return True
+        finally:
+            executor.remove_node(self._node)
+            executor.shutdown()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -30,7 +31,9 @@ def test_every_action_reaches_the_map_server(tmp_path: Path) -> None:
             ran = subprocess.run(
                 command, env=nodes.environment, capture_output=True, text=True, timeout=60, check=False
             )
-            return ran.returncode, ran.stdout, ran.stderr
+            # Where the machine is busy, the two may take seconds to find one another.
+            said = [line for line in ran.stderr.splitlines(keepends=True) if not line.startswith('waiting for ')]
+            return ran.returncode, ran.stdout, ''.join(said)
 
         status, said, _ = call('start')
         assert (status, 'session 1' in said) == (0, True)
@@ -50,3 +53,43 @@ def test_no_map_server_is_one_line() -> None:
     ran = subprocess.run(command, env=isolated_environment(75), capture_output=True, text=True, timeout=60, check=False)
     assert (ran.returncode, ran.stdout) == (1, '')
     assert ran.stderr == 'error: service map_server/end_session: no map server within 0.5 s\n'
+
+
+@pytest.mark.skipif(importlib.util.find_spec('rclpy') is None, reason='rclpy is not installed')
+@pytest.mark.parametrize(('sent', 'status'), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_a_long_wait_is_spoken_of_and_ends_when_told(sent: signal.Signals, status: int) -> None:
+    from offradar_ros.ros.processes import isolated_environment  # noqa: PLC0415
+
+    command = [sys.executable, '-m', 'offradar_ros.cli.main', 'session', 'end']
+    with subprocess.Popen(command, env=isolated_environment(76), stderr=subprocess.PIPE, text=True) as waiting:
+        assert waiting.stderr is not None
+        said = waiting.stderr.readline()
+        assert said.startswith('waiting for the service /map_server/end_session (gives up after 60 s; is map_server')
+        waiting.send_signal(sent)
+        assert waiting.stderr.read() == 'interrupted while waiting for the service /map_server/end_session\n'
+        assert waiting.wait(60) == status
+
+
+@pytest.mark.skipif(importlib.util.find_spec('rclpy') is None, reason='rclpy is not installed')
+def test_a_map_server_that_does_not_answer_is_spoken_of(tmp_path: Path) -> None:
+    from offradar_ros.ros.processes import Stack  # noqa: PLC0415
+
+    parameters = {'map.path': tmp_path / 'map.db', 'map.start_session': False}
+    command = [sys.executable, '-m', 'offradar_ros.cli.main', 'session', 'start']
+    with Stack(tmp_path / 'logs', 77, parameters, names=['map_server_node']) as nodes:
+        nodes.wait_until_ready()
+        # The first call tells that the two find one another.
+        assert subprocess.run(command, env=nodes.environment, capture_output=True, timeout=60, check=False).stdout
+        server = nodes.nodes['map_server_node'].process
+        server.send_signal(signal.SIGSTOP)
+        try:
+            with subprocess.Popen(command, env=nodes.environment, stderr=subprocess.PIPE, text=True) as waiting:
+                assert waiting.stderr is not None
+                said = waiting.stderr.readline()
+                assert said.startswith('waiting for the ')
+                waiting.send_signal(signal.SIGTERM)
+                (last,) = waiting.stderr.readlines()
+                assert last.startswith('interrupted while waiting for the ')
+                assert waiting.wait(60) == 143
+        finally:
+            server.send_signal(signal.SIGCONT)
