@@ -7,8 +7,6 @@ import dataclasses
 from offradar_ros.config import parameter
 from offradar_ros.encoders.network_config import NetworkConfig
 
-METHODS = ('variational', 'bc_radar', 'vae', 'mc_dropout', 'stun')
-
 
 @dataclasses.dataclass(frozen=True)
 class DataConfig:
@@ -20,7 +18,9 @@ class DataConfig:
     scans: int = parameter(200, 'scans a drive', minimum=1, maximum=100_000)
     spacing_m: float = parameter(3.0, 'mean way between two scans of a drive', unit='m', minimum=0.1, maximum=100.0)
     degraded: float = parameter(0.35, 'share of degraded scans', minimum=0.0, maximum=1.0)
-    random_physics: bool = parameter(True, 'whether each world is seen by a radar with physics of its own')
+    physics: str = parameter(
+        'drawn', 'of the radar: drawn anew for each world, or the same in all', choices=('nominal', 'drawn')
+    )
     sequences: tuple[str, ...] = parameter((), 'folders of recorded drives with positions')
     sequence_spacing_m: float = parameter(
         1.0, 'recorded scans nearer than this to the last one kept are passed over', unit='m', minimum=0.0, maximum=100
@@ -37,7 +37,11 @@ class ValidationConfig:
     scans: int = parameter(150, 'scans a drive', minimum=1, maximum=100_000)
     spacing_m: float = parameter(4.0, 'mean way between two scans of a drive', unit='m', minimum=0.1, maximum=100.0)
     degraded: float = parameter(0.35, 'share of degraded scans', minimum=0.0, maximum=1.0)
-    random_physics: bool = parameter(True, 'whether each world is seen by a radar with physics of its own')
+    physics: str = parameter(
+        'drawn',
+        'of the radar: drawn anew for each world, the same in all, or never trained on',
+        choices=('nominal', 'drawn', 'held_out'),
+    )
     sequences: tuple[str, ...] = parameter((), 'folders of recorded drives with positions')
     sequence_spacing_m: float = parameter(
         1.0, 'recorded scans nearer than this to the last one kept are passed over', unit='m', minimum=0.0, maximum=100
@@ -122,34 +126,26 @@ class OptimiserConfig:
 
 
 @dataclasses.dataclass(frozen=True)
-class BaselineConfig:
-    """What only the methods compared against have."""
-
-    dropout: float = parameter(0.2, 'chance of a feature to be dropped (MC Dropout)', minimum=0.0, maximum=0.99)
-    passes: int = parameter(5, 'passes of which MC Dropout takes mean and variance', minimum=2, maximum=1000)
-    margin: float = parameter(0.1, 'of margin losses', minimum=0.0, maximum=1000.0)
-
-
-@dataclasses.dataclass(frozen=True)
 class TeacherConfig:
     """Whom a student (STUN) learns from: weights, or a teacher that is trained first."""
 
     method: str = parameter('bc_radar', 'method that trains the teacher', choices=('bc_radar',))
     weights: str = parameter('', 'weights of a teacher trained before; empty trains one')
     steps: int = parameter(5000, 'steps that the teacher is trained for', minimum=1, maximum=10**9)
+    student: str = parameter(
+        'fresh', "what the student starts from: weights of its own, or the teacher's", choices=('fresh', 'teacher')
+    )
 
 
 @dataclasses.dataclass(frozen=True)
 class TrainingConfig:
     """A training run."""
 
-    method: str = parameter('variational', 'what is trained', choices=METHODS)
     network: NetworkConfig = dataclasses.field(default_factory=NetworkConfig)
     data: DataConfig = dataclasses.field(default_factory=DataConfig)
     validation: ValidationConfig = dataclasses.field(default_factory=ValidationConfig)
     batch: BatchConfig = dataclasses.field(default_factory=BatchConfig)
     loss: LossConfig = dataclasses.field(default_factory=LossConfig)
-    baseline: BaselineConfig = dataclasses.field(default_factory=BaselineConfig)
     teacher: TeacherConfig = dataclasses.field(default_factory=TeacherConfig)
     optimiser: OptimiserConfig = dataclasses.field(default_factory=OptimiserConfig)
     steps: int = parameter(5000, 'batches to learn from', minimum=1, maximum=10**9)
@@ -161,3 +157,8 @@ class TrainingConfig:
     threads: int = parameter(0, 'threads that make images; 0 for one a core', minimum=0, maximum=1024)
     checkpoint_steps: int = parameter(500, 'steps between checkpoints', minimum=1, maximum=10**9)
     log_steps: int = parameter(20, 'steps between lines of the log', minimum=1, maximum=10**9)
+
+    @property
+    def method(self) -> str:
+        """What is trained: the method of the network."""
+        return self.network.method

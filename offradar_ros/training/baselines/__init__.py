@@ -1,0 +1,1 @@
+"""Objectives of the methods that ours is compared with, one a file."""

@@ -1,0 +1,27 @@
+"""BCRadar and MC Dropout: the common contrastive term on their embeddings, and nothing else."""
+
+from __future__ import annotations
+
+import torch
+
+from offradar_ros.encoders.bc_radar import BcRadarNetwork
+from offradar_ros.encoders.mc_dropout import McDropoutNetwork
+from offradar_ros.training.baselines.common_contrast import common_contrast
+from offradar_ros.training.config import TrainingConfig
+
+
+class ContrastiveObjective:
+    """L = w L_m(z), with criterion and weight of ``loss.invariant``; in training MC Dropout's z is thinned at random.
+
+    Spins and temporally near positives (Gadd et al., 2021) are the batch's, not the loss's.
+    """
+
+    def __init__(self, config: TrainingConfig, network: BcRadarNetwork | McDropoutNetwork) -> None:
+        self.config = config.loss.invariant
+        self.network = network
+
+    def losses(self, images: torch.Tensor, step: int) -> dict[str, torch.Tensor]:  # noqa: ARG002
+        """Term ``contrast``."""
+        embedding = self.network(images)
+        with torch.autocast(images.device.type, enabled=False):
+            return {'contrast': common_contrast(self.config, embedding.float())}

@@ -1,0 +1,48 @@
+"""STUN: a student learns the embedding of a trained teacher, and how far from it to expect itself."""
+
+from __future__ import annotations
+
+import torch
+from torch import nn
+
+from offradar_ros.encoders.bc_radar import BcRadarNetwork
+from offradar_ros.encoders.stun import StunNetwork
+from offradar_ros.errors import ModelError
+from offradar_ros.training.baselines.distillation import distillation
+from offradar_ros.training.config import TrainingConfig
+
+
+class StunObjective:
+    """The student's network, and a teacher that is asked but never changed.
+
+    The student starts fresh, as in its authors' code, or with ``teacher.student: teacher`` from the teacher's
+    backbone and head, as the paper's "finetuned" reads; then there is less left to be unsure of.
+    """
+
+    def __init__(self, config: TrainingConfig, teacher: nn.Module | None) -> None:
+        """ModelError for a teacher that is no `BcRadarNetwork` or of another dimension or image."""
+        if not isinstance(teacher, BcRadarNetwork):
+            raise ModelError(f'teacher: expected a trained bc_radar network, got {type(teacher).__name__}')
+        self.network = StunNetwork(config.network)
+        for name in ('dimension', 'side_px', 'resolution_m', 'min_range_m'):
+            asked, found = getattr(config.network, name), getattr(teacher.config, name)
+            if asked != found:
+                raise ModelError(f"teacher: expected the student's {name} = {asked}, got {found}")
+        if config.teacher.student == 'teacher':
+            if config.network.backbone != teacher.config.backbone:
+                raise ModelError(
+                    f'teacher: a student that starts from it needs its backbone, {teacher.config.backbone}, '
+                    f'got {config.network.backbone}'
+                )
+            self.network.features.load_state_dict(teacher.features.state_dict())
+            self.network.head.load_state_dict(teacher.head.state_dict())
+        self.teacher = teacher.eval().requires_grad_(False)
+
+    def losses(self, images: torch.Tensor, step: int) -> dict[str, torch.Tensor]:  # noqa: ARG002
+        """Term ``distillation``."""
+        self.teacher.to(images.device)
+        with torch.no_grad():
+            taught, _ = self.teacher.embed(images)
+        mean, log_variance = self.network(images)
+        with torch.autocast(images.device.type, enabled=False):
+            return {'distillation': distillation(mean.float(), log_variance.float(), taught.float())}

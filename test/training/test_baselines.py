@@ -1,0 +1,204 @@
+"""Objectives of the methods compared with: against slow loops, with gradients only where they belong."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip('torch')
+
+from offradar_ros.encoders.bc_radar import BcRadarNetwork  # noqa: E402
+from offradar_ros.encoders.network_config import NetworkConfig  # noqa: E402
+from offradar_ros.encoders.vae import VaeNetwork  # noqa: E402
+from offradar_ros.errors import ModelError  # noqa: E402
+from offradar_ros.training.baselines.common_contrast import common_contrast  # noqa: E402
+from offradar_ros.training.baselines.distillation import distillation  # noqa: E402
+from offradar_ros.training.config import ContrastConfig, LossConfig, TeacherConfig, TrainingConfig  # noqa: E402
+from offradar_ros.training.objective import Objective  # noqa: E402
+from offradar_ros.training.objectives import make_objective  # noqa: E402
+
+BASELINES = ('bc_radar', 'vae', 'mc_dropout', 'stun')
+
+
+def network_config(method: str, **changes: object) -> NetworkConfig:
+    small = NetworkConfig(method=method, backbone='compact', dimension=8, side_px=64, resolution_m=2.0)
+    return dataclasses.replace(small, **changes)
+
+
+def training(method: str, **changes: object) -> TrainingConfig:
+    return dataclasses.replace(TrainingConfig(network=network_config(method)), **changes)
+
+
+def teacher_network() -> BcRadarNetwork:
+    torch.manual_seed(5)
+    network = BcRadarNetwork(network_config('bc_radar'))
+    network(places())
+    return network
+
+
+def objective_of(method: str, **changes: object) -> Objective:
+    teacher = teacher_network() if method == 'stun' else None
+    torch.manual_seed(1)
+    objective = make_objective(training(method, **changes), teacher)
+    objective.network.train()
+    return objective
+
+
+def places(count: int = 4) -> torch.Tensor:
+    """(2 count, 64, 64) uint8: rows i and i + count are one pattern of reflectors under different speckle."""
+    rng = np.random.default_rng(2)
+    patterns = (rng.random((count, 64, 64)) < 0.03) * 180.0
+    views = np.concatenate([patterns, patterns]) + rng.gamma(1.5, 6.0, (2 * count, 64, 64))
+    return torch.from_numpy(np.minimum(views, 255).astype(np.uint8))
+
+
+@pytest.fixture(params=BASELINES)
+def method(request: pytest.FixtureRequest) -> str:
+    name: str = request.param
+    return name
+
+
+def test_every_parameter_that_an_embedding_is_made_of_learns(method: str) -> None:
+    objective = objective_of(method)
+    sum(objective.losses(places(), 0).values()).backward()
+    without = {name for name, tensor in objective.network.named_parameters() if tensor.grad is None}
+    still = {
+        name
+        for name, tensor in objective.network.named_parameters()
+        if tensor.grad is not None and not tensor.grad.abs().sum() > 0
+    }
+    assert (without, still) == (set(), set())
+
+
+def test_a_few_steps_on_one_batch_lower_the_loss(method: str) -> None:
+    objective, batch = objective_of(method), places()
+    optimiser = torch.optim.Adam(objective.network.parameters(), 1e-3)
+    course = []
+    for step in range(30):
+        loss = sum(objective.losses(batch, step).values())
+        optimiser.zero_grad()
+        loss.backward()
+        optimiser.step()
+        course.append(loss.item())
+    assert all(math.isfinite(value) for value in course)
+    assert np.mean(course[-5:]) < 0.9 * course[0]
+
+
+@pytest.mark.parametrize('method', ['bc_radar', 'mc_dropout'])
+def test_one_batch_learned_by_heart_is_recalled(method: str) -> None:
+    contrast = ContrastConfig(on='z_i', temperature=0.1, negative_weight=1.0)
+    objective = objective_of(method, loss=LossConfig(invariant=contrast))
+    optimiser = torch.optim.Adam(objective.network.parameters(), 1e-3)
+    for step in range(40):
+        optimiser.zero_grad()
+        sum(objective.losses(places(), step).values()).backward()
+        optimiser.step()
+    with torch.no_grad():
+        descriptor, _ = objective.network.eval().embed(places())
+    nearest = torch.cdist(descriptor[:4], descriptor[4:]).argmin(dim=1)
+    assert nearest.tolist() == [0, 1, 2, 3]
+
+
+@pytest.mark.parametrize('criterion', ['temperature', 'hedged'])
+def test_criteria_that_use_a_variance_become_plain_cross_entropy(criterion: str) -> None:
+    points = torch.randn(6, 5, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
+    unit = (points / points.norm(dim=1, keepdim=True)).numpy()
+    total = 0.0
+    for i in range(6):
+        exponentials = {j: math.exp(float(unit[i] @ unit[j]) / 0.2) for j in range(6) if j != i}
+        total -= math.log(exponentials[(i + 3) % 6] / sum(exponentials.values()))
+    config = ContrastConfig(criterion=criterion, temperature=0.2, weight=3.0)
+    assert common_contrast(config, points).item() == pytest.approx(3.0 * total / 6)
+
+
+def test_distillation_against_a_loop() -> None:
+    rng = np.random.default_rng(3)
+    student, teacher = rng.normal(size=(2, 4, 3))
+    log_variance = rng.uniform(0, 1, (4, 3))
+    total = 0.0
+    for i in range(4):
+        distance = math.sqrt(sum((student[i, k] - teacher[i, k]) ** 2 for k in range(3)))
+        for k in range(3):
+            total += distance / math.exp(log_variance[i, k]) + log_variance[i, k]
+    loss = distillation(*(torch.from_numpy(part) for part in (student, log_variance, teacher)))
+    assert loss.item() == pytest.approx(total / 12)
+
+
+def test_distillation_is_least_where_the_variance_is_the_distance() -> None:
+    student, teacher = torch.zeros(1, 2), torch.tensor([[0.0, 2.0]])
+    around = torch.linspace(0.0, 1.0, 101)
+    losses = [distillation(student, torch.full((1, 2), float(value)), teacher).item() for value in around]
+    assert float(around[int(np.argmin(losses))]) == pytest.approx(math.log(2.0), abs=0.01)
+
+
+def test_a_student_that_is_its_teacher_has_finite_gradients() -> None:
+    mean = torch.ones(2, 3, requires_grad=True)
+    distillation(mean, torch.zeros(2, 3), torch.ones(2, 3)).backward()
+    assert torch.isfinite(mean.grad).all()
+
+
+def test_the_teacher_is_asked_and_never_changed() -> None:
+    teacher = teacher_network()
+    before = {name: tensor.clone() for name, tensor in teacher.state_dict().items()}
+    objective = make_objective(training('stun'), teacher)
+    objective.network.train()
+    sum(objective.losses(places(), 0).values()).backward()
+    assert all(tensor.grad is None for tensor in teacher.parameters())
+    for name, tensor in teacher.state_dict().items():
+        assert torch.equal(tensor, before[name]), name
+    assert not {id(tensor) for tensor in teacher.parameters()} & {id(p) for p in objective.network.parameters()}
+
+
+def test_a_student_may_start_from_its_teacher() -> None:
+    teacher = teacher_network()
+    given = places()
+    expected, _ = teacher.eval().embed(given)
+    for start, same in (('teacher', True), ('fresh', False)):
+        objective = make_objective(training('stun', teacher=TeacherConfig(student=start)), teacher)
+        mean, _ = objective.network.eval().embed(given)
+        assert torch.allclose(mean, expected, atol=1e-5) == same
+
+
+@pytest.mark.parametrize(
+    'changes, start, expected',
+    [
+        ({'dimension': 16}, 'fresh', "expected the student's dimension = 8, got 16"),
+        ({'side_px': 32}, 'fresh', "expected the student's side_px = 64, got 32"),
+        ({'backbone': 'vgg16'}, 'teacher', 'needs its backbone, vgg16, got compact'),
+    ],
+)
+def test_teachers_that_do_not_fit_are_refused(changes: dict[str, object], start: str, expected: str) -> None:
+    teacher = BcRadarNetwork(network_config('bc_radar', **changes))
+    with pytest.raises(ModelError, match=expected):
+        make_objective(training('stun', teacher=TeacherConfig(student=start)), teacher)
+
+
+def test_a_teacher_of_another_method_is_refused() -> None:
+    with pytest.raises(ModelError, match='expected a trained bc_radar network, got VaeNetwork'):
+        make_objective(training('stun'), VaeNetwork(network_config('vae')))
+
+
+def test_auto_encoders_bound_against_a_loop() -> None:
+    objective = objective_of('vae', loss=LossConfig(kl_weight=0.5, kl_warmup_steps=4, reconstruction_weight=2.0))
+    network = objective.network.eval()
+    terms = objective.losses(places(), 1)
+    output = network(places())
+    mu, log_variance = output.mu.detach().numpy(), output.log_variance.detach().numpy()
+    divergence = errors = 0.0
+    for i in range(8):
+        for k in range(8):
+            divergence += 0.5 * (mu[i, k] ** 2 + math.exp(log_variance[i, k]) - 1 - log_variance[i, k]) / 8
+        difference = (output.reconstruction - output.target)[i].detach().numpy().astype(np.float64)
+        errors += (difference**2).sum() / (2 * 0.1**2) / 8
+    assert terms['kl'].item() == pytest.approx(0.5 * (2 / 4) * divergence / 8, rel=1e-4)
+    assert terms['reconstruction'].item() == pytest.approx(2.0 * errors / 8, rel=1e-4)
+
+
+def test_the_auto_encoders_target_is_the_image_and_teaches_nothing_by_itself() -> None:
+    objective = objective_of('vae')
+    output = objective.network(places())
+    assert not output.target.requires_grad
+    assert output.reconstruction.requires_grad
