@@ -18,10 +18,10 @@ from offradar_ros.bags.topics import IMAGE_TYPE
 from offradar_ros.config import RadarConfig
 from offradar_ros.datasets.registry import open_sequence
 from offradar_ros.datasets.sequence import RadarSequence
+from offradar_ros.simulation.city import CityPlan, make_city
 from offradar_ros.simulation.sensor import SimulatedSensor
 from offradar_ros.simulation.sequence import SimulatedSequence
-from offradar_ros.simulation.traversal import TraversalPlan
-from offradar_ros.simulation.world import TownPlan, make_town
+from offradar_ros.simulation.session_plan import SessionPlan
 from offradar_ros.types import PolarScan
 
 SENSORS = {
@@ -47,10 +47,10 @@ def read_arguments(description: str) -> argparse.Namespace:
 
 def scan_sources(real: Path, most: int) -> Iterator[tuple[str, list[PolarScan]]]:
     """Each source's name and up to `most` of its scans, evenly spread; recorded ones only where they are."""
-    town = make_town(TownPlan(seed=1))
+    town = make_city(CityPlan(seed=1))
     for name, sensor in SENSORS.items():
         # 20 s of driving, whatever the number of scans.
-        plan = TraversalPlan(scans=80, seed=1)
+        plan = SessionPlan(scans=80, seed=1)
         yield name, _spread(SimulatedSequence(town, plan, sensor), most)
     for name in RECORDED:
         if (real / name).is_dir():

@@ -7,23 +7,23 @@ import typer
 
 from offradar_ros.bags.writer import BagOptions, write_bag
 from offradar_ros.cli.progress import progress_bar
+from offradar_ros.simulation.city import CityPlan, make_city
 from offradar_ros.simulation.sequence import SimulatedSequence
-from offradar_ros.simulation.traversal import TraversalPlan
-from offradar_ros.simulation.world import TownPlan, make_town
+from offradar_ros.simulation.session_plan import SessionPlan
 
 DAY_NS = 24 * 3600 * 10**9
 LANES_M = (0.0, 1.0, -0.8, 0.5, -1.2)
 
 
-def session_plan(index: int, *, scans: int, seed: int, degraded: float) -> TraversalPlan:
+def session_plan(index: int, *, scans: int, seed: int, degraded: float) -> SessionPlan:
     """Drive `index` of a route: each a day later, in a lane offset, traffic and noise of its own."""
-    return TraversalPlan(
+    return SessionPlan(
         name=f'session_{index + 1}',
         seed=1000 * seed + index,
         scans=scans,
         left_m=LANES_M[index % len(LANES_M)],
         degraded=degraded,
-        start_ns=TraversalPlan().start_ns + index * DAY_NS,
+        start_ns=SessionPlan().start_ns + index * DAY_NS,
     )
 
 
@@ -36,7 +36,7 @@ def simulate(
     overwrite: Annotated[bool, typer.Option('--overwrite', help='Replace existing bags.')] = False,
 ) -> None:
     """Simulate several drives of one route through a procedural town, deterministically by seed."""
-    town = make_town(TownPlan(seed=seed))
+    town = make_city(CityPlan(seed=seed))
     for index in range(sessions):
         plan = session_plan(index, scans=scans, seed=seed, degraded=degraded)
         options = BagOptions(plain=True, overwrite=overwrite)

@@ -10,8 +10,8 @@ from offradar_ros.cli.calibrate import calibrated
 from offradar_ros.cli.progress import progress_bar
 from offradar_ros.cli.simulate import session_plan
 from offradar_ros.config import Config, write_parameters
+from offradar_ros.simulation.city import CityPlan, make_city
 from offradar_ros.simulation.sequence import SimulatedSequence
-from offradar_ros.simulation.world import TownPlan, make_town
 
 SEED = 1
 SCANS = 400
@@ -31,7 +31,7 @@ class Drive:
 
 def simulate_drives(folder: Path) -> list[Drive]:
     """Write the bags of all drives, seeded."""
-    town = make_town(TownPlan(seed=SEED))
+    town = make_city(CityPlan(seed=SEED))
     drives = []
     for index, (mapped, degraded) in enumerate(zip(MAPPED, DEGRADED, strict=True)):
         sequence = SimulatedSequence(town, session_plan(index, scans=SCANS, seed=SEED, degraded=degraded))
@@ -45,6 +45,6 @@ def simulate_drives(folder: Path) -> list[Drive]:
 def calibrate_on_a_clean_drive(path: Path) -> Path:
     """Parameters from one more, undisturbed drive: U is 1 on average, Δ spans it."""
     plan = session_plan(len(MAPPED), scans=SCANS, seed=SEED, degraded=0.0)
-    values, _ = calibrated(SimulatedSequence(make_town(TownPlan(seed=SEED)), plan), Config())
+    values, _ = calibrated(SimulatedSequence(make_city(CityPlan(seed=SEED)), plan), Config())
     write_parameters(path, values, f'Calibrated over {SCANS} scans of a clean simulated drive.')
     return path

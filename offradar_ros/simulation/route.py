@@ -41,6 +41,15 @@ class Route:
         return distances
 
 
+def polyline_at(line_m: Array, along_m: Array, left_m: Array) -> Array:
+    """(N, 3) x, y, heading at (N,) lengths along an (M, 2) line of few corners, (N,) metres to the left of it."""
+    arc, steps = _arc(line_m), np.diff(line_m, axis=0)
+    x_m, y_m = (np.interp(along_m, arc, line_m[:, axis]) for axis in range(2))
+    piece = np.clip(np.searchsorted(arc, along_m, side='right') - 1, 0, len(steps) - 1)
+    heading = np.arctan2(steps[piece, 1], steps[piece, 0])
+    return np.column_stack([x_m - left_m * np.sin(heading), y_m + left_m * np.cos(heading), heading])
+
+
 def _closed(points_m: Array) -> Array:
     return np.vstack([points_m, points_m[:1]])
 

@@ -7,14 +7,16 @@ from numpy.typing import NDArray
 
 from offradar_ros.geometry import GeoPoint, LocalFrame, Trajectory, wrap_angle
 from offradar_ros.simulation.degradation import Degradation
+from offradar_ros.simulation.faults import draw_degradations
 from offradar_ros.simulation.radar_model import RadarModel
 from offradar_ros.simulation.sensor import SimulatedSensor
-from offradar_ros.simulation.traversal import Traversal, TraversalPlan
+from offradar_ros.simulation.session_plan import SessionPlan
+from offradar_ros.simulation.traversal import Traversal
 from offradar_ros.simulation.world import World
 from offradar_ros.types import PolarScan
 
-TOWN_ORIGIN = GeoPoint(51.7520, -1.2577, 60.0)
-"""Where on Earth towns are put unless told otherwise."""
+ORIGIN = GeoPoint(51.7520, -1.2577, 60.0)
+"""Where on Earth worlds are put unless told otherwise."""
 
 _POSITION_PERIOD_S = 0.1
 
@@ -30,14 +32,15 @@ class SimulatedSequence:
     def __init__(
         self,
         world: World,
-        plan: TraversalPlan,
+        plan: SessionPlan,
         sensor: SimulatedSensor | None = None,
-        origin: GeoPoint = TOWN_ORIGIN,
+        origin: GeoPoint = ORIGIN,
     ) -> None:
         self.plan = plan
         self.sensor = sensor or SimulatedSensor()
         self.name = plan.name
-        self._traversal = Traversal(plan, world)
+        self.degradations: tuple[Degradation | None, ...] = draw_degradations(plan)
+        self._traversal = Traversal(plan, world, plan.scans * self.sensor.rotation_s)
         self._model = RadarModel(self.sensor)
         self._origin = origin
         period_ns = round(self.sensor.rotation_s * 1e9)
@@ -53,7 +56,7 @@ class SimulatedSequence:
         azimuths, rotation_s = self.sensor.azimuths, self.sensor.rotation_s
         since_start_s = rotation_s * (index + np.arange(azimuths) / azimuths)
         power = self._model.render(
-            self._traversal.reflectors_at(rotation_s * (index + 0.5)),
+            self._traversal.reflectors_at(rotation_s * (index + 0.5), self.sensor.max_range_m),
             self._traversal.poses_at(since_start_s),
             np.random.default_rng([self.plan.seed, 3, index]),
             self.degradations[index],
@@ -67,13 +70,8 @@ class SimulatedSequence:
         )
 
     @property
-    def degradations(self) -> tuple[Degradation | None, ...]:
-        """What is wrong with each scan; None for a clean one."""
-        return self._traversal.degradations
-
-    @property
     def poses(self) -> NDArray[np.float64]:
-        """(N, 3) float64 true x, y in metres of the town and heading in radians at the scans' stamps."""
+        """(N, 3) float64 true x, y in metres of the world and heading in radians at the scans' stamps."""
         return self._traversal.poses_at((self.stamps_ns - self.plan.start_ns) / 1e9)
 
     @property

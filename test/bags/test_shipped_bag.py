@@ -9,8 +9,8 @@ import numpy as np
 from offradar_ros.bags.check import check_bag
 from offradar_ros.bags.sequence import BagSequence
 from offradar_ros.cli.simulate import session_plan
+from offradar_ros.simulation.city import CityPlan, make_city
 from offradar_ros.simulation.sequence import SimulatedSequence
-from offradar_ros.simulation.world import TownPlan, make_town
 
 BAG = Path(__file__).resolve().parents[2] / 'bags' / 'session_1'
 
@@ -22,7 +22,7 @@ def test_it_is_small_and_without_fault() -> None:
 
 def test_it_is_what_the_command_makes() -> None:
     plan = session_plan(0, scans=10, seed=1, degraded=0.0)
-    made, shipped = SimulatedSequence(make_town(TownPlan(seed=1)), plan), BagSequence(BAG)
+    made, shipped = SimulatedSequence(make_city(CityPlan(seed=1)), plan), BagSequence(BAG)
     np.testing.assert_array_equal(shipped.stamps_ns, made.stamps_ns)
     for index in range(10):
         # numpy may change the last bits of its random numbers from version to version.

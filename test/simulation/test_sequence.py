@@ -7,22 +7,22 @@ import pytest
 
 from offradar_ros.datasets.sequence import RadarSequence
 from offradar_ros.geometry import LocalFrame
+from offradar_ros.simulation.city import CityPlan, make_city
 from offradar_ros.simulation.degradation import DegradationKind
 from offradar_ros.simulation.sensor import SimulatedSensor
-from offradar_ros.simulation.sequence import TOWN_ORIGIN, SimulatedSequence
-from offradar_ros.simulation.traversal import TraversalPlan
-from offradar_ros.simulation.world import TownPlan, make_town
+from offradar_ros.simulation.sequence import ORIGIN, SimulatedSequence
+from offradar_ros.simulation.session_plan import SessionPlan
 
 SENSOR = SimulatedSensor(azimuths=200, range_bins=288, range_resolution_m=0.3472)
 
 
 @pytest.fixture(scope='module')
 def town():
-    return make_town(TownPlan(seed=1, blocks=(2, 2)))
+    return make_city(CityPlan(seed=1, blocks=(2, 2), route_m=500.0))
 
 
 def drive(town, **plan) -> SimulatedSequence:
-    return SimulatedSequence(town, TraversalPlan(**({'scans': 20} | plan)), SENSOR)
+    return SimulatedSequence(town, SessionPlan(**({'scans': 20} | plan)), SENSOR)
 
 
 def test_it_is_a_radar_sequence(town):
@@ -42,7 +42,7 @@ def test_it_is_a_radar_sequence(town):
 def test_a_seed_gives_the_same_bytes_in_any_order(town):
     one, other = (
         drive(town, seed=3, degraded=0.5),
-        drive(make_town(TownPlan(seed=1, blocks=(2, 2))), seed=3, degraded=0.5),
+        drive(make_city(CityPlan(seed=1, blocks=(2, 2), route_m=500.0)), seed=3, degraded=0.5),
     )
     forwards = [one.scan(i).power.tobytes() for i in range(20)]
     backwards = [other.scan(i).power.tobytes() for i in reversed(range(20))][::-1]
@@ -62,7 +62,7 @@ def test_stamps_are_the_middle_of_each_rotation(town):
 def test_the_trajectory_gives_the_true_pose_at_each_scan(town):
     sequence = drive(town, left_m=1.0)
     assert sequence.trajectory.geodetic
-    local = sequence.trajectory.in_frame(LocalFrame(TOWN_ORIGIN))
+    local = sequence.trajectory.in_frame(LocalFrame(ORIGIN))
     for stamp, (x, y, heading) in zip(sequence.stamps_ns.tolist(), sequence.poses.tolist(), strict=True):
         pose = local.at(stamp, max_gap_ns=10**9)
         assert (pose.x_m, pose.y_m) == pytest.approx((x, y), abs=0.02)
@@ -86,7 +86,7 @@ def test_the_ground_truth_names_every_degraded_scan(town):
     sequence = drive(town, scans=90, degraded=1 / 3)
     kinds = [degradation.kind for degradation in sequence.degradations if degradation]
     assert len(kinds) == 30 and set(kinds) == set(DegradationKind)
-    assert all(0.3 <= d.severity <= 1.0 for d in sequence.degradations if d)
+    assert all(0.05 <= d.severity <= 1.0 for d in sequence.degradations if d)
     assert not any(drive(town).degradations)
 
 
@@ -121,14 +121,12 @@ def test_the_same_place_looks_alike_on_another_drive_and_another_place_does_not(
 
 
 def test_parked_cars_and_traffic_change_from_drive_to_drive(town):
-    quiet = drive(town, vehicles=0, parked=0.0, scans=1).scan(0).power.astype(float)
-    busy = drive(town, vehicles=60, parked=1.0, scans=1).scan(0).power.astype(float)
+    quiet = drive(town, traffic=0.0, parked=0.0, scans=1).scan(0).power.astype(float)
+    busy = drive(town, traffic=60.0, parked=1.0, scans=1).scan(0).power.astype(float)
     assert (busy > 60).sum() > (quiet > 60).sum()
 
 
 def test_an_origin_elsewhere_moves_the_trajectory_only(town):
-    moved = SimulatedSequence(
-        town, TraversalPlan(scans=2), SENSOR, dataclasses.replace(TOWN_ORIGIN, latitude_deg=-33.0)
-    )
+    moved = SimulatedSequence(town, SessionPlan(scans=2), SENSOR, dataclasses.replace(ORIGIN, latitude_deg=-33.0))
     assert moved.trajectory.positions[0, 0] == pytest.approx(-33.0, abs=0.01)
     assert moved.scan(0).power.tobytes() == drive(town, scans=2).scan(0).power.tobytes()
