@@ -56,6 +56,8 @@ LAZY = {
     ('cli.export', 'encoders.onnx_export'),
     ('cli.demo', 'demo.run'),
     ('cli.session', 'ros.sessions'),
+    ('cli.train', 'training.config_file'),
+    ('cli.train', 'training.run'),
 }
 BACKENDS = {
     f'encoders.{name}'

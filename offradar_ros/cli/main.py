@@ -1,39 +1,59 @@
-"""`offradar`: everything that is not a node."""
+"""`offradar`: everything that is not a node.
 
+A command's module is imported when the command is asked for, so that it starts with what it needs and no more: training
+runs where there is no rosbags.
+"""
+
+import importlib
 import sys
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from offradar_ros import __version__
-from offradar_ros.cli.calibrate import calibrate
-from offradar_ros.cli.check import check
-from offradar_ros.cli.convert import convert
-from offradar_ros.cli.demo import demo
-from offradar_ros.cli.drive import drive
-from offradar_ros.cli.export import export
-from offradar_ros.cli.map import show_map
-from offradar_ros.cli.parameters import parameters
-from offradar_ros.cli.session import session
-from offradar_ros.cli.simulate import simulate
 from offradar_ros.errors import OffradarError
 
+COMMANDS = {
+    'check': 'check',
+    'convert': 'convert',
+    'simulate': 'simulate',
+    'calibrate': 'calibrate',
+    'drive': 'drive',
+    'map': 'show_map',
+    'session': 'session',
+    'export': 'export',
+    'parameters': 'parameters',
+    'demo': 'demo',
+    'train': 'train',
+}
+"""Each command's module in this folder, and its function there."""
+
+
+class _Commands(TyperGroup):
+    """Knows the commands by name alone."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        del ctx
+        return list(COMMANDS)
+
+    def get_command(self, ctx: Any, cmd_name: str) -> Any:
+        del ctx
+        if cmd_name not in COMMANDS:
+            return None
+        module = importlib.import_module(f'offradar_ros.cli.{cmd_name}')
+        alone = typer.Typer(add_completion=False)
+        alone.command(cmd_name)(getattr(module, COMMANDS[cmd_name]))
+        return typer.main.get_command(alone)
+
+
 app = typer.Typer(
+    cls=_Commands,
     help='Radar place recognition that knows when it does not know.',
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-app.command()(check)
-app.command()(convert)
-app.command()(simulate)
-app.command()(calibrate)
-app.command()(drive)
-app.command('map')(show_map)
-app.command()(session)
-app.command()(export)
-app.command()(parameters)
-app.command()(demo)
 
 
 def _print_version(wanted: bool) -> None:

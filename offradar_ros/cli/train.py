@@ -1,0 +1,51 @@
+"""`offradar train`: weights of a learned encoder."""
+
+import math
+from pathlib import Path
+from typing import Annotated, Optional
+
+import typer
+
+from offradar_ros.cli.interrupt import held_interrupt
+from offradar_ros.cli.need import pip_hint
+from offradar_ros.cli.progress import progress_bar
+from offradar_ros.errors import ConfigError
+
+DEVICES = ('auto', 'cpu', 'cuda')
+
+
+def train(
+    config: Annotated[Path, typer.Option(help='Training configuration, as those of params/train.')],
+    out: Annotated[Path, typer.Option(help='Folder for weights, checkpoint, logs and curves.')],
+    resume: Annotated[bool, typer.Option('--resume', help="Go on from the folder's checkpoint.")] = False,
+    minutes: Annotated[
+        Optional[float], typer.Option(min=0.0, help='Stop with a checkpoint after so long; --resume goes on later.')
+    ] = None,
+    device: Annotated[str, typer.Option(help=f'Where to compute: {", ".join(DEVICES)}.')] = 'auto',
+    settings: Annotated[
+        Optional[list[str]], typer.Option('--set', metavar='KEY=VALUE', help='Change a key of the configuration.')
+    ] = None,
+    cache: Annotated[
+        Optional[Path], typer.Option(help='Folder of cached scans, which runs may share; OUT/cache if not given.')
+    ] = None,
+) -> None:
+    """Train a network on simulated or recorded drives; several GPUs by torchrun."""
+    if device not in DEVICES:
+        raise ConfigError(f'--device: expected one of {", ".join(DEVICES)}, got {device!r}')
+    try:
+        from offradar_ros.training.config_file import read_config  # noqa: PLC0415
+        from offradar_ros.training.run import RunOptions, run  # noqa: PLC0415
+    except ModuleNotFoundError as error:
+        if error.name not in ('torch', 'safetensors'):
+            raise
+        raise ConfigError(f'training needs the Python package {error.name}: {pip_hint("torch")}') from error
+
+    read = read_config(config, settings or ())
+    with held_interrupt() as check:
+        options = RunOptions(cache or out / 'cache', resume, minutes, device, progress_bar, check)
+        result = run(read, out, options)
+    if not result.finished:
+        typer.echo(f'{out}: stopped after {result.step} steps; --resume goes on from there')
+        return
+    score = '' if math.isnan(result.score) else f', validation score {result.score:.3f}'
+    typer.echo(f'{result.best}: written{score}')

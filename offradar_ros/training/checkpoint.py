@@ -1,0 +1,85 @@
+"""Where a run stands, in one safetensors file: tensors, and the rest as JSON in its header. Nothing is pickled."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import safetensors
+import torch
+from safetensors.torch import save
+from torch import nn
+
+from offradar_ros.encoders.model_files import first_line, write_atomically
+from offradar_ros.errors import ModelError
+
+_STATE = 'offradar.training'
+
+
+class Progress(NamedTuple):
+    """Attributes: what a run knows beside its tensors.
+
+    step: steps done.
+    best_score: the highest validation score so far, and
+    best_step: the steps done then; both −1 before the first validation.
+    scaler: of the loss, for fp16.
+    config: every key with its value, as nested mappings.
+    """
+
+    step: int
+    best_score: float
+    best_step: int
+    scaler: dict[str, Any]
+    config: dict[str, Any]
+
+
+def save_checkpoint(path: Path, network: nn.Module, optimiser: torch.optim.Optimizer, progress: Progress) -> None:
+    """Write all that a run needs to go on as if it had not stopped. Batches and samples follow from seed and step."""
+    tensors = {f'network.{name}': tensor for name, tensor in network.state_dict().items()}
+    for number, state in optimiser.state_dict()['state'].items():
+        tensors |= {f'optimiser.{number}.{key}': torch.as_tensor(value) for key, value in state.items()}
+    contiguous = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
+    write_atomically(path, save(contiguous, metadata={_STATE: json.dumps(progress._asdict())}))
+
+
+def read_progress(path: Path) -> Progress:
+    """What a checkpoint says of its run; ModelError for a missing, damaged or foreign file."""
+    if not path.is_file():
+        raise ModelError(f'{path}: no such checkpoint')
+    try:
+        with safetensors.safe_open(path, framework='pt') as opened:
+            said = json.loads((opened.metadata() or {})[_STATE])
+        return Progress(**said)
+    except (safetensors.SafetensorError, OSError, KeyError, ValueError, TypeError) as error:
+        raise ModelError(f'{path}: not a checkpoint of a training run ({first_line(error)})') from error
+
+
+def load_checkpoint(path: Path, network: nn.Module, optimiser: torch.optim.Optimizer) -> Progress:
+    """Put a checkpoint's tensors into place; ModelError where they do not fit."""
+    progress = read_progress(path)
+    try:
+        with safetensors.safe_open(path, framework='pt') as opened:
+            tensors = {name: opened.get_tensor(name) for name in list(opened.keys())}
+        network.load_state_dict(_part(tensors, 'network.'))
+        _load_optimiser(optimiser, _part(tensors, 'optimiser.'))
+    except (safetensors.SafetensorError, OSError, RuntimeError, KeyError, ValueError, IndexError) as error:
+        raise ModelError(f'{path}: does not fit the configured network ({first_line(error)})') from error
+    return progress
+
+
+def _part(tensors: Mapping[str, torch.Tensor], prefix: str) -> dict[str, torch.Tensor]:
+    return {name.removeprefix(prefix): tensor for name, tensor in tensors.items() if name.startswith(prefix)}
+
+
+def _load_optimiser(optimiser: torch.optim.Optimizer, tensors: Mapping[str, torch.Tensor]) -> None:
+    parameters = [parameter for group in optimiser.param_groups for parameter in group['params']]
+    states: dict[int, dict[str, torch.Tensor]] = {}
+    for name, tensor in tensors.items():
+        number, _, key = name.partition('.')
+        like = parameters[int(number)]
+        # Laid out in memory as the parameter is: a step then takes the same kernels as before.
+        value = torch.empty_like(like).copy_(tensor) if tensor.shape == like.shape and tensor.dim() else tensor
+        states.setdefault(int(number), {})[key] = value
+    optimiser.load_state_dict({**optimiser.state_dict(), 'state': states})

@@ -1,0 +1,218 @@
+"""A whole training run: data, objective, teacher if one is needed, loop, and a folder that says how it came about."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import json
+import math
+import os
+import platform
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+import torch
+from torch import nn
+
+from offradar_ros import __version__
+from offradar_ros.encoders.network_config import NetworkConfig
+from offradar_ros.encoders.network_files import load_network
+from offradar_ros.errors import ConfigError, DataError
+from offradar_ros.training.batches import BatchSampler
+from offradar_ros.training.cache import CachedDrive, Reduction, cached_drives
+from offradar_ros.training.checkpoint import read_progress
+from offradar_ros.training.config import DataConfig, TrainingConfig, ValidationConfig
+from offradar_ros.training.config_file import to_yaml
+from offradar_ros.training.drive import Drive
+from offradar_ros.training.loop import BEST, CHECKPOINT, LAST, Loop
+from offradar_ros.training.objectives import NEED_TEACHER, make_objective
+from offradar_ros.training.parallel import Group, joined_group
+from offradar_ros.training.recorded_drives import recorded_drives
+from offradar_ros.training.simulated_drives import simulated_drives
+from offradar_ros.training.validation import validation_drives
+
+TEACHER = 'teacher'
+FREE_TO_CHANGE = ('validation', 'threads', 'log_steps', 'checkpoint_steps')
+"""What may differ between a run and its resumption: it changes nothing that is learnt."""
+
+Progress = Callable[[int, int], None]
+
+
+class RunOptions(NamedTuple):
+    """Attributes: how a run is run, beside what is learnt.
+
+    cache: folder of cached scans, shared by runs.
+    resume: whether to go on from the folder's checkpoint.
+    minutes: stop, with a checkpoint, after so long, counted from the start; None for no limit.
+    device: ``auto``, ``cpu`` or ``cuda``.
+    progress: makes what is told (done, total), of a text that says of what.
+    check: called between steps; may raise KeyboardInterrupt.
+    """
+
+    cache: Path
+    resume: bool = False
+    minutes: float | None = None
+    device: str = 'auto'
+    progress: Callable[[str], contextlib.AbstractContextManager[Progress]] | None = None
+    check: Callable[[], None] | None = None
+
+
+class RunResult(NamedTuple):
+    """Attributes: how far a run came.
+
+    finished: whether all steps are done.
+    step: steps done.
+    best: weights with the best validation score, or the last where nothing is validated.
+    score: that score; NaN where nothing is validated.
+    """
+
+    finished: bool
+    step: int
+    best: Path
+    score: float
+
+
+def run(config: TrainingConfig, out: Path, options: RunOptions) -> RunResult:
+    """Train into `out`: best and last weights, a checkpoint, logs, curves, the configuration and all versions.
+
+    ConfigError, DataError or ModelError where something is wrong with what was given. A folder with a run in it is
+    left alone unless it is resumed.
+    """
+    _require_folder(out, options.resume)
+    deadline_s = math.inf if options.minutes is None else time.monotonic() + 60.0 * options.minutes
+    with joined_group(options.device) as group:
+        data = _cached(config.network, config.data, options, group, 'training scans')
+        judged = _cached(config.network, config.validation, options, group, 'validation scans')
+        teacher: nn.Module | None = None
+        if config.method in NEED_TEACHER:
+            taught = _teacher(config, out, options, group, data, judged, deadline_s)
+            if isinstance(taught, RunResult):
+                return taught
+            teacher = taught
+        return _train(config, out, options, group, data, judged, deadline_s, teacher)
+
+
+def _teacher(
+    config: TrainingConfig,
+    out: Path,
+    options: RunOptions,
+    group: Group,
+    data: Sequence[CachedDrive],
+    judged: Sequence[CachedDrive],
+    deadline_s: float,
+) -> nn.Module | RunResult:
+    """The trained teacher, or how far its own run came if that was stopped."""
+    if config.teacher.weights:
+        return load_network(config.teacher.weights)[0]
+    network = dataclasses.replace(config.network, method=config.teacher.method)
+    teacher = dataclasses.replace(config, network=network, steps=config.teacher.steps)
+    result = _train(teacher, out / TEACHER, options, group, data, judged, deadline_s)
+    return load_network(result.best)[0] if result.finished else result
+
+
+def _train(
+    config: TrainingConfig,
+    out: Path,
+    options: RunOptions,
+    group: Group,
+    data: Sequence[CachedDrive],
+    judged: Sequence[CachedDrive],
+    deadline_s: float,
+    teacher: nn.Module | None = None,
+) -> RunResult:
+    resume = options.resume and (out / CHECKPOINT).is_file()
+    if resume:
+        _require_same(config, read_progress(out / CHECKPOINT).config, out)
+    sampler = BatchSampler(data, config.batch, config.seed, group.rank)
+    sampler.batch(0)
+    torch.manual_seed(config.seed)
+    objective = make_objective(config, teacher)
+    if group.rank == 0:
+        _describe(config, out, group, objective.network, sampler)
+    drives = validation_drives(judged, config.network, config.threads) if judged and group.rank == 0 else ()
+    loop = Loop(config, objective, sampler, drives, out, group, resume)
+    with _shown(options, group, f'training {config.method}') as progress:
+        finished = loop.run(deadline_s, progress, options.check)
+    score, step = loop.best
+    return RunResult(finished, loop.step, out / (BEST if step >= 0 else LAST), score if step >= 0 else math.nan)
+
+
+def _require_folder(out: Path, resume: bool) -> None:
+    there = (out / CHECKPOINT).is_file() or (out / TEACHER / CHECKPOINT).is_file()
+    if there and not resume:
+        raise DataError(f'{out}: a training run is there: expected --resume to go on with it, or another folder')
+    if resume and not there:
+        raise DataError(f'{out}: no checkpoint to resume from')
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DataError(f'{out}: cannot be written ({error.strerror})') from error
+
+
+def _require_same(config: TrainingConfig, before: dict[str, Any], out: Path) -> None:
+    # Through JSON, as the checkpoint's was: tuples become lists.
+    now = json.loads(json.dumps(dataclasses.asdict(config)))
+    for key in now:
+        if key not in FREE_TO_CHANGE and now[key] != before.get(key):
+            raise ConfigError(f'{out}: its run was started with another {key}: expected {before.get(key)!r}')
+
+
+def _cached(
+    network: NetworkConfig, config: DataConfig | ValidationConfig, options: RunOptions, group: Group, text: str
+) -> list[CachedDrive]:
+    drives: list[Drive] = [*simulated_drives(config), *recorded_drives(config.sequences, config.sequence_spacing_m)]
+    # Another process of the run may be making the same drives: each file appears whole, so that no harm is done.
+    with _shown(options, group, text) as progress:
+        return cached_drives(options.cache, drives, Reduction.for_image(network), progress=progress)
+
+
+@contextlib.contextmanager
+def _shown(options: RunOptions, group: Group, text: str) -> Iterator[Progress | None]:
+    if options.progress is None or group.rank:
+        yield None
+        return
+    with options.progress(text) as progress:
+        yield progress
+
+
+def _describe(config: TrainingConfig, out: Path, group: Group, network: nn.Module, sampler: BatchSampler) -> None:
+    """Write what the run is made from; a resumed run adds a line of where it went on."""
+    out.mkdir(parents=True, exist_ok=True)
+    (out / 'config.yaml').write_text(to_yaml(config), encoding='utf-8')
+    device = torch.cuda.get_device_name(group.device) if group.device.type == 'cuda' else platform.processor()
+    said = {
+        'offradar_ros': __version__,
+        'revision': _revision(),
+        'python': platform.python_version(),
+        'torch': torch.__version__,
+        'numpy': np.__version__,
+        'opencv': cv2.__version__,
+        'machine': platform.machine(),
+        'device': device or group.device.type,
+        'cores': len(os.sched_getaffinity(0)),
+        'processes': group.size,
+        'command': sys.argv,
+        'parameters': sum(parameter.numel() for parameter in network.parameters()),
+        'scans': len(sampler.row_of),
+        'degraded_scans': sum(kind != '' for kind in sampler.kinds),
+        'drives': len(sampler.drives),
+    }
+    with (out / 'run.jsonl').open('a', encoding='utf-8') as file:
+        file.write(json.dumps(said) + '\n')
+
+
+def _revision() -> str:
+    """Git revision of the source tree, with + where files differ from it; empty where there is none."""
+    folder = Path(__file__).parent
+    try:
+        asked = ['git', 'describe', '--always', '--abbrev=40', '--dirty=+', '--exclude=*']
+        done = subprocess.run(asked, cwd=folder, capture_output=True, text=True, check=False, timeout=10)
+    except (OSError, subprocess.TimeoutExpired):
+        return ''
+    return done.stdout.strip()

@@ -1,0 +1,72 @@
+"""A run's figures as lines of JSON, and as a picture."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from offradar_ros.errors import DataError
+
+
+class RunLog:
+    """One file of a line a record, each with its ``step``."""
+
+    def __init__(self, path: Path, first_step: int) -> None:
+        """Records after `first_step` are of a run that went on after its checkpoint: they are dropped."""
+        self._path = path
+        kept = [record for record in read_log(path) if record['step'] <= first_step] if first_step else []
+        self._write('w', ''.join(_line(record) for record in kept))
+
+    def add(self, step: int, figures: Mapping[str, float]) -> None:
+        """Append a record, on disk when this returns."""
+        self._write('a', _line({'step': step, **figures}))
+
+    def _write(self, mode: str, text: str) -> None:
+        try:
+            with self._path.open(mode, encoding='utf-8') as file:
+                file.write(text)
+        except OSError as error:
+            raise DataError(f'{self._path}: cannot be written ({error.strerror})') from error
+
+
+def _line(record: Mapping[str, Any]) -> str:
+    # JSON has no NaN.
+    known = {key: None if isinstance(v, float) and not math.isfinite(v) else v for key, v in record.items()}
+    return json.dumps(known) + '\n'
+
+
+def read_log(path: Path) -> list[dict[str, Any]]:
+    """Every record; a last line that was cut off is left out. DataError for a file that is no log."""
+    if not path.is_file():
+        return []
+    lines = path.read_text(encoding='utf-8').splitlines(keepends=True)
+    try:
+        return [json.loads(line) for line in lines if line.endswith('\n')]
+    except ValueError as error:
+        raise DataError(f'{path}: not a log of a training run ({error})') from error
+
+
+def draw_curves(folder: Path) -> None:
+    """``curves.png`` of a run's ``log.jsonl`` and ``validation.jsonl``; nothing where matplotlib is not installed."""
+    try:
+        from matplotlib.figure import Figure  # noqa: PLC0415
+    except ImportError:
+        return
+    figure = Figure(figsize=(10, 4), layout='constrained')
+    for axes, name in zip(figure.subplots(1, 2), ('log', 'validation'), strict=True):
+        records = read_log(folder / f'{name}.jsonl')
+        keys = dict.fromkeys(key for record in records for key in record)
+        for key in keys:
+            if key in ('step', 'learning_rate', 'gradient_norm', 'images_per_s'):
+                continue
+            points = [(record['step'], record[key]) for record in records if record.get(key) is not None]
+            axes.plot(*zip(*points, strict=True), label=key, linewidth=1) if points else None
+        axes.set_xlabel('step')
+        axes.set_title({'log': 'losses', 'validation': 'validation'}[name])
+        if records:
+            axes.legend(fontsize='small')
+        axes.grid(alpha=0.3)
+    figure.savefig(folder / 'curves.png', dpi=120)

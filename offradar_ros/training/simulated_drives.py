@@ -1,0 +1,94 @@
+"""Drives through simulated cities: where training data is from unless somebody has recordings."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+
+import numpy as np
+
+from offradar_ros.simulation.city.make import make_city
+from offradar_ros.simulation.city.plan import CityPlan
+from offradar_ros.simulation.sensor import TRAINING_SENSOR
+from offradar_ros.simulation.sequence import SimulatedSequence
+from offradar_ros.simulation.session_plan import SessionPlan
+from offradar_ros.simulation.world import World
+from offradar_ros.training.config import DataConfig, ValidationConfig
+from offradar_ros.training.drive import OpenDrive
+
+LANES_M = (0.0, 3.5, -1.5, 1.5, -3.0, 2.5)
+"""Lane offsets of the drives of a city, in turn: up to two lanes apart."""
+
+
+@dataclasses.dataclass(frozen=True)
+class SimulatedDrive:
+    """Drive `index` of the city of `seed`; every third goes the other way, over the same streets.
+
+    A scan is taken every `spacing_m` on average. `physics` as in the configuration.
+    """
+
+    seed: int
+    index: int
+    scans: int
+    spacing_m: float
+    degraded: float
+    physics: str
+
+    @property
+    def name(self) -> str:
+        """City and index."""
+        return f'{self.world}_drive_{self.index}'
+
+    @property
+    def world(self) -> str:
+        """The city."""
+        return f'city_{self.seed}'
+
+    def open(self) -> OpenDrive:
+        """Scans are rendered when they are asked for."""
+        city, plan = _city(self.seed), self.plan()
+        sequence = SimulatedSequence(city, plan, TRAINING_SENSOR)
+        indices = np.arange(0, plan.scans, plan.scans // self.scans)
+        faults = [sequence.degradations[i] for i in indices]
+        return OpenDrive(
+            sequence,
+            indices,
+            sequence.poses[indices],
+            tuple(fault.kind.value if fault else '' for fault in faults),
+            np.array([fault.severity if fault else 0.0 for fault in faults], np.float32),
+        )
+
+    def plan(self) -> SessionPlan:
+        """The drive at its ordinary speed, of which `open` takes every so manieth scan."""
+        rng = np.random.default_rng([self.seed, self.index])
+        reverse = self.index % 3 == 2
+        speed_mps = float(rng.uniform(6.0, 11.0))
+        stride = max(1, round(self.spacing_m / (speed_mps * TRAINING_SENSOR.rotation_s)))
+        return SessionPlan(
+            name=self.name,
+            seed=1000 * self.seed + self.index,
+            scans=stride * self.scans,
+            start_m=self.scans * self.spacing_m if reverse else 0.0,
+            speed_mps=speed_mps,
+            left_m=LANES_M[self.index % len(LANES_M)],
+            reverse=reverse,
+            traffic=float(rng.uniform(0.0, 20.0)),
+            parked=float(rng.uniform(0.2, 0.9)),
+            degraded=self.degraded,
+        )
+
+
+@functools.lru_cache(maxsize=2)
+def _city(seed: int) -> World:
+    return make_city(CityPlan(seed=seed))
+
+
+def simulated_drives(config: DataConfig | ValidationConfig) -> list[SimulatedDrive]:
+    """Every drive through every simulated city of `config`."""
+    return [
+        SimulatedDrive(
+            config.first_seed + world, index, config.scans, config.spacing_m, config.degraded, config.physics
+        )
+        for world in range(config.worlds)
+        for index in range(config.drives)
+    ]

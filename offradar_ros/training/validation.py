@@ -1,0 +1,128 @@
+"""How well a network recognises places of worlds that it has never seen, and whether its U tells when it does not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from offradar_ros.encoders.network_config import NetworkConfig
+from offradar_ros.errors import DataError
+from offradar_ros.evaluation.metrics.auroc import auroc
+from offradar_ros.evaluation.metrics.spearman import spearman
+from offradar_ros.training.cache import CachedDrive
+from offradar_ros.training.config import ValidationConfig
+from offradar_ros.training.images import images_of
+from offradar_ros.training.objective import EmbeddingNetwork
+
+TOLERANCE_M = 25.0
+_IMAGES_AT_ONCE = 64
+
+
+class ValidationDrive(NamedTuple):
+    """Attributes: a cached drive and (N, S, S) uint8 images of its scans."""
+
+    drive: CachedDrive
+    images: NDArray[np.uint8]
+
+
+class Answers(NamedTuple):
+    """One drive searched for in the map of another; Q queries that have a place within the tolerance.
+
+    Attributes:
+        right: (Q,) whether the nearest place is within the tolerance.
+        uncertainties: (Q,) U of each query.
+        severities: (Q,) how badly each is degraded, NaN where not known.
+    """
+
+    right: NDArray[np.bool_]
+    uncertainties: NDArray[np.float64]
+    severities: NDArray[np.float64]
+
+
+def validation_drives(
+    drives: Sequence[CachedDrive], network: NetworkConfig, threads: int = 0
+) -> tuple[ValidationDrive, ...]:
+    """The drives with their images; DataError where no two are of one world."""
+    worlds = [drive.world for drive in drives]
+    if len(set(worlds)) == len(worlds):
+        raise DataError('validation: expected two drives or more through at least one world')
+    return tuple(ValidationDrive(drive, images_of(drive, network, threads)) for drive in drives)
+
+
+def validate(
+    network: EmbeddingNetwork, drives: Sequence[ValidationDrive], config: ValidationConfig, device: torch.device
+) -> dict[str, float]:
+    """Figures over all ordered pairs of drives of one world, and ``score``, by which checkpoints are chosen.
+
+    Recall@1 over all queries and over clean ones, AUROC of U for a wrong answer, Spearman's correlation of U with
+    severity, and U's mean and standard deviation; NaN where a figure is not defined. Where all answers are right, or
+    all wrong, there is no AUROC, and the recall takes its place in the score.
+    """
+    embedded = [_embed(network, drive.images, device) for drive in drives]
+    answers = [
+        _search(drives[i].drive, embedded[i], drives[j].drive, embedded[j], config.map_spacing_m)
+        for i in range(len(drives))
+        for j in range(len(drives))
+        if i != j and drives[i].drive.world == drives[j].drive.world
+    ]
+    right, uncertainties, severities = (np.concatenate(part) for part in zip(*answers, strict=True))
+    if not len(right):
+        raise DataError('validation: no scan has a place of another drive within the tolerance')
+    clean = severities == 0.0
+    known = ~np.isnan(severities)
+    finite = np.isfinite(uncertainties)
+    figures = {
+        'recall_at_1': float(right.mean()),
+        'recall_at_1_clean': float(right[clean].mean()) if clean.any() else np.nan,
+        'auroc_wrong': auroc(uncertainties[finite], ~right[finite]),
+        'spearman_severity': spearman(uncertainties[known & finite], severities[known & finite]),
+        'u_mean': float(uncertainties.mean()),
+        'u_std': float(uncertainties.std()),
+    }
+    ranking = figures['recall_at_1'] if np.isnan(figures['auroc_wrong']) else figures['auroc_wrong']
+    score = config.recall_weight * figures['recall_at_1'] + config.auroc_weight * ranking
+    return {'score': score, **figures}
+
+
+def _embed(
+    network: EmbeddingNetwork, images: NDArray[np.uint8], device: torch.device
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Descriptors (N, d) and U (N,)."""
+    means, uncertainties = [], []
+    with torch.inference_mode():
+        for start in range(0, len(images), _IMAGES_AT_ONCE):
+            mean, variance = network.embed(torch.from_numpy(images[start : start + _IMAGES_AT_ONCE]).to(device))
+            means.append(mean.double().cpu().numpy())
+            uncertainties.append(variance.double().mean(dim=1).cpu().numpy())
+    return np.concatenate(means), np.concatenate(uncertainties)
+
+
+def _search(
+    mapped: CachedDrive,
+    map_embedding: tuple[NDArray[np.float64], NDArray[np.float64]],
+    driven: CachedDrive,
+    embedding: tuple[NDArray[np.float64], NDArray[np.float64]],
+    spacing_m: float,
+) -> Answers:
+    places = thinned(mapped.poses[:, :2], spacing_m)
+    away_m = np.linalg.norm(driven.poses[:, None, :2] - mapped.poses[None, places, :2], axis=-1)
+    queries = np.flatnonzero(away_m.min(axis=1) <= TOLERANCE_M)
+    means, uncertainties = embedding
+    candidates = map_embedding[0][places]
+    # |a − b|² without the term of the query alone, which orders nothing.
+    distances = np.sum(candidates**2, axis=1) - 2.0 * means[queries] @ candidates.T
+    right = away_m[queries, distances.argmin(axis=1)] <= TOLERANCE_M
+    return Answers(right, uncertainties[queries], driven.severities[queries].astype(np.float64))
+
+
+def thinned(positions_m: NDArray[np.float64], spacing_m: float) -> NDArray[np.intp]:
+    """Indices, in order, of those of (N, 2) positions that are `spacing_m` or more from all those taken before."""
+    taken: list[int] = []
+    for index, position in enumerate(positions_m):
+        if not taken or np.linalg.norm(positions_m[taken] - position, axis=1).min() >= spacing_m:
+            taken.append(index)
+    return np.array(taken, np.intp)
