@@ -21,6 +21,7 @@ class DataConfig:
     physics: str = parameter(
         'drawn', 'of the radar: drawn anew for each world, or the same in all', choices=('nominal', 'drawn')
     )
+    bad_weather: float = parameter(0.2, 'share of drives in rain, snow or fog', minimum=0.0, maximum=1.0)
     sequences: tuple[str, ...] = parameter((), 'folders of recorded drives with positions')
     sequence_spacing_m: float = parameter(
         1.0, 'recorded scans nearer than this to the last one kept are passed over', unit='m', minimum=0.0, maximum=100
@@ -42,6 +43,7 @@ class ValidationConfig:
         'of the radar: drawn anew for each world, the same in all, or never trained on',
         choices=('nominal', 'drawn', 'held_out'),
     )
+    bad_weather: float = parameter(0.2, 'share of drives in rain, snow or fog', minimum=0.0, maximum=1.0)
     sequences: tuple[str, ...] = parameter((), 'folders of recorded drives with positions')
     sequence_spacing_m: float = parameter(
         1.0, 'recorded scans nearer than this to the last one kept are passed over', unit='m', minimum=0.0, maximum=100

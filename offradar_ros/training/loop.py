@@ -105,6 +105,8 @@ class Loop:
                 if self._step % self.config.checkpoint_steps == 0:
                     self._save()
         self._save()
+        score, step = self._group.first_says(self._best)
+        self._best = score, int(step)
         if check:
             check()
         return self._step >= self.config.steps

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import datetime
 import os
 from collections.abc import Iterable, Iterator
 
@@ -35,6 +36,14 @@ class Group:
             for buffer in network.buffers():
                 distributed.broadcast(buffer, src=0)
 
+    def first_says(self, numbers: tuple[float, ...]) -> tuple[float, ...]:
+        """The first process's numbers, in all; all have to ask, and go on when the first has."""
+        if self.size == 1:
+            return numbers
+        told = torch.tensor(numbers, dtype=torch.float64, device=self.device)
+        distributed.broadcast(told, src=0)
+        return tuple(told.tolist())
+
     def any(self, here: bool) -> bool:
         """Whether it is so in any process; all have to ask."""
         if self.size == 1:
@@ -61,7 +70,8 @@ def joined_group(device: str) -> Iterator[Group]:
         return
     if on_gpu:
         torch.cuda.set_device(place)
-    distributed.init_process_group('nccl' if on_gpu else 'gloo')
+    # The others wait while the first makes the cache.
+    distributed.init_process_group('nccl' if on_gpu else 'gloo', timeout=datetime.timedelta(days=1))
     try:
         yield Group(distributed.get_rank(), size, place)
     finally:

@@ -137,7 +137,9 @@ def _train(
         _describe(config, out, group, objective.network, sampler)
     drives = validation_drives(judged, config.network, config.threads) if judged and group.rank == 0 else ()
     loop = Loop(config, objective, sampler, drives, out, group, resume)
-    with _shown(options, group, f'training {config.method}') as progress:
+    with _shown(
+        options if group.rank == 0 else options._replace(progress=None), f'training {config.method}'
+    ) as progress:
         finished = loop.run(deadline_s, progress, options.check)
     score, step = loop.best
     return RunResult(finished, loop.step, out / (BEST if step >= 0 else LAST), score if step >= 0 else math.nan)
@@ -167,14 +169,17 @@ def _cached(
     network: NetworkConfig, config: DataConfig | ValidationConfig, options: RunOptions, group: Group, text: str
 ) -> list[CachedDrive]:
     drives: list[Drive] = [*simulated_drives(config), *recorded_drives(config.sequences, config.sequence_spacing_m)]
-    # Another process of the run may be making the same drives: each file appears whole, so that no harm is done.
-    with _shown(options, group, text) as progress:
-        return cached_drives(options.cache, drives, Reduction.for_image(network), progress=progress)
+    reduction = Reduction.for_image(network)
+    if group.rank == 0:
+        with _shown(options, text) as progress:
+            cached_drives(options.cache, drives, reduction, progress=progress)
+    group.first_says((0.0,))
+    return cached_drives(options.cache, drives, reduction)
 
 
 @contextlib.contextmanager
-def _shown(options: RunOptions, group: Group, text: str) -> Iterator[Progress | None]:
-    if options.progress is None or group.rank:
+def _shown(options: RunOptions, text: str) -> Iterator[Progress | None]:
+    if options.progress is None:
         yield None
         return
     with options.progress(text) as progress:

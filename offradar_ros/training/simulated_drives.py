@@ -9,9 +9,12 @@ import numpy as np
 
 from offradar_ros.simulation.city.make import make_city
 from offradar_ros.simulation.city.plan import CityPlan
+from offradar_ros.simulation.degradation import TRAINED_KINDS
+from offradar_ros.simulation.physics import NOMINAL_PHYSICS, RadarPhysics, draw_physics, held_out_physics
 from offradar_ros.simulation.sensor import TRAINING_SENSOR
 from offradar_ros.simulation.sequence import SimulatedSequence
 from offradar_ros.simulation.session_plan import SessionPlan
+from offradar_ros.simulation.weather import CLEAR, Weather
 from offradar_ros.simulation.world import World
 from offradar_ros.training.config import DataConfig, ValidationConfig
 from offradar_ros.training.drive import OpenDrive
@@ -24,7 +27,7 @@ LANES_M = (0.0, 3.5, -1.5, 1.5, -3.0, 2.5)
 class SimulatedDrive:
     """Drive `index` of the city of `seed`; every third goes the other way, over the same streets.
 
-    A scan is taken every `spacing_m` on average. `physics` as in the configuration.
+    A scan is taken every `spacing_m` on average. `physics` and `bad_weather` as in the configuration.
     """
 
     seed: int
@@ -33,6 +36,7 @@ class SimulatedDrive:
     spacing_m: float
     degraded: float
     physics: str
+    bad_weather: float
 
     @property
     def name(self) -> str:
@@ -75,7 +79,26 @@ class SimulatedDrive:
             traffic=float(rng.uniform(0.0, 20.0)),
             parked=float(rng.uniform(0.2, 0.9)),
             degraded=self.degraded,
+            kinds=TRAINED_KINDS,
+            physics=_physics(self.physics, self.seed),
+            weather=_bad_weather(rng) if rng.random() < self.bad_weather else CLEAR,
         )
+
+
+def _physics(kind: str, seed: int) -> RadarPhysics:
+    if kind == 'nominal':
+        return NOMINAL_PHYSICS
+    return draw_physics(seed) if kind == 'drawn' else held_out_physics(seed)
+
+
+def _bad_weather(rng: np.random.Generator) -> Weather:
+    """Rain, snow or fog, from light to about the worst there is, by even ratios."""
+    share = float(rng.random())
+    return (
+        Weather(rain_mm_h=2.5 * 20.0**share),
+        Weather(snow_mm_h=0.5 * 10.0**share),
+        Weather(fog_visibility_m=500.0 * 0.1**share),
+    )[int(rng.integers(3))]
 
 
 @functools.lru_cache(maxsize=2)
@@ -87,7 +110,13 @@ def simulated_drives(config: DataConfig | ValidationConfig) -> list[SimulatedDri
     """Every drive through every simulated city of `config`."""
     return [
         SimulatedDrive(
-            config.first_seed + world, index, config.scans, config.spacing_m, config.degraded, config.physics
+            config.first_seed + world,
+            index,
+            config.scans,
+            config.spacing_m,
+            config.degraded,
+            config.physics,
+            config.bad_weather,
         )
         for world in range(config.worlds)
         for index in range(config.drives)
