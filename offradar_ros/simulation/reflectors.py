@@ -32,11 +32,11 @@ class Reflectors:
     scatterer_powers: Array
 
     def within(self, centre_m: Array, range_m: float) -> Reflectors:
-        """Those that may be nearer than `range_m`."""
-        starts, ends = self.walls_m[:, 0] - centre_m, self.walls_m[:, 1] - centre_m
-        half = np.hypot(*(ends - starts).T) / 2
-        walls = np.hypot(*((starts + ends) / 2).T) < range_m + half
-        scatterers = np.hypot(*(self.scatterers_m - centre_m).T) < range_m
+        """Those that may be nearer than `range_m`: all that come into the box of that half size round the centre."""
+        low, high = centre_m - range_m, centre_m + range_m
+        starts, ends = self.walls_m[:, 0], self.walls_m[:, 1]
+        walls = np.all((np.minimum(starts, ends) < high) & (np.maximum(starts, ends) > low), axis=1)
+        scatterers = np.all((self.scatterers_m < high) & (self.scatterers_m > low), axis=1)
         return Reflectors(
             self.walls_m[walls],
             self.wall_powers[walls],

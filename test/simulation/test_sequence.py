@@ -90,20 +90,11 @@ def test_the_ground_truth_names_every_degraded_scan(town):
     assert not any(drive(town).degradations)
 
 
-def test_each_degradation_shows_in_the_scan(town):
-    spoiled, clean = drive(town, scans=60, degraded=1.0), drive(town, scans=60)
+def test_degraded_scans_differ_from_those_of_a_clean_drive_and_no_others_do(town):
+    spoiled, clean = drive(town, scans=30, degraded=0.5), drive(town, scans=30)
     for index, degradation in enumerate(spoiled.degradations):
-        bad, good = (s.scan(index).power[:, 20:].astype(float) for s in (spoiled, clean))
-        if degradation.kind is DegradationKind.FLOODED:
-            assert np.median(bad) > np.median(good) + 40 * degradation.severity
-        elif degradation.kind is DegradationKind.SATURATED:
-            overdriven = np.median(bad, axis=1) > 60
-            assert np.count_nonzero(overdriven) == round(50 * degradation.severity)
-        else:
-            rows = (degradation.azimuth + np.arange(round(100 * degradation.severity))) % 200
-            others = np.setdiff1d(np.arange(200), rows)
-            assert np.quantile(bad[rows], 0.98) < np.quantile(good[rows], 0.98)
-            np.testing.assert_array_equal(bad[others], good[others])
+        alike = spoiled.scan(index).power.tobytes() == clean.scan(index).power.tobytes()
+        assert alike == (degradation is None)
 
 
 def test_the_same_place_looks_alike_on_another_drive_and_another_place_does_not(town):
