@@ -125,6 +125,18 @@ class CartesianConfig:
 
 
 @dataclasses.dataclass(frozen=True)
+class PolarGridConfig:
+    """The polar image that the compact encoder sees."""
+
+    azimuths: int = parameter(200, 'rows, equal sectors of a turn', minimum=8, maximum=4096)
+    range_bins: int = parameter(128, 'columns', minimum=8, maximum=4096)
+    resolution_m: float = parameter(0.5, 'depth of a column', unit='m', minimum=0.01, maximum=10.0)
+    min_range_m: float = parameter(
+        2.5, 'nearer returns are the vehicle itself and are blanked', unit='m', minimum=0.0, maximum=50.0
+    )
+
+
+@dataclasses.dataclass(frozen=True)
 class RingKeyConfig:
     """The ring key encoder, which needs no weights."""
 
@@ -147,8 +159,14 @@ class RingKeyConfig:
 class EncoderConfig:
     """Which encoder, and where it runs."""
 
-    name: str = parameter('ring_key', 'what makes an embedding of a scan', choices=('ring_key', 'variational'))
-    weights: str = parameter('', 'weights file (.onnx or .safetensors) of a learned encoder')
+    name: str = parameter(
+        'ring_key',
+        'what makes an embedding of a scan; variational is our own',
+        choices=('ring_key', 'rad_vlad', 'variational', 'bc_radar', 'vae', 'mc_dropout', 'stun'),
+    )
+    weights: str = parameter(
+        '', 'weights of a learned encoder: a .onnx or .safetensors file, or the name of weights that come with us'
+    )
     backend: str = parameter(
         'auto',
         'what runs a learned encoder; auto goes by the ending of the weights file',

@@ -1,13 +1,20 @@
-"""Convolutional backbones: an image to a feature map of 1/32 of its side. Needs torch."""
+"""Convolutional backbones: an image to a feature map. Needs torch."""
 
 from __future__ import annotations
 
 import torch
 from torch import nn
 
+from offradar_ros.encoders.network_config import CARTESIAN_REDUCTION, POLAR_REDUCTION, NetworkConfig
+
 # Channels of VGG-16's 13 convolutions, pooled after each group (Simonyan and Zisserman, 2015, configuration D).
 VGG16_GROUPS = ((64, 64), (128, 128), (256, 256, 256), (512, 512, 512), (512, 512, 512))
-COMPACT_CHANNELS = (32, 64, 96, 128, 128)
+
+# Output channels, size and stride of the compact backbone's convolutions; together they reduce eight times.
+COMPACT_CONVOLUTIONS = ((48, 7, 4), (96, 3, 2), (128, 3, 1))
+COMPACT_FEATURES = 48
+COMPACT_FREQUENCIES = 8
+_TINY = 1e-10
 
 IMAGENET_MEAN = (0.485, 0.456, 0.406)
 IMAGENET_STD = (0.229, 0.224, 0.225)
@@ -20,12 +27,13 @@ class Vgg16(nn.Module):
     trained there fit. `features` numbers its layers as torchvision does.
     """
 
-    channels = VGG16_GROUPS[-1][-1]
     pixel_mean: torch.Tensor
     pixel_std: torch.Tensor
 
-    def __init__(self) -> None:
+    def __init__(self, side_px: int) -> None:
         super().__init__()
+        side = side_px // CARTESIAN_REDUCTION
+        self.shape = (VGG16_GROUPS[-1][-1], side, side)
         layers: list[nn.Module] = []
         inputs = 3
         for group in VGG16_GROUPS:
@@ -46,31 +54,69 @@ class Vgg16(nn.Module):
 
 
 class Compact(nn.Module):
-    """Five strided convolutions with batch normalisation, for small machines: → (N, 128, S / 32, S / 32).
+    """Convolutions round a polar image, then the spectrum of their features over azimuth.
 
-    Sees the grey image in [0, 1] as it is.
+    (N, 1, A, R) float32 in [0, 1] → (N, 48, F, R / 8), where F = 8 frequencies of the A / 8 azimuths are kept by their
+    amplitude alone. Turning the vehicle shifts the rows, which no amplitude shows: the features of a turned scan are
+    the same, exactly so for turns by 8 rows. Rows are padded with the rows of the other end, as a turn has none.
     """
 
-    channels = COMPACT_CHANNELS[-1]
-
-    def __init__(self) -> None:
+    def __init__(self, image_shape: tuple[int, int]) -> None:
         super().__init__()
+        azimuths, range_bins = (length // POLAR_REDUCTION for length in image_shape)
+        self.shape = (COMPACT_FEATURES, min(COMPACT_FREQUENCIES, azimuths // 2 + 1), range_bins)
         layers: list[nn.Module] = []
         inputs = 1
-        for outputs in COMPACT_CHANNELS:
-            layers += [
-                nn.Conv2d(inputs, outputs, 3, stride=2, padding=1, bias=False),
-                nn.BatchNorm2d(outputs),
-                nn.ReLU(inplace=True),
-            ]
+        for outputs, size, stride in COMPACT_CONVOLUTIONS:
+            layers += [_AroundConvolution(inputs, outputs, size, stride), nn.ReLU(inplace=True)]
             inputs = outputs
-        self.features = nn.Sequential(*layers)
+        self.convolutions = nn.Sequential(*layers)
+        self.reduce = _AroundConvolution(inputs, COMPACT_FEATURES, 1, 1)
+        self.spectrum = AzimuthSpectrum(azimuths, self.shape[1])
         initialise_convolutions(self)
 
     def forward(self, image: torch.Tensor) -> torch.Tensor:
-        """(N, 1, S, S) → (N, 128, S / 32, S / 32)."""
-        features: torch.Tensor = self.features(image)
-        return features
+        """(N, 1, A, R) → (N, 48, F, R / 8)."""
+        spectrum: torch.Tensor = self.spectrum(self.reduce(self.convolutions(image)))
+        return spectrum
+
+
+class AzimuthSpectrum(nn.Module):
+    """Amplitudes of the first F frequencies over azimuth: (N, C, A, R) → (N, C, F, R).
+
+    A product with F cosines and sines: as exact as a fast transform and quicker for so few, on any runtime.
+    """
+
+    cosines: torch.Tensor
+    sines: torch.Tensor
+
+    def __init__(self, azimuths: int, frequencies: int) -> None:
+        super().__init__()
+        phase = 2.0 * torch.pi * torch.outer(torch.arange(frequencies), torch.arange(azimuths)) / azimuths
+        self.register_buffer('cosines', torch.cos(phase) / azimuths, persistent=False)
+        self.register_buffer('sines', torch.sin(phase) / azimuths, persistent=False)
+
+    def forward(self, features: torch.Tensor) -> torch.Tensor:
+        """(N, C, A, R) → (N, C, F, R), ≥ 0."""
+        power = (self.cosines @ features).square() + (self.sines @ features).square()
+        # The slope of a root is infinite at 0.
+        return torch.sqrt(power + _TINY)
+
+
+class _AroundConvolution(nn.Module):
+    """Convolution and batch normalisation of a polar feature map whose rows go round."""
+
+    def __init__(self, inputs: int, outputs: int, size: int, stride: int) -> None:
+        super().__init__()
+        self.margin = size // 2
+        self.convolution = nn.Conv2d(inputs, outputs, size, stride, padding=(0, self.margin), bias=False)
+        self.normalise = nn.BatchNorm2d(outputs)
+
+    def forward(self, features: torch.Tensor) -> torch.Tensor:
+        if self.margin:
+            features = torch.cat([features[:, :, -self.margin :], features, features[:, :, : self.margin]], dim=2)
+        normalised: torch.Tensor = self.normalise(self.convolution(features))
+        return normalised
 
 
 def initialise_convolutions(module: nn.Module) -> None:
@@ -82,6 +128,6 @@ def initialise_convolutions(module: nn.Module) -> None:
                 nn.init.zeros_(layer.bias)
 
 
-def make_backbone(name: str) -> Vgg16 | Compact:
-    """The backbone of a checked `NetworkConfig`."""
-    return Vgg16() if name == 'vgg16' else Compact()
+def make_backbone(config: NetworkConfig) -> Vgg16 | Compact:
+    """The backbone of a checked `NetworkConfig`; its `shape` is that of the feature map, (C, rows, columns)."""
+    return Vgg16(config.side_px) if config.backbone == 'vgg16' else Compact(config.image_shape)

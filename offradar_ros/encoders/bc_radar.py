@@ -24,11 +24,11 @@ class BcRadarNetwork(nn.Module):
         self.head = nn.Linear(self.features.flat, config.dimension)
 
     def forward(self, images: torch.Tensor) -> torch.Tensor:
-        """(N, d) embedding before normalisation, of images (N, S, S)."""
+        """(N, d) embedding before normalisation, of images (N, H, W)."""
         embedding: torch.Tensor = self.head(self.features(images).flatten(1))
         return embedding
 
     def embed(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Unit descriptor (N, d) and variance (N, d), all 1, of images (N, S, S)."""
+        """Unit descriptor (N, d) and variance (N, d), all 1, of images (N, H, W)."""
         descriptor = unit_length(self(images))
         return descriptor, torch.ones_like(descriptor)

@@ -41,15 +41,15 @@ class ImageEncoder(abc.ABC):
 
     @abc.abstractmethod
     def infer(self, images: NDArray[np.uint8]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Images (N, S, S) uint8 → mean and variance, both (N, d) float32, as the network gives them."""
+        """Images (N, H, W) uint8 → mean and variance, both (N, d) float32, as the network gives them."""
 
     def image(self, scan: PolarScan) -> NDArray[np.uint8]:
-        """What the network sees of a scan, (S, S); RefusedInput ``no_signal`` where it is empty or all zero."""
+        """What the network sees of a scan, (H, W); RefusedInput ``no_signal`` where it is empty or all zero."""
         image = self._to_image(scan) if scan.power.size else np.zeros((0, 0), np.uint8)
         if not image.any():
             raise RefusedInput(
                 'no_signal',
-                f'scan at {scan.stamp_ns} ns, shape {scan.power.shape}, holds no power within its Cartesian image',
+                f'scan at {scan.stamp_ns} ns, shape {scan.power.shape}, holds no power within the image of the network',
             )
         return image
 

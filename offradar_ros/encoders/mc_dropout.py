@@ -37,7 +37,7 @@ class McDropoutNetwork(nn.Module):
         self.register_buffer('masks', drawn >= config.dropout)
 
     def forward(self, images: torch.Tensor) -> torch.Tensor:
-        """(N, d) embedding before normalisation, of images (N, S, S); thinned at random in training."""
+        """(N, d) embedding before normalisation, of images (N, H, W); thinned at random in training."""
         flat = functional.dropout(self.features(images).flatten(1), self.config.dropout, self.training)
         embedding: torch.Tensor = self.head(flat)
         return embedding
@@ -49,7 +49,7 @@ class McDropoutNetwork(nn.Module):
         return unit_length(self.head(thinned))
 
     def embed(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Unit descriptor (N, d) and variance (N, d) of images (N, S, S)."""
+        """Unit descriptor (N, d) and variance (N, d) of images (N, H, W)."""
         passes = self.passes(images)
         mean = passes.mean(dim=1)
         variance = (passes - mean.unsqueeze(1)).square().mean(dim=1) * self.config.dimension

@@ -6,14 +6,17 @@ import dataclasses
 import json
 from typing import Any
 
-from offradar_ros.config import CartesianConfig
+from offradar_ros.config import CartesianConfig, PolarGridConfig
 from offradar_ros.encoders.fingerprint import canonical_json
 from offradar_ros.errors import ConfigError
 
-# The network halves the image five times.
-REDUCTION = 32
+# VGG-16 halves the image five times, the compact backbone three times.
+CARTESIAN_REDUCTION = 32
+POLAR_REDUCTION = 8
 
 METHODS = ('variational', 'bc_radar', 'vae', 'mc_dropout', 'stun')
+_LARGEST_SIDE = 4096
+
 BACKBONES = ('vgg16', 'compact')
 DESCRIPTORS = ('z_i_plus_mu', 'z_i')
 
@@ -24,10 +27,12 @@ class NetworkConfig:
 
     Attributes:
         method: ``variational`` (the paper's own) or the learned method that it is compared with.
-        backbone: ``vgg16`` (the paper's) or ``compact`` (five strided convolutions).
+        backbone: ``vgg16`` (the paper's, of a Cartesian image) or ``compact`` (of a polar image).
         dimension: d, the length of Z_I, μ_V and σ².
         side_px: side of the square Cartesian image, a multiple of 32.
-        resolution_m: metres a pixel.
+        azimuths: rows of the polar image, a multiple of 8.
+        range_bins: columns of the polar image, a multiple of 8.
+        resolution_m: metres a pixel or column.
         min_range_m: nearer returns are blanked.
         descriptor: what is compared: Z_I + μ_V (= E[Z]) or Z_I alone; of the variational method only.
         dropout: probability that MC Dropout drops a feature; of no other method.
@@ -37,6 +42,8 @@ class NetworkConfig:
     backbone: str = 'vgg16'
     dimension: int = 128
     side_px: int = 256
+    azimuths: int = 200
+    range_bins: int = 128
     resolution_m: float = 0.5
     min_range_m: float = 2.5
     descriptor: str = 'z_i_plus_mu'
@@ -47,16 +54,36 @@ class NetworkConfig:
         _expect(self.backbone in BACKBONES, 'backbone', f'one of {", ".join(BACKBONES)}', self.backbone)
         _expect(self.descriptor in DESCRIPTORS, 'descriptor', f'one of {", ".join(DESCRIPTORS)}', self.descriptor)
         _expect(1 <= self.dimension <= 65536, 'dimension', '1 to 65536', self.dimension)
-        whole = self.side_px % REDUCTION == 0 and REDUCTION <= self.side_px <= 2048
-        _expect(whole, 'side_px', f'a multiple of {REDUCTION} up to 2048', self.side_px)
+        for name, reduction in (
+            ('side_px', CARTESIAN_REDUCTION),
+            ('azimuths', POLAR_REDUCTION),
+            ('range_bins', POLAR_REDUCTION),
+        ):
+            pixels = getattr(self, name)
+            whole = pixels % reduction == 0 and reduction <= pixels <= _LARGEST_SIDE
+            _expect(whole, name, f'a multiple of {reduction} up to {_LARGEST_SIDE}', pixels)
         _expect(0.01 <= self.resolution_m <= 10.0, 'resolution_m', '0.01 to 10 m', self.resolution_m)
         _expect(0.0 <= self.min_range_m <= 50.0, 'min_range_m', '0 to 50 m', self.min_range_m)
         _expect(0.0 < self.dropout < 1.0, 'dropout', 'a probability between 0 and 1', self.dropout)
 
     @property
-    def cartesian(self) -> CartesianConfig:
+    def image(self) -> CartesianConfig | PolarGridConfig:
         """The image that the network sees."""
-        return CartesianConfig(self.side_px, self.resolution_m, self.min_range_m)
+        if self.backbone == 'vgg16':
+            return CartesianConfig(self.side_px, self.resolution_m, self.min_range_m)
+        return PolarGridConfig(self.azimuths, self.range_bins, self.resolution_m, self.min_range_m)
+
+    @property
+    def image_shape(self) -> tuple[int, int]:
+        """(rows, columns) of that image."""
+        return (self.side_px, self.side_px) if self.backbone == 'vgg16' else (self.azimuths, self.range_bins)
+
+    @property
+    def reach_m(self) -> float:
+        """Range of the farthest point of that image, metres."""
+        if self.backbone == 'vgg16':
+            return self.side_px * self.resolution_m / 2**0.5
+        return self.range_bins * self.resolution_m
 
     def to_json(self) -> str:
         """Canonical JSON object of every setting."""

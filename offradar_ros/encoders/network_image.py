@@ -7,14 +7,17 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from offradar_ros.config import CartesianConfig
 from offradar_ros.encoders.network_config import NetworkConfig
 from offradar_ros.radar.cartesian import PolarToCartesian
+from offradar_ros.radar.polar_grid import PolarToGrid
 from offradar_ros.types import PolarScan
 
 
 def make_image(config: NetworkConfig) -> Callable[[PolarScan], NDArray[np.uint8]]:
-    """A function from a scan to the (S, S) uint8 image of `config`.
+    """A function from a scan to the uint8 image of `config`, `config.image_shape` large.
 
     It may keep tables from scan to scan: use one in each thread.
     """
-    return PolarToCartesian(config.cartesian)
+    image = config.image
+    return PolarToCartesian(image) if isinstance(image, CartesianConfig) else PolarToGrid(image)

@@ -38,14 +38,14 @@ class OnnxEncoder(ImageEncoder):
         self._expect_shapes(path)
 
     def infer(self, images: NDArray[np.uint8]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Images (N, S, S) uint8 → mean and variance, both (N, d) float32."""
+        """Images (N, H, W) uint8 → mean and variance, both (N, d) float32."""
         mean, variance = self._session.run(['mean', 'variance'], {'images': images})
         return mean, variance
 
     def _expect_shapes(self, path: str | Path) -> None:
         config = self.header.config
         expected = {
-            'images': ('tensor(uint8)', [config.side_px, config.side_px]),
+            'images': ('tensor(uint8)', list(config.image_shape)),
             'mean': ('tensor(float)', [config.dimension]),
             'variance': ('tensor(float)', [config.dimension]),
         }

@@ -15,7 +15,7 @@ OPSET = 17
 def export_onnx(weights_path: str | Path, onnx_path: str | Path) -> WeightsHeader:
     """Write what `OnnxEncoder` reads; returns the header that both files carry.
 
-    Input ``images`` (N, S, S) uint8, so that scaling and normalisation are part of the graph; outputs ``mean`` and
+    Input ``images`` (N, H, W) uint8, so that scaling and normalisation are part of the graph; outputs ``mean`` and
     ``variance`` (N, d) float32; N is free. Weights stored in half precision are stored so here too, and computed with
     in single precision. The file is written whole or not at all. ModelError for weights that cannot be read, a file
     that cannot be written or a missing package.
@@ -40,14 +40,13 @@ def export_onnx(weights_path: str | Path, onnx_path: str | Path) -> WeightsHeade
             return self.network.embed(images)
 
     network, header = load_network(weights_path)
-    side = header.config.side_px
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings(), torch.no_grad():
         exported = Path(folder) / 'network.onnx'
         # The exporter that needs no further package is deprecated, and says so at length.
         warnings.simplefilter('ignore')
         torch.onnx.export(
             Inference(network).eval(),
-            (torch.zeros((1, side, side), dtype=torch.uint8),),
+            (torch.zeros((1, *header.config.image_shape), dtype=torch.uint8),),
             exported,
             dynamo=False,
             opset_version=OPSET,

@@ -24,11 +24,11 @@ class StunNetwork(nn.Module):
         self.log_variance = nn.Linear(self.features.flat, config.dimension)
 
     def forward(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Unit mean (N, d) and log s² (N, d) of images (N, S, S)."""
+        """Unit mean (N, d) and log s² (N, d) of images (N, H, W)."""
         flat = self.features(images).flatten(1)
         return unit_length(self.head(flat)), torch.sigmoid(self.log_variance(flat))
 
     def embed(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Unit descriptor (N, d) and variance s² (N, d) of images (N, S, S)."""
+        """Unit descriptor (N, d) and variance s² (N, d) of images (N, H, W)."""
         mean, log_variance = self(images)
         return mean, log_variance.exp()

@@ -25,7 +25,7 @@ class TorchEncoder(ImageEncoder):
         self._network = network.to(self._device)
 
     def infer(self, images: NDArray[np.uint8]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Images (N, S, S) uint8 → mean and variance, both (N, d) float32."""
+        """Images (N, H, W) uint8 → mean and variance, both (N, d) float32."""
         with torch.inference_mode():
             mean, variance = self._network.embed(torch.from_numpy(np.ascontiguousarray(images)).to(self._device))
         return mean.cpu().numpy(), variance.cpu().numpy()

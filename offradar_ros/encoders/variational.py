@@ -12,23 +12,23 @@ from typing import NamedTuple
 import torch
 from torch import nn
 
-from offradar_ros.encoders.backbone import make_backbone
-from offradar_ros.encoders.network_config import REDUCTION, NetworkConfig
+from offradar_ros.encoders.feature_map import FeatureMap
+from offradar_ros.encoders.network_config import NetworkConfig
 
 # exp(±10) stays finite when squared in float32, and no calibrated variance comes near either end.
 LOG_VARIANCE_LIMIT = 10.0
 
 
 class NetworkOutput(NamedTuple):
-    """What the losses need: N images, d dimensions, C channels of s × s features.
+    """What the losses need: N images, d dimensions, C channels of h × w features.
 
     Attributes:
         z_i: (N, d) invariant embedding.
         mu: (N, d) mean of the posterior of Z_V.
         log_variance: (N, d) its log variance.
         z: (N, d) Z_I plus a reparameterised sample of Z_V in training, plus its mean otherwise.
-        features: (N, C, s, s) feature map M, detached: the decoder's target.
-        reconstruction: (N, C, s, s) M as decoded from Z.
+        features: (N, C, h, w) feature map M, detached: the decoder's target.
+        reconstruction: (N, C, h, w) M as decoded from Z.
     """
 
     z_i: torch.Tensor
@@ -40,21 +40,20 @@ class NetworkOutput(NamedTuple):
 
 
 class VariationalNetwork(nn.Module):
-    """Backbone, heads and decoder; images are (N, S, S) uint8 or float power in 0…255."""
+    """Backbone, heads and decoder; images are (N, H, W) uint8 or float power in 0…255."""
 
     def __init__(self, config: NetworkConfig) -> None:
         super().__init__()
         self.config = config
-        self.backbone = make_backbone(config.backbone)
-        channels, side = self.backbone.channels, config.side_px // REDUCTION
-        flat = channels * side * side
+        self.features = FeatureMap(config)
+        flat, channels = self.features.flat, self.features.shape[0]
         self.z_i = nn.Linear(flat, config.dimension)
         self.mu = nn.Linear(flat, config.dimension)
         self.log_variance = nn.Linear(flat, config.dimension)
         self.decoder = nn.Sequential(
             nn.Linear(config.dimension, flat),
             nn.ReLU(inplace=True),
-            nn.Unflatten(1, (channels, side, side)),
+            nn.Unflatten(1, self.features.shape),
             nn.Conv2d(channels, channels, 3, padding=1),
         )
         # The posterior starts at the prior's variance, 1.
@@ -62,14 +61,14 @@ class VariationalNetwork(nn.Module):
         nn.init.zeros_(self.log_variance.bias)
 
     def heads(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Feature map (N, C, s, s) and Z_I, μ_V, log σ² (N, d) of images (N, S, S)."""
-        features = self.backbone(images.unsqueeze(1).to(torch.float32) / 255.0)
+        """Feature map (N, C, h, w) and Z_I, μ_V, log σ² (N, d) of images (N, H, W)."""
+        features = self.features(images)
         flat = features.flatten(1)
         log_variance = self.log_variance(flat).clamp(-LOG_VARIANCE_LIMIT, LOG_VARIANCE_LIMIT)
         return features, self.z_i(flat), self.mu(flat), log_variance
 
     def forward(self, images: torch.Tensor) -> NetworkOutput:
-        """Everything that training needs, of images (N, S, S)."""
+        """Everything that training needs, of images (N, H, W)."""
         features, z_i, mu, log_variance = self.heads(images)
         z = z_i + mu
         if self.training:
@@ -77,7 +76,7 @@ class VariationalNetwork(nn.Module):
         return NetworkOutput(z_i, mu, log_variance, z, features.detach(), self.decoder(z))
 
     def embed(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Descriptor (N, d) and variance (N, d) of images (N, S, S); nothing is sampled."""
+        """Descriptor (N, d) and variance (N, d) of images (N, H, W); nothing is sampled."""
         _, z_i, mu, log_variance = self.heads(images)
         descriptor = z_i if self.config.descriptor == 'z_i' else z_i + mu
         return descriptor, log_variance.exp()

@@ -40,8 +40,8 @@ class Reduction:
 
     @classmethod
     def for_image(cls, config: NetworkConfig) -> Reduction:
-        """Half a pixel, to the corners of the image."""
-        return cls(config.resolution_m / 2, config.side_px * config.resolution_m / 2**0.5)
+        """Half a pixel, to the farthest point of the image."""
+        return cls(config.resolution_m / 2, config.reach_m)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

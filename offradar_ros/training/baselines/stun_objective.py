@@ -24,7 +24,7 @@ class StunObjective:
         if not isinstance(teacher, BcRadarNetwork):
             raise ModelError(f'teacher: expected a trained bc_radar network, got {type(teacher).__name__}')
         self.network = StunNetwork(config.network)
-        for name in ('dimension', 'side_px', 'resolution_m', 'min_range_m'):
+        for name in ('dimension', 'image'):
             asked, found = getattr(config.network, name), getattr(teacher.config, name)
             if asked != found:
                 raise ModelError(f"teacher: expected the student's {name} = {asked}, got {found}")

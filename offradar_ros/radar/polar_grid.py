@@ -1,0 +1,72 @@
+"""Polar scan to the polar image that the compact encoder sees: equal sectors of a turn by equal depths of range.
+
+Convention: row k of the image is the mean over azimuths from k to k + 1 sectors clockwise from forward, column j over
+ranges from j to j + 1 times `resolution_m` from the sensor. Turning the sensor by a whole sector shifts the rows round.
+"""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from offradar_ros.config import PolarGridConfig
+from offradar_ros.types import PolarScan
+
+# A row of a scan covers half a step to either side; where rows are missing, no more than this many typical steps.
+_WIDEST_STEPS = 2.5
+
+
+class PolarToGrid:
+    """Turns scans into images; the weights of rows are kept from scan to scan while the azimuths stay the same."""
+
+    def __init__(self, config: PolarGridConfig) -> None:
+        self.config = config
+        self._azimuth_key = b''
+        depths_m = (np.arange(config.range_bins) + 0.5) * config.resolution_m
+        self._too_near = depths_m < config.min_range_m
+
+    def __call__(self, scan: PolarScan) -> NDArray[np.uint8]:
+        """(A, R) uint8 mean power of each cell; 0 nearer than `min_range_m`, beyond the range and in gaps."""
+        azimuth_key = scan.azimuths_rad.tobytes()
+        if azimuth_key != self._azimuth_key:
+            self._weights = sector_weights(scan.azimuths_rad, self.config.azimuths)
+            self._azimuth_key = azimuth_key
+        image = np.rint(self._weights @ self._along_range(scan))
+        image[:, self._too_near] = 0
+        return np.asarray(image, np.uint8)
+
+    def _along_range(self, scan: PolarScan) -> NDArray[np.float32]:
+        """(rows, R) float32 mean power of each row between the edges of the image's columns."""
+        config = self.config
+        edges_m = np.arange(config.range_bins + 1) * config.resolution_m
+        edges = np.rint((edges_m - scan.range_offset_m) / scan.range_resolution_m).astype(np.intp)
+        first, last = int(edges[0]), int(edges[-1])
+        inside = scan.power[:, max(first, 0) : min(last, scan.power.shape[1])]
+        missing = (max(-first, 0), last - max(first, 0) - inside.shape[1])
+        if any(missing):
+            inside = np.pad(inside, ((0, 0), missing))
+        size = (config.range_bins, len(inside))
+        reduced = cv2.resize(np.ascontiguousarray(inside), size, interpolation=cv2.INTER_AREA)
+        return np.asarray(reduced, np.float32)
+
+
+def sector_weights(azimuths_rad: NDArray[np.float64], sectors: int) -> NDArray[np.float32]:
+    """(sectors, rows) float32 share of each scan row in each sector; rows of zeros where the scan has a gap."""
+    rows = len(azimuths_rad)
+    turns = np.mod(azimuths_rad / (2.0 * np.pi), 1.0)
+    order = np.argsort(turns, kind='stable')
+    at = turns[order]
+    before = np.diff(at, prepend=at[-1] - 1.0)
+    after = np.roll(before, -1)
+    widest = _WIDEST_STEPS * float(np.median(before)) / 2.0
+    starts, ends = at - np.minimum(before / 2.0, widest), at + np.minimum(after / 2.0, widest)
+    edges = np.arange(sectors + 1) / sectors
+    weights = np.zeros((sectors, rows))
+    for turn in (-1.0, 0.0, 1.0):
+        overlap = np.minimum(edges[1:, None], ends + turn) - np.maximum(edges[:-1, None], starts + turn)
+        weights[:, order] += np.maximum(overlap, 0.0)
+    # What is seen of a sector must be a fair part of it, or it is a gap.
+    seen = weights.sum(axis=1, keepdims=True)
+    scale = np.where(seen > 0.25 / sectors, 1.0 / np.maximum(seen, 1e-12), 0.0)
+    return (weights * scale).astype(np.float32)
