@@ -1,0 +1,43 @@
+"""O, M, Q and QM as figures."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from offradar_ros.evaluation.answers import Answers
+from offradar_ros.evaluation.maintenance import Ablation
+from offradar_ros.evaluation.metrics.recall_at_n import recall_at_n
+from offradar_ros.evaluation.summary import Json
+
+
+def summarise_ablation(several: Sequence[Ablation], threshold: float) -> Json:
+    """Recall@1 over the queries with a right place in the unmaintained map (in all cases the same queries).
+
+    O, M and M_random answer every query; Q and QM those whose U is at most `threshold`, `rejected` is the share of the
+    others. M_random is the mean over its draws.
+    """
+    keep = [a.unmaintained.positive for a in several]
+    accepted = [a.unmaintained.uncertainties <= threshold for a in several]
+    some = [k & u for k, u in zip(keep, accepted, strict=True)]
+    before, after = [a.unmaintained for a in several], [a.maintained for a in several]
+    draws = zip(*(a.random for a in several), strict=True)
+    return {
+        'O': _recall(before, keep),
+        'M': _recall(after, keep),
+        'M_random': float(np.mean([_recall(draw, keep) for draw in draws])),
+        'Q': _recall(before, some),
+        'QM': _recall(after, some),
+        'threshold': threshold,
+        'rejected': 1.0 - float(np.concatenate(some).sum()) / max(1, int(np.concatenate(keep).sum())),
+        'rotations': len(several),
+        'queries': int(np.concatenate(keep).sum()),
+        'opportunities': sum(a.opportunities for a in several),
+        'replaced': sum(a.replaced for a in several),
+    }
+
+
+def _recall(several: Sequence[Answers], chosen: Sequence[NDArray[np.bool_]]) -> float:
+    return recall_at_n(np.concatenate([a.ranks[c] for a, c in zip(several, chosen, strict=True)]), 1)

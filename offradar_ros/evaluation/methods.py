@@ -1,0 +1,87 @@
+"""What is compared: encoders by the names that results use."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from offradar_ros.config import EncoderConfig
+from offradar_ros.encoders.protocol import Encoder
+from offradar_ros.encoders.rad_vlad import RadVladEncoder
+from offradar_ros.encoders.rad_vlad_codebook import load_codebook
+from offradar_ros.encoders.rad_vlad_fit import fit_rad_vlad
+from offradar_ros.encoders.registry import make_encoder
+from offradar_ros.errors import ConfigError
+from offradar_ros.evaluation.scan_cache import CachedDrive
+from offradar_ros.evaluation.spacing import one_a_cell
+
+METHODS = ('ours', 'bc_radar', 'vae', 'mc_dropout', 'stun', 'ring_key', 'rad_vlad')
+"""Those that a model card tells of."""
+
+OURS = 'ours'
+_ENCODERS = {name: name for name in METHODS} | {OURS: 'variational'}
+_ROWS = 20_000
+"""So many azimuths of a map are enough to fit the centres of RadVLAD."""
+
+
+class Method(Protocol):
+    """A name and the encoder to use with a map."""
+
+    name: str
+    weights: str
+    fitted: bool
+    """Whether each map has an encoder of its own."""
+
+    def encoder_for(self, mapped: CachedDrive) -> Encoder:
+        """The encoder for the map made of this drive, and for what searches it."""
+
+
+class OneEncoder:
+    """The same encoder for every map."""
+
+    fitted = False
+
+    def __init__(self, name: str, encoder: Encoder, weights: str = '') -> None:
+        self.name, self.weights, self._encoder = name, weights, encoder
+
+    def encoder_for(self, mapped: CachedDrive) -> Encoder:
+        """As in `Method`."""
+        del mapped
+        return self._encoder
+
+
+class RadVladOfMap:
+    """RadVLAD as its authors use it: centres fitted to the scans of the map, kept in `folder`."""
+
+    name, weights, fitted = 'rad_vlad', '', True
+
+    def __init__(self, folder: Path, seed: int, spacing_m: float) -> None:
+        self._folder, self._seed, self._spacing_m = folder, seed, spacing_m
+
+    def encoder_for(self, mapped: CachedDrive) -> Encoder:
+        """As in `Method`."""
+        path = self._folder / f'{mapped.key}_{self._seed}_{self._spacing_m:g}.safetensors'
+        if not path.is_file():
+            rows = one_a_cell(mapped.driven_m, self._spacing_m)
+            per_scan = int(np.clip(_ROWS // len(rows), 1, 100))
+            fitted = fit_rad_vlad((mapped.scan(int(row)) for row in rows), self._seed, rows_per_scan=per_scan)
+            self._folder.mkdir(parents=True, exist_ok=True)
+            fitted.save(path)
+        return RadVladEncoder(load_codebook(path))
+
+
+def open_method(text: str, folder: Path, *, seed: int, spacing_m: float, threads: int = 0) -> Method:
+    """The method of ``NAME``, ``NAME=WEIGHTS``; any other name than those of `METHODS` is a variant of ours.
+
+    `folder` keeps what is fitted to maps. ConfigError for a name that needs weights without them; ModelError for
+    weights that cannot be used.
+    """
+    name, _, weights = text.partition('=')
+    if name == 'rad_vlad' and not weights:
+        return RadVladOfMap(folder / 'rad_vlad', seed, spacing_m)
+    if not name or (name != 'ring_key' and not weights):
+        raise ConfigError(f'--method {text}: expected NAME=WEIGHTS; only ring_key and rad_vlad need no weights')
+    config = EncoderConfig(name=_ENCODERS.get(name, _ENCODERS[OURS]), weights=weights, threads=threads)
+    return OneEncoder(name, make_encoder(config), weights)

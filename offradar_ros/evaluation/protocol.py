@@ -1,0 +1,166 @@
+"""What an evaluation measures, as data: ``params/protocols/NAME.yaml`` holds these records under the same names."""
+
+from __future__ import annotations
+
+import dataclasses
+
+from offradar_ros.errors import ConfigError
+
+PHYSICS = ('nominal', 'drawn', 'held_out')
+
+
+@dataclasses.dataclass(frozen=True)
+class Lane:
+    """How one drive through a procedural world differs from the others.
+
+    Attributes:
+        left_m: metres to the left of the route's line.
+        start_m: where on the route it starts.
+        reverse: whether it goes the other way.
+    """
+
+    left_m: float = 0.0
+    start_m: float = 0.0
+    reverse: bool = False
+
+
+@dataclasses.dataclass(frozen=True)
+class RealStreets:
+    """A nav2 map and recorded traversals of it, in the folder that is given on the command line.
+
+    Attributes:
+        name: what people call it.
+        map: YAML file of the map.
+        traversals: TUM files, one a session.
+        seed: of the radar's physics and of each session's noise, traffic and degradations.
+        centre_m: east and north of a part of the map, metres; empty for the whole traversals.
+        radius_m: scans further from there are left out.
+    """
+
+    name: str
+    map: str
+    traversals: tuple[str, ...]
+    seed: int
+    centre_m: tuple[float, ...] = ()
+    radius_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        if len(self.traversals) < 2:
+            raise ConfigError(f'streets {self.name}: expected at least two traversals, got {len(self.traversals)}')
+        if self.centre_m and (len(self.centre_m) != 2 or not self.radius_m > 0.0):
+            raise ConfigError(f'streets {self.name}: expected centre_m of two numbers with a radius_m, or neither')
+
+
+@dataclasses.dataclass(frozen=True)
+class Group:
+    """Worlds whose figures are told together.
+
+    Attributes:
+        name: stable, in results.
+        title: for people.
+        physics: ``nominal``, ``drawn`` (each world's radar is drawn as in training) or ``held_out`` (never trained on).
+        cities: seeds of procedural worlds, of their physics and sessions.
+        streets: worlds of real streets.
+    """
+
+    name: str
+    title: str
+    physics: str
+    cities: tuple[int, ...] = ()
+    streets: tuple[RealStreets, ...] = ()
+
+    def __post_init__(self) -> None:
+        if self.physics not in PHYSICS:
+            raise ConfigError(f'group {self.name}: physics: expected one of {", ".join(PHYSICS)}, got {self.physics!r}')
+        if not self.cities and not self.streets:
+            raise ConfigError(f'group {self.name}: expected cities or streets')
+
+
+@dataclasses.dataclass(frozen=True)
+class Validation:
+    """Clean drives, in worlds of no group, whose U gives the static threshold of introspective querying.
+
+    Attributes:
+        cities: seeds of worlds.
+        physics: as in a group.
+        scans: scans of each.
+        quantile: the threshold is this quantile of U over all their scans.
+    """
+
+    cities: tuple[int, ...]
+    physics: str = 'drawn'
+    scans: int = 100
+    quantile: float = 0.99
+
+    def __post_init__(self) -> None:
+        if self.physics not in PHYSICS:
+            raise ConfigError(f'validation: physics: expected one of {", ".join(PHYSICS)}, got {self.physics!r}')
+        if not self.cities or self.scans < 1 or not 0.0 < self.quantile <= 1.0:
+            raise ConfigError('validation: expected cities, at least one scan and a quantile in (0, 1]')
+
+
+@dataclasses.dataclass(frozen=True)
+class Maintenance:
+    """How maps are maintained.
+
+    Attributes:
+        match_distance_m: D_t of Algorithm 1.
+        random_repeats: draws of the control that replaces as often, but at random.
+    """
+
+    match_distance_m: float = 5.0
+    random_repeats: int = 5
+
+
+@dataclasses.dataclass(frozen=True)
+class Protocol:
+    """An evaluation.
+
+    Attributes:
+        name: stable, in results.
+        title: for people.
+        groups: what is driven.
+        lanes: one drive each through every procedural world.
+        scans: scans of each such drive.
+        drive_spacing_m: way between two scans of a drive, on average.
+        degraded: share of the scans that are degraded.
+        map_spacings_m: way between two scans of a map, on average; the first is the one of the headlines.
+        tolerance_m: a place nearer than this is the right one.
+        rejections: shares at which Recall@RR is told.
+        validation: where the static threshold comes from.
+        maintenance: how maps are maintained.
+        resamples: draws of the bootstrap over pairs.
+        seed: of everything that the evaluation draws itself.
+    """
+
+    name: str
+    title: str
+    groups: tuple[Group, ...]
+    lanes: tuple[Lane, ...]
+    validation: Validation
+    maintenance: Maintenance = dataclasses.field(default_factory=Maintenance)
+    scans: int = 300
+    drive_spacing_m: float = 5.0
+    degraded: float = 0.35
+    map_spacings_m: tuple[float, ...] = (5.0, 15.0)
+    tolerance_m: float = 25.0
+    rejections: tuple[float, ...] = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
+    resamples: int = 200
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        names = [group.name for group in self.groups]
+        if not names or len(set(names)) < len(names) or ALL in names:
+            raise ConfigError(f'groups: expected at least one, each of a name of its own and none {ALL!r}, got {names}')
+        if len(self.lanes) < 2:
+            raise ConfigError(f'lanes: expected at least two, got {len(self.lanes)}')
+        if not self.map_spacings_m or min(*self.map_spacings_m, self.drive_spacing_m, self.tolerance_m) <= 0.0:
+            raise ConfigError('map_spacings_m, drive_spacing_m, tolerance_m: expected metres above 0')
+        if not 0.0 <= self.degraded <= 1.0 or not all(0.0 <= r < 1.0 for r in self.rejections):
+            raise ConfigError('degraded, rejections: expected shares from 0, and below 1 for rejections')
+        if self.scans < 1 or self.resamples < 1:
+            raise ConfigError('scans, resamples: expected at least 1')
+
+
+ALL = 'all'
+"""Name under which results tell the figures of all groups together."""

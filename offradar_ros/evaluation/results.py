@@ -1,0 +1,165 @@
+"""The one JSON file of an evaluation: every figure, and all that is needed to measure it again."""
+
+from __future__ import annotations
+
+import dataclasses
+import datetime
+import importlib.metadata
+import json
+import math
+import platform
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from offradar_ros import __version__
+from offradar_ros.encoders.model_files import write_atomically
+from offradar_ros.errors import DataError
+from offradar_ros.evaluation.answers import Answers
+from offradar_ros.evaluation.introspection import summarise_ablation
+from offradar_ros.evaluation.protocol import ALL, Protocol
+from offradar_ros.evaluation.runner import Measured
+from offradar_ros.evaluation.summary import Json, describe_uncertainty, summarise
+
+FORMAT = 'offradar-evaluation-1'
+PACKAGES = ('numpy', 'opencv-python-headless', 'torch', 'onnxruntime', 'safetensors')
+
+SCANS = np.dtype(
+    [
+        ('pair', '<i4'),
+        ('scan', '<i4'),
+        ('uncertainty', '<f8'),
+        ('rank', '<i4'),
+        ('positive', '?'),
+        ('severity', '<f4'),
+        ('kind', '<i1'),
+        ('error_m', '<f4'),
+        ('distance', '<f4'),
+    ]
+)
+"""Row of ``scans.npy``: `pair` counts into the results' `pairs`, `kind` into their `kinds`; the rest as `Answers`."""
+
+
+def spacing_key(spacing_m: float) -> str:
+    """Name under which results keep figures of maps with a place every so many metres."""
+    return f'{spacing_m:g}'
+
+
+def assemble(measured: Sequence[Measured], protocol: Protocol, command: str, skipped: Sequence[str]) -> Json:
+    """Everything but the targets and the recorded scans; NaN becomes null when it is written."""
+    groups = [g.name for g in protocol.groups if any(a.pair.group == g.name for m in measured for a in m.answers)]
+    worlds = sorted({a.pair.world for m in measured for a in m.answers})
+    return {
+        'format': FORMAT,
+        'created': datetime.datetime.now(datetime.timezone.utc).isoformat(timespec='seconds'),
+        'command': command,
+        'versions': versions(),
+        'protocol': dataclasses.asdict(protocol),
+        'worlds': worlds,
+        'seeds': _seeds(protocol),
+        'skipped': list(skipped),
+        'methods': {m.method: _method(m) for m in measured},
+        'groups': {group: _by_spacing(measured, protocol, _of_group(group)) for group in [*groups, ALL]},
+        'uncertainty': {
+            group: {m.method: describe_uncertainty(list(filter(_of_group(group), m.answers))) for m in measured}
+            for group in [*groups, ALL]
+        },
+        'maintenance': {group: _maintenance(measured, protocol, group) for group in [*groups, ALL]},
+    }
+
+
+def versions() -> dict[str, str]:
+    """Of the project, Python and the packages that figures depend on; those installed."""
+    found = {'offradar_ros': __version__, 'python': platform.python_version()}
+    for package in PACKAGES:
+        try:
+            found[package] = importlib.metadata.version(package)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def scan_rows(several: Sequence[Answers]) -> tuple[NDArray[Any], list[Json], list[str]]:
+    """One row of `SCANS` for every query scan, and the pairs and kinds that they count into."""
+    kinds = sorted({kind for answers in several for kind in answers.kinds.tolist()})
+    parts = []
+    for number, answers in enumerate(several):
+        part = np.zeros(len(answers.ranks), SCANS)
+        part['pair'], part['scan'] = number, np.arange(len(part))
+        part['uncertainty'], part['rank'], part['positive'] = answers.uncertainties, answers.ranks, answers.positive
+        part['severity'], part['kind'] = answers.severities, np.searchsorted(kinds, answers.kinds)
+        part['error_m'], part['distance'] = answers.errors_m, answers.distances
+        parts.append(part)
+    return np.concatenate(parts), [dataclasses.asdict(answers.pair) for answers in several], kinds
+
+
+def write_results(path: Path, results: Json) -> None:
+    """JSON without NaN; ModelError where it cannot be written."""
+    write_atomically(path, (json.dumps(_plain(results), indent=1, allow_nan=False) + '\n').encode())
+
+
+def read_results(path: str | Path) -> Json:
+    """What `write_results` wrote; DataError for anything else."""
+    try:
+        results = json.loads(Path(path).read_text(encoding='utf-8'))
+    except (OSError, ValueError) as error:
+        raise DataError(f'{path}: expected the results.json of offradar evaluate ({error})') from None
+    if not isinstance(results, dict) or results.get('format') != FORMAT:
+        raise DataError(f'{path}: expected the results.json of offradar evaluate, format {FORMAT}')
+    return results
+
+
+def _method(measured: Measured) -> Json:
+    info = measured.model
+    return {
+        'encoder': info.name,
+        'fingerprint': info.fingerprint,
+        'dimension': info.dimension,
+        'weights': Path(measured.weights).name,
+        'settings': dict(info.metadata),
+        'fitted_to_each_map': measured.fitted,
+    }
+
+
+def _of_group(group: str) -> Callable[[Answers], bool]:
+    return lambda answers: group in (ALL, answers.pair.group)
+
+
+def _by_spacing(measured: Sequence[Measured], protocol: Protocol, chosen: Callable[[Answers], bool]) -> Json:
+    return {
+        spacing_key(spacing_m): {
+            m.method: summarise([a for a in m.answers if chosen(a) and a.pair.spacing_m == spacing_m], protocol)
+            for m in measured
+        }
+        for spacing_m in protocol.map_spacings_m
+    }
+
+
+def _maintenance(measured: Sequence[Measured], protocol: Protocol, group: str) -> Json:
+    found: Json = {}
+    for spacing_m in protocol.map_spacings_m:
+        told = found[spacing_key(spacing_m)] = {}
+        for m in measured:
+            keys = [key for key in m.ablations if group in (ALL, key[0]) and key[1] == spacing_m]
+            several = [ablation for key in keys for ablation in m.ablations[key]]
+            if several:
+                threshold = float(np.quantile(m.validation, protocol.validation.quantile))
+                told[m.method] = summarise_ablation(several, threshold)
+    return found
+
+
+def _seeds(protocol: Protocol) -> list[int]:
+    cities = [seed for group in protocol.groups for seed in group.cities]
+    streets = [street.seed for group in protocol.groups for street in group.streets]
+    return [*cities, *streets, *protocol.validation.cities, protocol.seed]
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(key): _plain(inner) for key, inner in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(inner) for inner in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

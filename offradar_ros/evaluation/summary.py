@@ -1,0 +1,145 @@
+"""Answers to figures: what results say of one method on some pairs of drives.
+
+Queries that no map could answer (no place within the tolerance) are left out of every figure but
+`recall_at_1_every_query`. `value` pools the scans of all pairs, so that one static scale of U is judged; `pairs` is
+the mean of the figure over the pairs; `low` and `high` are a 95 % bootstrap interval over pairs.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from offradar_ros.evaluation.answers import Answers
+from offradar_ros.evaluation.metrics.auroc import auroc
+from offradar_ros.evaluation.metrics.bootstrap import bootstrap_interval
+from offradar_ros.evaluation.metrics.recall_at_n import recall_at_n
+from offradar_ros.evaluation.metrics.recall_at_rejection import rejection_curve
+from offradar_ros.evaluation.metrics.spearman import spearman
+from offradar_ros.evaluation.protocol import Protocol
+
+SEVERITIES = (0.0, 0.25, 0.5, 0.75, 1.0)
+"""Edges of the bins that recall is told by; a severity on an edge is of the bin below."""
+
+Json = dict[str, Any]
+Statistic = Callable[['_Pooled', NDArray[np.float64] | None], float]
+
+
+class _Pooled:
+    """The rows of several pairs, one after another."""
+
+    def __init__(self, several: Sequence[Answers]) -> None:
+        self.pair = np.repeat(np.arange(len(several)), [len(a.ranks) for a in several])
+        self.uncertainties = np.concatenate([a.uncertainties for a in several])
+        self.ranks: NDArray[np.int64] = np.concatenate([a.ranks for a in several])
+        self.positive = np.concatenate([a.positive for a in several])
+        self.kinds = np.concatenate([a.kinds for a in several])
+        self.severities = np.concatenate([a.severities for a in several])
+
+    def where(self, chosen: NDArray[np.bool_]) -> _Pooled:
+        part = object.__new__(_Pooled)
+        part.__dict__ = {name: column[chosen] for name, column in self.__dict__.items()}
+        return part
+
+    @property
+    def correct(self) -> NDArray[np.bool_]:
+        right: NDArray[np.bool_] = self.ranks == 0
+        return right
+
+
+def summarise(several: Sequence[Answers], protocol: Protocol) -> Json:
+    """Figures of one method and one map spacing over `several` pairs (at least one), as JSON values."""
+    every = _Pooled(several)
+    rows = every.where(every.positive)
+    clean = rows.kinds == ''
+
+    def figure(statistic: Statistic, chosen: NDArray[np.bool_] | None = None) -> Json:
+        return _figure(statistic, rows if chosen is None else rows.where(chosen), protocol)
+
+    curve = rejection_curve(rows.uncertainties, rows.correct)
+    kinds = sorted(set(rows.kinds.tolist()) - {''})
+    return {
+        'pairs': len(several),
+        'queries': len(every.ranks),
+        'with_positive': len(rows.ranks),
+        'places': float(np.mean([a.places for a in several])),
+        'recall_at_1': figure(_recall),
+        'recall_at_1_clean': figure(_recall, clean),
+        'recall_at_1_degraded': figure(_recall, ~clean),
+        'recall_at_1_every_query': recall_at_n(every.ranks, 1),
+        'recall_at_5': recall_at_n(rows.ranks, 5),
+        'recall_at_10': recall_at_n(rows.ranks, 10),
+        'recall_at_1_by_kind': {kind: recall_at_n(rows.ranks[rows.kinds == kind], 1) for kind in kinds},
+        'recall_at_1_by_severity': _by_severity(rows),
+        'auroc_wrong': figure(_auroc_wrong),
+        'spearman_correct': spearman(rows.uncertainties, rows.correct),
+        'recall_at_rejection': [[rejected, curve.recall_at(rejected)] for rejected in protocol.rejections],
+        'auc_recall_at_rejection': figure(_whole_area),
+        'auc_recall_at_rejection_to_half': figure(_half_area),
+    }
+
+
+def describe_uncertainty(several: Sequence[Answers]) -> Json:
+    """U over the scans of the queries, each scan once, and how it follows the severity of what is wrong with them."""
+    once = {(a.pair.world, a.pair.query_index): a for a in reversed(several)}
+    rows = _Pooled(list(once.values()))
+    finite = rows.uncertainties[np.isfinite(rows.uncertainties)]
+    kinds = sorted(set(rows.kinds.tolist()) - {''})
+    within = {kind: rows.where(rows.kinds == kind) for kind in kinds}
+    quantiles = np.quantile(finite, [0.0, 0.05, 0.5, 0.95, 1.0]).tolist() if len(finite) else [math.nan] * 5
+    names = ('least', 'quantile_05', 'median', 'quantile_95', 'greatest')
+    return {
+        'scans': len(rows.ranks),
+        'refused': len(rows.ranks) - len(finite),
+        'mean': float(finite.mean()) if len(finite) else math.nan,
+        **dict(zip(names, quantiles, strict=True)),
+        'mean_by_kind': {kind or 'clean': _finite_mean(rows, kind) for kind in ['', *kinds]},
+        'spearman_severity': {
+            'all': spearman(rows.uncertainties, rows.severities),
+            **{kind: spearman(part.uncertainties, part.severities) for kind, part in within.items()},
+        },
+    }
+
+
+def _finite_mean(rows: _Pooled, kind: str) -> float:
+    values = rows.uncertainties[(rows.kinds == kind) & np.isfinite(rows.uncertainties)]
+    return float(values.mean()) if len(values) else math.nan
+
+
+def _figure(statistic: Statistic, rows: _Pooled, protocol: Protocol) -> Json:
+    low, high = bootstrap_interval(
+        rows.pair, lambda weights: statistic(rows, weights), resamples=protocol.resamples, seed=protocol.seed
+    )
+    of_pairs = np.array([statistic(rows.where(rows.pair == pair), None) for pair in np.unique(rows.pair)])
+    known = of_pairs[np.isfinite(of_pairs)]
+    mean = float(known.mean()) if len(known) else math.nan
+    return {'value': statistic(rows, None), 'low': low, 'high': high, 'pairs': mean}
+
+
+def _recall(rows: _Pooled, weights: NDArray[np.float64] | None) -> float:
+    return recall_at_n(rows.ranks, 1, weights)
+
+
+def _auroc_wrong(rows: _Pooled, weights: NDArray[np.float64] | None) -> float:
+    return auroc(rows.uncertainties, ~rows.correct, weights)
+
+
+def _whole_area(rows: _Pooled, weights: NDArray[np.float64] | None) -> float:
+    return rejection_curve(rows.uncertainties, rows.correct, weights).mean_recall(1.0)
+
+
+def _half_area(rows: _Pooled, weights: NDArray[np.float64] | None) -> float:
+    return rejection_curve(rows.uncertainties, rows.correct, weights).mean_recall(0.5)
+
+
+def _by_severity(rows: _Pooled) -> list[Json]:
+    bins = []
+    for low, high in itertools.pairwise(SEVERITIES):
+        ranks = rows.ranks[(rows.severities > low) & (rows.severities <= high)]
+        bins.append({'above': low, 'up_to': high, 'queries': len(ranks), 'recall_at_1': recall_at_n(ranks, 1)})
+    return bins

@@ -1,0 +1,80 @@
+"""Results as tables for a terminal."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+
+from rich.table import Table
+
+from offradar_ros.evaluation.summary import Json
+
+
+def tables(results: Json) -> Iterator[Table]:
+    """One table for each group and map spacing, one of the ablation of the system, and one of the targets."""
+    titles = {group['name']: group['title'] for group in results['protocol']['groups']} | {'all': 'All groups'}
+    for group, spacings in results['groups'].items():
+        for spacing, methods in spacings.items():
+            yield _methods_table(f'{titles[group]}: a map every {spacing} m', methods)
+    yield _maintenance_table(results['maintenance'])
+    if results.get('recorded'):
+        yield _recorded_table(results['recorded'])
+    if results.get('targets'):
+        yield _targets_table(results['targets'])
+
+
+def number(value: float | None) -> str:
+    """Three decimals, a dash for what could not be measured."""
+    return '-' if value is None or math.isnan(value) else f'{value:.3f}'
+
+
+def with_interval(figure: Json) -> str:
+    """A figure and its 95 % interval."""
+    return f'{number(figure["value"])} ({number(figure["low"])} to {number(figure["high"])})'
+
+
+def _methods_table(title: str, methods: Json) -> Table:
+    table = Table('', *methods, title=title)
+    rows: dict[str, Callable[[Json], str]] = {
+        'Recall@1': lambda f: with_interval(f['recall_at_1']),
+        'of clean scans': lambda f: with_interval(f['recall_at_1_clean']),
+        'of degraded scans': lambda f: with_interval(f['recall_at_1_degraded']),
+        'Recall@5, @10': lambda f: f'{number(f["recall_at_5"])}, {number(f["recall_at_10"])}',
+        'AUROC of U for wrong answers': lambda f: with_interval(f['auroc_wrong']),
+        'Recall@RR .1 .2 .3 .4 .5': lambda f: ' '.join(number(r) for share, r in f['recall_at_rejection'][1:6]),
+        'area under Recall@RR': lambda f: with_interval(f['auc_recall_at_rejection']),
+        'queries, places': lambda f: f'{f["with_positive"]} of {f["queries"]}, {f["places"]:.0f}',
+    }
+    for name, cell in rows.items():
+        table.add_row(name, *(cell(figures) for figures in methods.values()))
+    return table
+
+
+def _maintenance_table(maintenance: Json) -> Table:
+    names = ('O', 'M', 'M_random', 'Q', 'QM')
+    table = Table('', 'map every', 'method', *names, 'rejected', title='Maintained maps and introspective queries')
+    for group, spacings in maintenance.items():
+        for spacing, methods in spacings.items():
+            for method, told in methods.items():
+                cells = [number(told[name]) for name in (*names, 'rejected')]
+                table.add_row(group, f'{spacing} m', method, *cells)
+    return table
+
+
+def _recorded_table(recorded: Json) -> Table:
+    first = next(iter(recorded.values()))
+    table = Table('', *first, title='U of recorded scans: mean, and the share above every clean scan')
+    for method, told in recorded.items():
+        cells = (f'{number(figures["mean"])}, {figures["above_every_clean"]:.0%}' for figures in told.values())
+        table.add_row(method, *cells)
+    return table
+
+
+def _targets_table(targets: list[Json]) -> Table:
+    table = Table('target', 'what', 'where', 'wanted', 'found', '', title='Targets')
+    for target in targets:
+        where = f'{target["group"]}{", " if target["spacing_m"] else ""}{target["spacing_m"]}'
+        passed = '[green]reached[/]' if target['passed'] else '[red]missed[/]'
+        cells = (str(target['target']), target['text'], where, target['wanted'], number(target['found']))
+        table.add_row(*cells, passed)
+    return table
