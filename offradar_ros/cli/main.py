@@ -20,6 +20,8 @@ COMMANDS = {
     'simulate': 'simulate',
     'calibrate': 'calibrate',
     'drive': 'drive',
+    'evaluate': 'evaluate',
+    'card': 'card',
     'map': 'show_map',
     'session': 'session',
     'export': 'export',
