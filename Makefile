@@ -29,7 +29,7 @@ bench: $(VENV)/.test
 
 # Makes the recording in bags/ again.
 bag: $(VENV)/.demo
-	$(BIN)/offradar simulate bags --sessions 1 --scans 10 --seed 1 --overwrite
+	$(BIN)/offradar simulate city --out bags --sessions 1 --scans 10 --seed 1 --overwrite
 
 $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)

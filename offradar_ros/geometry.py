@@ -87,6 +87,13 @@ def utm_to_geodetic(points_enu: NDArray[np.float64], epsg: int) -> NDArray[np.fl
     return np.stack([latitude, longitude, altitude], axis=1)
 
 
+def geodetic_to_utm(points_lla: NDArray[np.float64], epsg: int) -> NDArray[np.float64]:
+    """(N, 3) latitude°, longitude°, altitude m → (N, 3) UTM easting, northing, altitude in metres."""
+    latitude, longitude, altitude = np.asarray(points_lla, np.float64).reshape(-1, 3).T
+    easting, northing = _from_utm(epsg).transform(longitude, latitude, direction='INVERSE')
+    return np.stack([easting, northing, altitude], axis=1)
+
+
 def wrap_angle(angle_rad: NDArray[np.float64]) -> NDArray[np.float64]:
     """Angles to (−π, π]."""
     return np.asarray(np.pi - np.mod(np.pi - angle_rad, 2 * np.pi))

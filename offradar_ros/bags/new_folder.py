@@ -1,4 +1,4 @@
-"""A bag's folder that appears under its name only when it is complete."""
+"""A folder that appears under its name only when it is complete: a bag's, or one of scans."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from offradar_ros.errors import DataError
 
 
 @contextlib.contextmanager
-def new_folder(out: Path, *, overwrite: bool) -> Iterator[Path]:
+def new_folder(out: Path, *, overwrite: bool, mark: str = 'metadata.yaml') -> Iterator[Path]:
     """Yields the folder to write, which is moved to `out` at the end, and removed where that is not reached.
 
     It is named like `out`, because a recording's file is named after its folder, and lies in ``OUT.partial``. DataError
-    if `out` exists and is not a bag that may be replaced, if something of others is in the way, or if it cannot be
-    written.
+    if `out` exists and may not be replaced (only what holds a file named `mark` may: by default, bags), if something of
+    others is in the way, or if it cannot be written.
     """
     _require_name(out)
     partial, aside = out.with_name(out.name + '.partial'), out.with_name(out.name + '.replaced')
     try:
-        _require_free(out, overwrite)
+        _require_free(out, overwrite, mark)
         _require_leftover(partial, out.name)
         if os.path.lexists(aside):
             raise DataError(f'{aside}: in the way, left by a run that was cut off: move it to {out} or remove it')
@@ -42,13 +42,14 @@ def _require_name(out: Path) -> None:
         raise DataError(f'{str(out)!r}: expected the path of a new folder')
 
 
-def _require_free(out: Path, overwrite: bool) -> None:
+def _require_free(out: Path, overwrite: bool, mark: str) -> None:
     if not os.path.lexists(out):
         return
     if not overwrite:
         raise DataError(f'{out}: exists already: choose another folder or pass --overwrite')
-    if not (out / 'metadata.yaml').exists():
-        raise DataError(f'{out}: exists and is not a bag: not overwritten, choose another folder')
+    if not (out / mark).exists():
+        kind = 'a bag' if mark == 'metadata.yaml' else f'a folder with {mark}'
+        raise DataError(f'{out}: exists and is not {kind}: not overwritten, choose another folder')
 
 
 def _require_leftover(partial: Path, name: str) -> None:

@@ -1,18 +1,37 @@
-"""`offradar simulate`: drives of a simulated town, as bags."""
+"""`offradar simulate`: drives through a simulated world, as bags or folders of scans."""
 
+import dataclasses
+import enum
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, List, Optional  # noqa: UP035
 
 import typer
 
+from offradar_ros.bags.oxford_folder import encode_oxford_png, write_oxford
 from offradar_ros.bags.writer import BagOptions, write_bag
 from offradar_ros.cli.progress import progress_bar
-from offradar_ros.simulation.city import CityPlan, make_city
+from offradar_ros.errors import ConfigError
+from offradar_ros.radar.profiles import PROFILES
+from offradar_ros.simulation.ahead import ScansAhead, made_ahead
+from offradar_ros.simulation.degradation import DegradationKind
+from offradar_ros.simulation.ground_truth import write_ground_truth
+from offradar_ros.simulation.named_weather import parse_weather
+from offradar_ros.simulation.named_world import open_world
+from offradar_ros.simulation.recorded_path import load_tum
+from offradar_ros.simulation.sensor import SimulatedSensor
 from offradar_ros.simulation.sequence import SimulatedSequence
 from offradar_ros.simulation.session_plan import SessionPlan
 
 DAY_NS = 24 * 3600 * 10**9
 LANES_M = (0.0, 1.0, -0.8, 0.5, -1.2)
+SCANS = 120
+
+
+class Format(str, enum.Enum):
+    """What a drive is written as."""
+
+    BAG = 'bag'
+    OXFORD = 'oxford'
 
 
 def session_plan(index: int, *, scans: int, seed: int, degraded: float) -> SessionPlan:
@@ -28,18 +47,66 @@ def session_plan(index: int, *, scans: int, seed: int, degraded: float) -> Sessi
 
 
 def simulate(
-    out: Annotated[Path, typer.Argument(help='Folder in which to write the bags.')],
-    sessions: Annotated[int, typer.Option(min=1, max=100, help='Drives of the same route.')] = 3,
-    scans: Annotated[int, typer.Option(min=1, max=100_000, help='Scans a drive.')] = 120,
-    seed: Annotated[int, typer.Option(min=0, help='Of the town and of the drives.')] = 1,
+    world: Annotated[str, typer.Argument(help='city, city:SEED, or the YAML file of a nav2 map.')],
+    out: Annotated[Path, typer.Option(help='Folder in which to write the drives.')],
+    sessions: Annotated[
+        Optional[int], typer.Option(min=1, max=100, help='Drives; 3, or one for each traversal.', show_default=False)
+    ] = None,
+    scans: Annotated[
+        Optional[int],
+        typer.Option(min=1, max=100_000, help=f'Scans a drive; {SCANS}, or the whole traversal.', show_default=False),
+    ] = None,
+    traversal: Annotated[
+        Optional[List[Path]],  # noqa: UP006
+        typer.Option(help='TUM file of a drive to follow, in the frame of the world; several are taken in turn.'),
+    ] = None,
+    two_way: Annotated[bool, typer.Option('--two-way', help='Drive every second session backwards.')] = False,
+    format_: Annotated[Format, typer.Option('--format', help='rosbag2 folders or Oxford-layout folders.')] = Format.BAG,
+    sensor: Annotated[str, typer.Option(help=f'Size of the scans: {", ".join(PROFILES)}.')] = 'radiate',
+    seed: Annotated[int, typer.Option(min=0, max=10**12, help='Of the world and of the drives.')] = 1,
     degraded: Annotated[float, typer.Option(min=0.0, max=1.0, help='Share of degraded scans in every drive.')] = 0.0,
-    overwrite: Annotated[bool, typer.Option('--overwrite', help='Replace existing bags.')] = False,
+    kind: Annotated[
+        Optional[List[DegradationKind]],  # noqa: UP006
+        typer.Option(help='Degradation to draw from; several may be given, all by default.'),
+    ] = None,
+    weather: Annotated[str, typer.Option(help='clear, or rain=MM_H,snow=MM_H,fog=VISIBILITY_M.')] = 'clear',
+    workers: Annotated[int, typer.Option(min=1, max=256, help='Processes; the scans are the same for any number.')] = 2,
+    overwrite: Annotated[bool, typer.Option('--overwrite', help='Replace existing drives.')] = False,
 ) -> None:
-    """Simulate several drives of one route through a procedural town, deterministically by seed."""
-    town = make_city(CityPlan(seed=seed))
-    for index in range(sessions):
-        plan = session_plan(index, scans=scans, seed=seed, degraded=degraded)
-        options = BagOptions(plain=True, overwrite=overwrite)
-        with progress_bar(f'simulating {plan.name}') as progress:
-            path = write_bag(SimulatedSequence(town, plan), out / plan.name, options, progress)
-        typer.echo(f'{path}: written')
+    """Simulate several drives through one world, deterministically by seed.
+
+    Beside each drive lies NAME.csv: for every scan the true pose, and what is wrong with it.
+    """
+    size = _size_of_scans(sensor)
+    air, paths = parse_weather(weather), [load_tum(file) for file in traversal or ()]
+    place = open_world(world, seed)
+    for index in range(sessions or len(paths) or 3):
+        plan = session_plan(index, scans=scans or SCANS, seed=seed, degraded=degraded)
+        plan = dataclasses.replace(
+            plan, reverse=two_way and index % 2 == 1, weather=air, kinds=tuple(kind or plan.kinds)
+        )
+        if paths:
+            path = paths[index % len(paths)]
+            start_m = float(path.driven_m[-1]) if plan.reverse else 0.0
+            length = path.scans(size.rotation_s, start_m=0.0)
+            plan = dataclasses.replace(plan, path=path, start_m=start_m, scans=min(scans or length, length))
+        sequence = SimulatedSequence(place, plan, size)
+        _write(sequence, out / plan.name, format_, overwrite=overwrite, workers=workers)
+        write_ground_truth(sequence, out / f'{plan.name}.csv')
+        typer.echo(f'{out / plan.name}: written')
+
+
+def _size_of_scans(sensor: str) -> SimulatedSensor:
+    if sensor not in PROFILES:
+        raise ConfigError(f'sensor {sensor!r}: expected one of {", ".join(PROFILES)}')
+    profile = PROFILES[sensor]
+    return SimulatedSensor(profile.azimuths, profile.range_bins, profile.range_resolution_m)
+
+
+def _write(sequence: SimulatedSequence, out: Path, format_: Format, *, overwrite: bool, workers: int) -> None:
+    with progress_bar(f'simulating {sequence.name}') as progress:
+        if format_ is Format.BAG:
+            write_bag(ScansAhead(sequence, workers), out, BagOptions(plain=True, overwrite=overwrite), progress)
+        else:
+            encoded = made_ahead(sequence, encode_oxford_png, workers)
+            write_oxford(sequence, out, overwrite=overwrite, progress=progress, encoded=encoded)

@@ -41,7 +41,7 @@ class SimulatedSequence:
         self.name = plan.name
         self.degradations: tuple[Degradation | None, ...] = draw_degradations(plan)
         self._traversal = Traversal(plan, world, plan.scans * self.sensor.rotation_s)
-        self._model = RadarModel(self.sensor)
+        self._model = RadarModel(self.sensor, plan.physics, plan.weather)
         self._origin = origin
         period_ns = round(self.sensor.rotation_s * 1e9)
         self.stamps_ns: NDArray[np.int64] = plan.start_ns + period_ns // 2 + period_ns * np.arange(plan.scans)

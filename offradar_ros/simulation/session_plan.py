@@ -6,7 +6,9 @@ import dataclasses
 
 from offradar_ros.errors import ConfigError
 from offradar_ros.simulation.degradation import DegradationKind
+from offradar_ros.simulation.physics import NOMINAL_PHYSICS, RadarPhysics
 from offradar_ros.simulation.recorded_path import RecordedPath
+from offradar_ros.simulation.weather import CLEAR, Weather
 
 
 @dataclasses.dataclass(frozen=True)
@@ -27,6 +29,8 @@ class SessionPlan:
         parked: share of the places to park that are taken.
         degraded: share of the scans that are degraded, by all of `kinds` and severities from 0.05 to 1 alike.
         kinds: degradations to draw from.
+        physics: how the radar and surfaces behave.
+        weather: rain, snow and fog.
         start_ns: stamp of the start.
     """
 
@@ -43,6 +47,8 @@ class SessionPlan:
     parked: float = 0.6
     degraded: float = 0.0
     kinds: tuple[DegradationKind, ...] = tuple(DegradationKind)
+    physics: RadarPhysics = NOMINAL_PHYSICS
+    weather: Weather = CLEAR
     start_ns: int = 1_700_000_000_000_000_000
 
     def __post_init__(self) -> None:

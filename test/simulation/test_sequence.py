@@ -100,15 +100,16 @@ def test_degraded_scans_differ_from_those_of_a_clean_drive_and_no_others_do(town
 def test_the_same_place_looks_alike_on_another_drive_and_another_place_does_not(town):
     """Mean power against range, recognised across drives: a ring key in three lines."""
 
-    def keys(sequence):
-        rows = np.stack([sequence.scan(i).power[:, 10:].astype(float) for i in range(len(sequence))])
+    def keys(sequence, indices):
+        rows = np.stack([sequence.scan(i).power[:, 10:].astype(float) for i in indices])
         return (rows / np.linalg.norm(rows, axis=2, keepdims=True)).mean(axis=1)
 
     scans = int(town.route.length_m / 8.0 / 0.25)
     mapping, driving = drive(town, seed=5, scans=scans), drive(town, seed=6, scans=scans, start_m=20.0)
-    distances = np.linalg.norm(keys(driving)[:, None] - keys(mapping)[None], axis=2)
-    found = mapping.poses[distances.argmin(axis=1), :2]
-    assert np.mean(np.hypot(*(found - driving.poses[:, :2]).T) < 25.0) > 0.8
+    mapped, asked = np.arange(0, scans, 2), np.arange(0, scans, 9)
+    distances = np.linalg.norm(keys(driving, asked)[:, None] - keys(mapping, mapped)[None], axis=2)
+    found = mapping.poses[mapped][distances.argmin(axis=1), :2]
+    assert np.mean(np.hypot(*(found - driving.poses[asked, :2]).T) < 25.0) > 0.7
 
 
 def test_parked_cars_and_traffic_change_from_drive_to_drive(town):
