@@ -1,6 +1,7 @@
 """`offradar train`: weights of a learned encoder."""
 
 import math
+import os
 from pathlib import Path
 from typing import Annotated, Optional
 
@@ -32,6 +33,8 @@ def train(
     """Train a network on simulated or recorded drives; several GPUs by torchrun."""
     if device not in DEVICES:
         raise ConfigError(f'--device: expected one of {", ".join(DEVICES)}, got {device!r}')
+    # Read by NumPy when it is imported: images are made by a thread or process a core, each of one thread.
+    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     try:
         from offradar_ros.training.config_file import read_config  # noqa: PLC0415
         from offradar_ros.training.run import RunOptions, run  # noqa: PLC0415
@@ -44,6 +47,8 @@ def train(
     with held_interrupt() as check:
         options = RunOptions(cache or out / 'cache', resume, minutes, device, progress_bar, check)
         result = run(read, out, options)
+    if os.environ.get('RANK', '0') != '0':
+        return
     if not result.finished:
         typer.echo(f'{out}: stopped after {result.step} steps; --resume goes on from there')
         return

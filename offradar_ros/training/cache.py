@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros import __version__
+from offradar_ros.config import CartesianConfig
 from offradar_ros.encoders.network_config import NetworkConfig
 from offradar_ros.errors import DataError, RefusedInput
 from offradar_ros.training.drive import Drive

@@ -1,4 +1,4 @@
-"""Scans made as small as the network's image allows, without changing the image."""
+"""Scans made as small as the network's image allows."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ def reduced_power(
     """(A, B) uint8 area means along range of as many bins as fit into `step_m`, to `reach_m`.
 
     With half a pixel for the step and the image's corner for the reach this is the first thing that
-    `offradar_ros.radar.cartesian` does. Row k is the scan's row nearest to `azimuths_rad` (A,).
+    `offradar_ros.radar.cartesian` does, and its image stays the same in every bit. Row k is the scan's row nearest to
+    `azimuths_rad` (A,).
     """
     factor = range_factor(scan.range_resolution_m, step_m)
     bins = math.ceil((reach_m - scan.range_offset_m) / (factor * scan.range_resolution_m)) + 1
