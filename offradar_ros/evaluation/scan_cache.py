@@ -89,24 +89,25 @@ def cached_drives(
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise DataError(f'{folder}: expected a folder for simulated scans ({error.strerror})') from None
-    missing = [drive for drive in drives if not _json_path(folder, drive).is_file()]
+    paths = {drive: _json_path(folder, drive) for drive in drives}
+    missing = [drive for drive, path in paths.items() if not path.is_file()]
     if missing:
         workers = min(processes or os.cpu_count() or 1, len(missing))
         # Spawned, not forked: a runtime of learned encoders may already have threads.
         context = multiprocessing.get_context('spawn')
         with concurrent.futures.ProcessPoolExecutor(workers, context) as pool:
-            waiting = {pool.submit(render, drive, folder) for drive in missing}
+            waiting = {pool.submit(render, drive, paths[drive]) for drive in missing}
             for done, future in enumerate(concurrent.futures.as_completed(waiting), start=1):
                 future.result()
                 progress(done, len(missing))
-    return [_load(drive, folder) for drive in drives]
+    return [_load(drive, paths[drive]) for drive in drives]
 
 
-def render(drive: Drive, folder: Path) -> None:
-    """Simulate a drive into `folder`; the JSON file is written last, so that what has one is whole."""
+def render(drive: Drive, target: Path) -> None:
+    """Simulate a drive into `target`, a JSON file that is written last, so that what has one is whole."""
     cv2.setNumThreads(1)
     sequence, indices, driven_m = drive.simulate()
-    target, sensor = _json_path(folder, drive), sequence.sensor
+    sensor = sequence.sensor
     partial = target.with_suffix(f'.{os.getpid()}.partial.npy')
     shape = (len(indices), sensor.azimuths, sensor.range_bins)
     power = np.lib.format.open_memmap(partial, 'w+', np.uint8, shape)
@@ -131,8 +132,7 @@ def render(drive: Drive, folder: Path) -> None:
     text.replace(target)
 
 
-def _load(drive: Drive, folder: Path) -> CachedDrive:
-    path = _json_path(folder, drive)
+def _load(drive: Drive, path: Path) -> CachedDrive:
     try:
         known = json.loads(path.read_text(encoding='utf-8'))
         return CachedDrive(

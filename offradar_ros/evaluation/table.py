@@ -71,10 +71,15 @@ def _recorded_table(recorded: Json) -> Table:
 
 
 def _targets_table(targets: list[Json]) -> Table:
-    table = Table('target', 'what', 'where', 'wanted', 'found', '', title='Targets')
-    for target in targets:
-        where = f'{target["group"]}{", " if target["spacing_m"] else ""}{target["spacing_m"]}'
-        passed = '[green]reached[/]' if target['passed'] else '[red]missed[/]'
-        cells = (str(target['target']), target['text'], where, target['wanted'], number(target['found']))
-        table.add_row(*cells, passed)
+    """One row for each target, with the place where it is missed most or reached by least."""
+    table = Table('', 'target', 'reached', 'closest or worst', 'wanted', 'found', title='Targets')
+    texts = dict.fromkeys((target['target'], target['text']) for target in targets)
+    for key in texts:
+        alike = [target for target in targets if (target['target'], target['text']) == key]
+        reached = sum(target['passed'] for target in alike)
+        worst = min(alike, key=lambda target: target['found'] - float(target['wanted'][2:]))
+        where = f'{worst["group"]}{worst["spacing_m"] and ", " + worst["spacing_m"] + " m"}'
+        colour = 'green' if reached == len(alike) else 'red'
+        told = f'[{colour}]{reached} of {len(alike)}[/]'
+        table.add_row(str(key[0]), key[1], told, where, worst['wanted'], number(worst['found']))
     return table
