@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 import subprocess
 import sys
 import textwrap
@@ -10,6 +11,7 @@ import pytest
 import offradar_ros
 from offradar_ros.config import EncoderConfig, RingKeyConfig
 from offradar_ros.encoders import model_files
+from offradar_ros.encoders.network_config import METHODS, NetworkConfig
 from offradar_ros.encoders.protocol import Encoder
 from offradar_ros.encoders.registry import ENCODERS, make_encoder
 from offradar_ros.errors import ConfigError, ModelError
@@ -46,9 +48,17 @@ def test_backend_goes_by_the_ending(
 @pytest.mark.parametrize(
     'config, expected',
     [
-        (EncoderConfig(name='magic'), "encoder.name: expected one of ring_key, variational, got 'magic'"),
+        (
+            EncoderConfig(name='magic'),
+            'encoder.name: expected one of ring_key, rad_vlad, variational, bc_radar, vae, mc_dropout, stun, got',
+        ),
         (EncoderConfig(name='variational'), 'encoder.weights: expected a .onnx or .safetensors file'),
-        (EncoderConfig(name='variational', weights='net.pth'), "file, got 'net.pth'"),
+        (EncoderConfig(name='variational', weights='net.pth'), "got 'net.pth'"),
+        (EncoderConfig(name='rad_vlad'), 'encoder.weights: expected a .safetensors file'),
+        (
+            EncoderConfig(name='rad_vlad', weights='net.onnx'),
+            "encoder.weights: rad_vlad needs a .safetensors file, got 'net.onnx'",
+        ),
         (
             EncoderConfig(name='variational', weights='net.onnx', backend='torch'),
             "encoder.backend: net.onnx is for the onnx backend, got 'torch'",
@@ -74,6 +84,19 @@ def test_missing_package_is_named(monkeypatch: pytest.MonkeyPatch, suffix: str, 
     monkeypatch.setattr(model_files.importlib.util, 'find_spec', lambda name: None)
     with pytest.raises(ModelError, match=f'net{suffix}: needs the Python package {package}, which is not installed'):
         make_encoder(EncoderConfig(name='variational', weights=f'net{suffix}'))
+
+
+@pytest.mark.parametrize('method', [name for name in METHODS if name != 'variational'])
+def test_each_method_is_made_by_its_own_name_alone(tmp_path: Path, small_config: NetworkConfig, method: str) -> None:
+    pytest.importorskip('torch')
+    from offradar_ros.encoders.network_files import save_network  # noqa: PLC0415
+    from offradar_ros.encoders.networks import make_network  # noqa: PLC0415
+
+    path = tmp_path / 'net.safetensors'
+    save_network(path, make_network(dataclasses.replace(small_config, method=method)))
+    assert make_encoder(EncoderConfig(name=method, weights=str(path))).info.name == method
+    with pytest.raises(ConfigError, match=f'encoder.name: .* holds a network of {method}, got .variational.'):
+        make_encoder(EncoderConfig(name='variational', weights=str(path)))
 
 
 def modules_after(code: str) -> set[str]:

@@ -40,8 +40,8 @@ def assert_agree(one: np.ndarray, two: np.ndarray) -> None:
     assert np.abs(one - two).max() <= AGREEMENT * np.abs(two).max()
 
 
-def random_images(count: int, side: int) -> np.ndarray:
-    speckle = np.random.default_rng(9).gamma(1.5, 20.0, (count, side, side))
+def random_images(count: int, shape: tuple[int, int]) -> np.ndarray:
+    speckle = np.random.default_rng(9).gamma(1.5, 20.0, (count, *shape))
     return np.minimum(speckle, 255).astype(np.uint8)
 
 
@@ -56,12 +56,13 @@ def test_backends_agree_on_a_scan(small_weights: Path, small_onnx: Path, street:
 def test_backends_agree_at_full_size(
     save_random: Callable[[NetworkConfig], Path], backbone: str, descriptor: str
 ) -> None:
-    weights = save_random(NetworkConfig(backbone=backbone, descriptor=descriptor))
+    config = NetworkConfig(backbone=backbone, descriptor=descriptor)
+    weights = save_random(config)
     exported = weights.with_suffix('.onnx')
     header = export_onnx(weights, exported)
     one, two = OnnxEncoder(exported), TorchEncoder(weights)
     assert one.header == two.header == header
-    images = random_images(2, 256)
+    images = random_images(2, config.image_shape)
     for found, expected in zip(one.infer(images), two.infer(images), strict=True):
         assert_agree(found, expected)
         assert found.std(axis=1).min() > 1e-3  # not agreement on a constant
@@ -91,7 +92,7 @@ def test_is_an_encoder(encoder: ImageEncoder, street: PolarScan) -> None:
 
 
 def test_batches_and_single_images_give_the_same(encoder: ImageEncoder) -> None:
-    images = random_images(5, 64)
+    images = random_images(5, (64, 64))
     together = encoder.infer(images)
     for i in range(5):
         for whole, single in zip(together, encoder.infer(images[i : i + 1]), strict=True):
@@ -114,7 +115,7 @@ def test_scans_without_signal_are_refused(encoder: ImageEncoder, shape: tuple[in
 def test_signal_outside_the_image_is_no_signal(encoder: ImageEncoder, street: PolarScan) -> None:
     power = np.zeros_like(street.power)
     power[:, :2] = power[:, 250:] = 200
-    with pytest.raises(RefusedInput, match='no power within its Cartesian image'):
+    with pytest.raises(RefusedInput, match='no power within the image of the network'):
         encoder.encode(dataclasses.replace(street, power=power))
 
 

@@ -1,12 +1,14 @@
 from __future__ import annotations
 
 import json
+import math
 from typing import Any
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from offradar_ros.config import CartesianConfig, PolarGridConfig
 from offradar_ros.encoders.network_config import BACKBONES, DESCRIPTORS, METHODS, NetworkConfig
 from offradar_ros.errors import ConfigError
 
@@ -18,6 +20,8 @@ from offradar_ros.errors import ConfigError
         backbone=st.sampled_from(BACKBONES),
         dimension=st.integers(1, 4096),
         side_px=st.integers(1, 64).map(lambda n: 32 * n),
+        azimuths=st.integers(1, 512).map(lambda n: 8 * n),
+        range_bins=st.integers(1, 512).map(lambda n: 8 * n),
         resolution_m=st.floats(0.01, 10.0),
         min_range_m=st.floats(0.0, 50.0),
         descriptor=st.sampled_from(DESCRIPTORS),
@@ -32,7 +36,16 @@ def test_default_is_the_papers_network() -> None:
     config = NetworkConfig()
     assert config.method == 'variational'
     assert (config.backbone, config.dimension, config.descriptor) == ('vgg16', 128, 'z_i_plus_mu')
-    assert (config.cartesian.side_px, config.cartesian.resolution_m, config.cartesian.min_range_m) == (256, 0.5, 2.5)
+    assert config.image == CartesianConfig(side_px=256, resolution_m=0.5, min_range_m=2.5)
+    assert config.image_shape == (256, 256)
+    assert config.reach_m == pytest.approx(math.hypot(64, 64) * 2)
+
+
+def test_the_compact_network_sees_a_polar_image() -> None:
+    config = NetworkConfig(backbone='compact', azimuths=64, range_bins=32, resolution_m=2.0, min_range_m=3.0)
+    assert config.image == PolarGridConfig(azimuths=64, range_bins=32, resolution_m=2.0, min_range_m=3.0)
+    assert config.image_shape == (64, 32)
+    assert config.reach_m == 64.0
 
 
 @pytest.mark.parametrize(
@@ -44,7 +57,11 @@ def test_default_is_the_papers_network() -> None:
         ('dimension', 0),
         ('side_px', 100),
         ('side_px', 0),
-        ('side_px', 4096),
+        ('side_px', 4128),
+        ('azimuths', 100),
+        ('azimuths', 0),
+        ('range_bins', 12),
+        ('range_bins', 4104),
         ('resolution_m', 0.0),
         ('resolution_m', float('nan')),
         ('min_range_m', -1.0),

@@ -20,7 +20,7 @@ class StunObjective:
     """
 
     def __init__(self, config: TrainingConfig, teacher: nn.Module | None) -> None:
-        """ModelError for a teacher that is no `BcRadarNetwork` or of another dimension or image."""
+        """ModelError for a teacher that is no `BcRadarNetwork` or of another dimension or image (and so backbone)."""
         if not isinstance(teacher, BcRadarNetwork):
             raise ModelError(f'teacher: expected a trained bc_radar network, got {type(teacher).__name__}')
         self.network = StunNetwork(config.network)
@@ -29,11 +29,6 @@ class StunObjective:
             if asked != found:
                 raise ModelError(f"teacher: expected the student's {name} = {asked}, got {found}")
         if config.teacher.student == 'teacher':
-            if config.network.backbone != teacher.config.backbone:
-                raise ModelError(
-                    f'teacher: a student that starts from it needs its backbone, {teacher.config.backbone}, '
-                    f'got {config.network.backbone}'
-                )
             self.network.features.load_state_dict(teacher.features.state_dict())
             self.network.head.load_state_dict(teacher.head.state_dict())
         self.teacher = teacher.eval().requires_grad_(False)

@@ -1,0 +1,65 @@
+"""FFT-RadVLAD (Gadd and Newman, 2024): azimuth spectra, aggregated by the nearest of 64 centres. No torch here."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from offradar_ros.encoders.k_means import group_sums, nearest_centres
+from offradar_ros.encoders.protocol import ModelInfo
+from offradar_ros.encoders.rad_vlad_codebook import Codebook, repetition
+from offradar_ros.encoders.rad_vlad_rows import spectrum_rows
+from offradar_ros.types import Embedding, PolarScan
+
+
+class RadVladEncoder:
+    """VLAD of a scan's azimuth spectra: per centre the sum of residuals, signed square root, unit length.
+
+    Distances between descriptors are those of the published 64 × 512 numbers, in the 64 × 257 that are not repeated
+    (see `rad_vlad_rows`). Azimuths are not resized to 400: residuals are sums over azimuths, whose scale cancels.
+
+    **Variance.** The method has no uncertainty of its own. Its stand-in is how much the scan repeats itself: the
+    chance that two of its azimuths have the same nearest centre, over the same of the scans that were fitted, as the
+    same number in every dimension. Azimuths that differ are what identifies a place; noise, saturation and blocked
+    sectors make them alike. U is 1 on average over the fit and at most 1 / its chance there, about 30. It does not see
+    one place that looks like another.
+    """
+
+    def __init__(self, codebook: Codebook) -> None:
+        self.codebook = codebook
+        self._rows = codebook.rows
+        self._centres = codebook.centres.astype(np.float64)
+        # √w: a magnitude that is there twice has its square root there twice.
+        self._weights = np.sqrt(codebook.rows.weights)
+        self._info = ModelInfo(
+            name='rad_vlad',
+            fingerprint=codebook.fingerprint,
+            dimension=codebook.centres.size,
+            metadata={key: f'{value}' for key, value in dataclasses.asdict(codebook.rows).items()},
+        )
+
+    @property
+    def info(self) -> ModelInfo:
+        """The model's identity: settings and centres."""
+        return self._info
+
+    def encode(self, scan: PolarScan) -> Embedding:
+        """Descriptor and variance, (centres · F,) float32; RefusedInput ``no_signal`` for a scan without power.
+
+        Turning on the spot changes neither: sums over azimuths are exact.
+        """
+        rows = spectrum_rows(scan, self._rows)
+        nearest, _ = nearest_centres(rows, self._centres)
+        sums, sizes = group_sums(rows, nearest, len(self._centres))
+        residuals = sums - sizes[:, np.newaxis] * self._centres
+        vlad = (np.sign(residuals) * np.sqrt(np.abs(residuals)) * self._weights).ravel()
+        length = np.sqrt(vlad @ vlad)
+        silent = len(scan.power) - len(rows)
+        uncertainty = repetition(sizes, silent) / self.codebook.typical_repetition
+        return Embedding(
+            stamp_ns=scan.stamp_ns,
+            mean=(vlad / (length or 1.0)).astype(np.float32),
+            variance=np.full(vlad.size, uncertainty, np.float32),
+            model=self._info.fingerprint,
+        )

@@ -1,0 +1,102 @@
+"""What FFT-RadVLAD learns, its centres, and the file that keeps them."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from offradar_ros import __version__
+from offradar_ros.encoders.fingerprint import canonical_json, fingerprint
+from offradar_ros.encoders.model_files import first_line, require_file, require_package, write_atomically
+from offradar_ros.encoders.rad_vlad_rows import RowSettings
+from offradar_ros.errors import ConfigError, ModelError
+
+# Changes whenever the same settings and centres would give another embedding.
+FORMULA = 1
+
+
+# A codebook whose scans never repeat themselves would make every other infinitely uncertain.
+LEAST_REPETITION = 1e-3
+
+
+def repetition(sizes: NDArray[np.integer], silent: int = 0) -> float:
+    """Chance that two different rows are alike, given how many are of each group; 0 for fewer than two rows.
+
+    Rows are alike that are of one group, and a `silent` one is like any other. Unlike entropy the chance does not
+    depend on how many of the rows were counted (Simpson's index, unbiased).
+    """
+    heard = sizes.astype(np.float64)
+    total = heard.sum() + silent
+    different = heard.sum() ** 2 - (heard * heard).sum()
+    return 1.0 - float(different / (total * (total - 1.0))) if total > 1.0 else 0.0
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Codebook:
+    """Centres of azimuth spectra.
+
+    Attributes:
+        rows: what the spectra are made of.
+        centres: (K, F) float32.
+        typical_repetition: mean `repetition` of the scans that were fitted.
+        description: one line for people.
+    """
+
+    rows: RowSettings
+    centres: NDArray[np.float32]
+    typical_repetition: float
+    description: str = ''
+
+    @property
+    def fingerprint(self) -> str:
+        """SHA-256 of all that changes an embedding."""
+        return fingerprint('rad_vlad', {**self._settings(), 'formula': FORMULA}, {'centres': self.centres})
+
+    def _settings(self) -> dict[str, int | float]:
+        return {**dataclasses.asdict(self.rows), 'typical_repetition': self.typical_repetition}
+
+    def save(self, path: str | Path) -> None:
+        """Write a safetensors file atomically; ModelError where it cannot be written."""
+        require_package('safetensors', path)
+        from safetensors.numpy import save  # noqa: PLC0415
+
+        metadata = {
+            'offradar.rad_vlad': canonical_json(self._settings()),
+            'offradar.fingerprint': self.fingerprint,
+            'offradar.created_by': f'offradar_ros {__version__}',
+            'offradar.description': self.description,
+        }
+        write_atomically(path, save({'centres': np.ascontiguousarray(self.centres)}, metadata=metadata))
+
+
+def load_codebook(path: str | Path) -> Codebook:
+    """Read what `Codebook.save` wrote; ModelError for a missing, damaged or foreign file."""
+    require_package('safetensors', path)
+    import safetensors  # noqa: PLC0415
+
+    try:
+        with safetensors.safe_open(require_file(path), framework='numpy') as opened:
+            metadata = opened.metadata() or {}
+            centres = opened.get_tensor('centres') if 'offradar.rad_vlad' in metadata else None
+    except (safetensors.SafetensorError, OSError, TypeError) as error:
+        raise ModelError(f'{path}: not a readable safetensors file ({first_line(error)})') from error
+    if centres is None:
+        raise ModelError(f'{path}: not the centres of rad_vlad: its metadata has no offradar.rad_vlad')
+    try:
+        settings = json.loads(metadata['offradar.rad_vlad'])
+        typical = settings.pop('typical_repetition')
+        codebook = Codebook(RowSettings(**settings), centres, typical, metadata.get('offradar.description', ''))
+        found = codebook.fingerprint
+    except (ValueError, TypeError, AttributeError, KeyError, ConfigError) as error:
+        raise ModelError(f'{path}: offradar.rad_vlad holds no settings of rad_vlad ({first_line(error)})') from error
+    if found != metadata.get('offradar.fingerprint'):
+        raise ModelError(f'{path}: damaged or altered: its centres are not those of its fingerprint')
+    if centres.ndim != 2 or centres.shape[1] != codebook.rows.features or centres.dtype != np.float32:
+        raise ModelError(
+            f'{path}: expected float32 centres of {codebook.rows.features} numbers, got {centres.dtype} {centres.shape}'
+        )
+    return codebook
