@@ -38,11 +38,16 @@ def read_arguments(description: str) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument('--real', type=Path, default=REAL, metavar='FOLDER', help=f'recorded scans (default {REAL})')
     arguments = parser.parse_args()
+    announce_machine()
+    return arguments
+
+
+def announce_machine() -> None:
+    """One line that says what the figures were measured with."""
     print(
         f'offradar_ros {__version__}, Python {platform.python_version()}, NumPy {np.__version__}, '
         f'OpenCV {cv2.__version__}, {platform.machine()}, {os.cpu_count()} cores'
     )
-    return arguments
 
 
 def scan_sources(real: Path, most: int) -> Iterator[tuple[str, list[PolarScan]]]:
@@ -52,6 +57,11 @@ def scan_sources(real: Path, most: int) -> Iterator[tuple[str, list[PolarScan]]]
         # 20 s of driving, whatever the number of scans.
         plan = SessionPlan(scans=80, seed=1)
         yield name, _spread(SimulatedSequence(town, plan, sensor), most)
+    yield from recorded_sources(real, most)
+
+
+def recorded_sources(real: Path, most: int) -> Iterator[tuple[str, list[PolarScan]]]:
+    """Each recorded source's name and up to `most` of its scans, evenly spread; those that are there."""
     for name in RECORDED:
         if (real / name).is_dir():
             yield name, _spread(open_sequence(real / name), most)

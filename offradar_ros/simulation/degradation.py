@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 Array = NDArray[np.float32]
 Rows = NDArray[np.intp]
 
-_OVERDRIVEN = 10.0**4.5
+_BLOCK = 10.0**4.5
 _NEAR_M = 4.0
 _STRIPES = 14
 
 
 class DegradationKind(str, enum.Enum):
-    """Faults that the uncertainty should rise for."""
+    """Faults that the uncertainty should rise for; the functions below say what each does."""
 
     BLOCKED = 'blocked'
     FLOODED = 'flooded'
@@ -47,38 +47,43 @@ class Degradation:
     azimuth: int
 
 
-def degrade(
-    signal: Array, noise: Array, degradation: Degradation, cell_m: float, rng: np.random.Generator
-) -> tuple[Array, Array]:
-    """Mean powers `signal` and `noise` (A, C), cells of `cell_m` metres, with the fault in them.
+def degraded_signal(signal: Array, degradation: Degradation, cell_m: float) -> Array:
+    """(A, C) mean power of what returns, cells of `cell_m` metres, as the fault leaves it.
 
     * blocked: a lorry or dirt hides up to half of the rotation behind a return 4 m away.
-    * flooded: another transmitter lifts the noise by up to 30 dB.
-    * saturated: the receiver is overdriven, by up to 45 dB, on up to half of the azimuths, a few neighbours at a time.
-    * interference: another radar's sweeps cross this one's: up to 14 bright stripes that drift in range from azimuth
-      to azimuth, spirals from above, and up to 10 dB more noise.
     * attenuated: dirt or water on the radome takes up to 45 dB there and back, unevenly round the rotation.
-    * partial: leaves powers as they are; `lost_rows` says which rows arrive empty.
     """
-    azimuths, severity, kind = len(signal), degradation.severity, degradation.kind
-    if kind is DegradationKind.BLOCKED:
+    azimuths, severity = len(signal), degradation.severity
+    if degradation.kind is DegradationKind.BLOCKED:
         rows = (degradation.azimuth + np.arange(round(0.5 * severity * azimuths))) % azimuths
         near = round(_NEAR_M / cell_m)
         signal = signal.copy()
         signal[rows] *= np.float32(1e-3)
-        signal[rows, near : near + max(1, round(0.5 / cell_m))] += np.float32(_OVERDRIVEN)
-    elif kind is DegradationKind.FLOODED:
-        noise = noise * np.float32(10.0 ** (3.0 * severity))
-    elif kind is DegradationKind.SATURATED:
-        noise = noise.copy()
-        noise[_scattered_rows(azimuths, 0.5 * severity, rng)] += np.float32(10.0 ** (1.0 + 3.5 * severity))
-    elif kind is DegradationKind.INTERFERENCE:
-        noise = noise * np.float32(10.0**severity) + _stripes(signal.shape, severity, cell_m, rng)
-    elif kind is DegradationKind.ATTENUATED:
+        signal[rows, near : near + max(1, round(0.5 / cell_m))] += np.float32(_BLOCK)
+    elif degradation.kind is DegradationKind.ATTENUATED:
         turns = (np.arange(azimuths) - degradation.azimuth) / azimuths
         loss_db = 45.0 * severity * (0.85 + 0.15 * np.cos(2.0 * np.pi * turns))
         signal = signal * (10.0 ** (-0.1 * loss_db)).astype(np.float32)[:, None]
-    return signal, noise
+    return signal
+
+
+def degraded_noise(noise: Array, degradation: Degradation, cell_m: float, rng: np.random.Generator) -> Array:
+    """(A, C) mean power of noise, cells of `cell_m` metres, with the fault in it.
+
+    * flooded: another transmitter lifts it by up to 30 dB.
+    * saturated: the receiver is overdriven, by up to 45 dB, on up to half of the azimuths, a few neighbours at a time.
+    * interference: another radar's sweeps cross this one's: up to 14 bright stripes that drift in range from azimuth
+      to azimuth, spirals from above, and up to 10 dB more noise.
+    """
+    severity = degradation.severity
+    if degradation.kind is DegradationKind.FLOODED:
+        noise = noise * np.float32(10.0 ** (3.0 * severity))
+    elif degradation.kind is DegradationKind.SATURATED:
+        noise = noise.copy()
+        noise[_scattered_rows(len(noise), 0.5 * severity, rng)] += np.float32(10.0 ** (1.0 + 3.5 * severity))
+    elif degradation.kind is DegradationKind.INTERFERENCE:
+        noise = noise * np.float32(10.0**severity) + _stripes(noise.shape, severity, cell_m, rng)
+    return noise
 
 
 def lost_rows(azimuths: int, degradation: Degradation | None, rng: np.random.Generator) -> Rows:

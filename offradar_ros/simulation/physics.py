@@ -37,6 +37,8 @@ class RadarPhysics:
     specular_width_rad: standard deviation of that flash in angle.
     lump_exponent: unevenness along walls; 0 makes them even, 1 exponential.
     lump_m: length over which a wall is alike.
+    echo_db: what a wall gives back late, from rooms, corners and second walls behind it, in all.
+    echo_m: mean distance of that behind it.
     occlusion: a wall leaves its `wall_through` to this power; less than 1 where the beam also passes over it.
     ghost_db: what a copy mirrored in a wall, or a second lap between wall and vehicle, has of its original.
     ground_db: ground clutter at 10 m.
@@ -66,7 +68,7 @@ class RadarPhysics:
         0, 6, 9, 12, 14 half decibels (1, 2, 3, 4, 5) show.
     """
 
-    returns_db: float = 7.5
+    returns_db: float = 8.0
     fall_exponent: float = 1.4
     incidence_exponent: float = 6.0
     diffuse_floor_db: float = -16.0
@@ -74,16 +76,18 @@ class RadarPhysics:
     specular_width_rad: float = 0.04
     lump_exponent: float = 1.8
     lump_m: float = 0.8
+    echo_db: float = -14.0
+    echo_m: float = 10.0
     occlusion: float = 0.8
     ghost_db: float = -16.0
-    ground_db: float = 5.0
+    ground_db: float = 3.0
     ground_exponent: float = 0.9
     ground_start_m: float = 12.0
     ground_patch_db: float = 7.0
     vehicle_db: float = 17.0
     beam_width_rad: float = 0.0314
-    side_lobe_db: float = -33.0
-    side_lobe_width_rad: float = 0.1
+    side_lobe_db: float = -36.0
+    side_lobe_width_rad: float = 0.08
     range_sigma_m: float = 0.15
     skirt_db: float = -32.0
     skirt_m: float = 1.0
@@ -113,15 +117,17 @@ TRAINED_RANGES: dict[str, tuple[float, float]] = {
     'specular_width_rad': (0.02, 0.08),
     'lump_exponent': (0.7, 2.4),
     'lump_m': (0.5, 1.5),
+    'echo_db': (-30.0, -10.0),
+    'echo_m': (4.0, 16.0),
     'occlusion': (0.5, 1.3),
     'ghost_db': (-35.0, -12.0),
-    'ground_db': (-3.0, 10.0),
+    'ground_db': (-4.0, 9.0),
     'ground_exponent': (0.4, 2.0),
     'ground_start_m': (3.0, 20.0),
     'ground_patch_db': (2.0, 9.0),
     'vehicle_db': (5.0, 30.0),
     'beam_width_rad': (0.024, 0.045),
-    'side_lobe_db': (-40.0, -22.0),
+    'side_lobe_db': (-45.0, -26.0),
     'side_lobe_width_rad': (0.05, 0.15),
     'range_sigma_m': (0.1, 0.22),
     'skirt_db': (-45.0, -25.0),
@@ -130,7 +136,7 @@ TRAINED_RANGES: dict[str, tuple[float, float]] = {
     'speckle_looks': (1.0, 3.0),
     'speckle_correlation_m': (0.1, 0.25),
     'noise_db': (-4.0, 6.0),
-    'noise_near_m': (0.0, 20.0),
+    'noise_near_m': (0.0, 120.0),
     'noise_near_exponent': (0.7, 1.5),
     'noise_correlation_m': (0.1, 0.25),
     'noise_shape': (0.85, 1.15),

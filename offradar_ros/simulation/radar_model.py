@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from offradar_ros.simulation.degradation import Degradation, degrade, lost_rows
+from offradar_ros.simulation.degradation import Degradation, degraded_noise, degraded_signal, lost_rows
 from offradar_ros.simulation.physics import NOMINAL_PHYSICS, RadarPhysics
 from offradar_ros.simulation.receiver import Receiver
 from offradar_ros.simulation.reflectors import Reflectors
@@ -51,11 +51,12 @@ class RadarModel:
         fault_rng = np.random.default_rng(rng.integers(2**63))
         near = reflectors.within(poses[len(poses) // 2, :2], self.sensor.max_range_m + 5.0)
         returned, diffuse = self._scene.power(near, poses)
-        signal = self._receiver.spread(returned)
-        noise = self._receiver.noise_with_streaks(signal)
-        signal += diffuse
+        signal = self._receiver.spread(returned) + diffuse
         if degradation:
-            signal, noise = degrade(signal, noise, degradation, self._cell_m, fault_rng)
+            signal = degraded_signal(signal, degradation, self._cell_m)
+        noise = self._receiver.noise_with_streaks(signal)
+        if degradation:
+            noise = degraded_noise(noise, degradation, self._cell_m, fault_rng)
         power = self._receiver.recorded(signal, noise, rng)
         power[lost_rows(len(power), degradation, fault_rng)] = 0
         return power

@@ -1,9 +1,10 @@
 """Power of everything that returns, before the beam and the receiver: one value for each azimuth and range cell.
 
 A wall returns by its face's angle to the ray, unevenly along its length, and hides what is behind it; poles, trees and
-cars return equally on all sides; everything falls with range. Multipath adds ghosts: strong returns again at two and
-three times their range, from laps between a wall that is met face on and the vehicle, and everything again on the far
-side of the wall that mirrors best. The ground returns a little everywhere, in patches that stay where they are.
+cars return equally on all sides; everything falls with range. Part of what meets a wall comes back late. Multipath adds
+ghosts: strong returns again at two and three times their range, from laps between a wall that is met face on and the
+vehicle, and everything again on the far side of the wall that mirrors best. The ground returns a little everywhere, in
+patches that stay where they are.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ _VEHICLE_M = 2.4
 _FACE_ON = 0.995
 """Cosine of incidence from which a wall and the vehicle are mirrors to each other."""
 
+_ECHOES = 3
 _PATCH_M = 2.0
 _COARSER = (2, 4)
 """Ground clutter is worked out for every second azimuth and every fourth cell."""
@@ -55,6 +57,7 @@ class Scene:
         """Two (A, C) images from (A, 3) poses: walls and scatterers, which the beam spreads, and ground and air."""
         hits = cast_rays(near, poses, self._cells * self._cell_m, self._physics.occlusion)
         returns = [self._walls(hits, near, poses), self._scatterers(hits, near, poses)]
+        returns.append(self._echoes(hits, returns[0], poses))
         returns.append(self._laps(hits, returns[0]))
         returns.append(self._mirrored(hits, near, poses, returns))
         rows, range_m, powers = (np.concatenate(parts) for parts in zip(*returns, strict=True))
@@ -73,6 +76,14 @@ class Scene:
         reach_m = np.minimum(hits.range_m * row_rad * slant / np.maximum(cosine, 0.02), 4.0) / 3.0
         range_m = (hits.range_m[:, None] + reach_m[:, None] * np.array([-1.0, 0.0, 1.0])).ravel()
         return np.repeat(hits.rows, 3), range_m, np.repeat(powers / 3.0, 3)
+
+    def _echoes(self, hits: Hits, walls: tuple[Rows, Array, Array], poses: Array) -> tuple[Rows, Array, Array]:
+        """Late returns of each wall at distances behind it that stay the same in the world."""
+        x, y = self._points(hits.rows, hits.range_m, poses).T
+        powers = walls[2][::3] * (3.0 * ratio(self._physics.echo_db) / _ECHOES)
+        late_m = [-self._physics.echo_m * np.log(self._uniform(x, y, salt)) for salt in range(1, _ECHOES + 1)]
+        range_m = np.concatenate([hits.range_m + late for late in late_m])
+        return np.tile(hits.rows, _ECHOES), range_m, np.tile(powers, _ECHOES)
 
     def _scatterers(self, hits: Hits, near: Reflectors, poses: Array) -> tuple[Rows, Array, Array]:
         """Each scatterer returns on the azimuth that points at it when the radar looks there."""
@@ -115,13 +126,17 @@ class Scene:
 
     def _lumps(self, x: Array, y: Array) -> Array:
         """Mean 1, alike within squares of the world, so that a wall's bright spots stay where they are."""
+        exponent = self._physics.lump_exponent
+        drawn = (-np.log(self._uniform(x, y, 0))) ** exponent
+        return np.asarray(drawn / math.gamma(1.0 + exponent))
+
+    def _uniform(self, x: Array, y: Array, salt: int) -> Array:
+        """(N,) numbers between 0 and 1, the same within each square of `lump_m` of the world; a hash, not a draw."""
         column, row = (np.floor(v / self._physics.lump_m).astype(np.int64).astype(np.uint64) for v in (x, y))
         mixed = (column * np.uint64(0x9E3779B97F4A7C15)) ^ (row * np.uint64(0xC2B2AE3D27D4EB4F))
-        mixed = (mixed ^ (mixed >> np.uint64(29))) * np.uint64(0xBF58476D1CE4E5B9)
-        uniform = ((mixed >> np.uint64(40)).astype(np.float64) + 0.5) / 2.0**24
-        exponent = self._physics.lump_exponent
-        drawn = (-np.log(uniform)) ** exponent
-        return np.asarray(drawn / _mean_of_power(exponent))
+        mixed = (mixed ^ (mixed >> np.uint64(29)) ^ np.uint64(salt)) * np.uint64(0xBF58476D1CE4E5B9)
+        mixed = (mixed ^ (mixed >> np.uint64(32))) * np.uint64(0x94D049BB133111EB)
+        return np.asarray(((mixed >> np.uint64(40)).astype(np.float64) + 0.5) / 2.0**24)
 
     def _gathered(self, rows: Rows, range_m: Array, powers: Array) -> Image:
         cells = (range_m / self._cell_m).astype(np.intp)
@@ -163,12 +178,6 @@ def _patches() -> Image:
         smooth = cv2.GaussianBlur(tiled, (0, 0), sigma)[64:-64, 64:-64]
         total += np.float32(weight) * smooth / smooth.std()
     return np.asarray(total / total.std(), np.float32)
-
-
-@functools.lru_cache(maxsize=64)
-def _mean_of_power(exponent: float) -> float:
-    """Mean of an exponential variable raised to `exponent`."""
-    return math.gamma(1.0 + exponent)
 
 
 def _seen_from(poses: Array, points_m: Array) -> tuple[Rows, Array]:

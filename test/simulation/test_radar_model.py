@@ -19,6 +19,7 @@ PLAIN = dataclasses.replace(
     fall_exponent=1.2,
     ground_db=-40.0,
     lump_exponent=0.0,
+    echo_db=-90.0,
     ghost_db=-90.0,
     streak_db=-120.0,
     occlusion=1.0,

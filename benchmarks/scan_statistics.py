@@ -1,0 +1,65 @@
+"""Statistics that show how alike simulated and recorded scans are."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from offradar_ros.types import PolarScan
+
+Array = NDArray[np.float64]
+
+QUANTILES = (0.5, 0.75, 0.9, 0.95, 0.99, 0.999)
+BANDS_M = ((5, 15), (15, 30), (30, 60), (60, 100), (100, 160))
+LAGS_M = (0.175, 0.35, 0.7, 1.4, 2.8, 5.6)
+LAGS_ROWS = (1, 2, 3, 5, 10, 20)
+# Nearer, scans show the vehicle and not the world.
+_NEAREST_M = 3.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Statistics:
+    """Of several scans of one sensor; bytes throughout.
+
+    Attributes:
+        quantiles: of all bytes beyond 3 m, at `QUANTILES`.
+        bands: mean byte in each of `BANDS_M`, NaN beyond the sensor's range.
+        along_range: autocorrelation at `LAGS_M`.
+        along_azimuth: autocorrelation at `LAGS_ROWS`.
+    """
+
+    quantiles: Array
+    bands: Array
+    along_range: Array
+    along_azimuth: Array
+
+
+def statistics(scans: list[PolarScan]) -> Statistics:
+    """Means over `scans`, which are alike in size."""
+    resolution_m = scans[0].range_resolution_m
+    power = np.stack([scan.power for scan in scans]).astype(np.float32)
+    seen = power[:, :, round(_NEAREST_M / resolution_m) :]
+    deviation = seen - seen.mean()
+    variance = float(np.mean(deviation**2))
+    lags = [max(1, round(lag / resolution_m)) for lag in LAGS_M]
+    return Statistics(
+        quantiles=np.quantile(seen, QUANTILES),
+        bands=np.array([_mean(power, *(round(edge / resolution_m) for edge in band)) for band in BANDS_M]),
+        along_range=np.array([np.mean(deviation[:, :, k:] * deviation[:, :, :-k]) for k in lags]) / variance,
+        along_azimuth=np.array([np.mean(deviation * np.roll(deviation, k, 1)) for k in LAGS_ROWS]) / variance,
+    )
+
+
+def mean_against_range(scans: list[PolarScan], step_m: float = 2.0) -> tuple[Array, Array]:
+    """Ranges in metres and the mean byte about each."""
+    count = int(scans[0].max_range_m / step_m)
+    bins = step_m / scans[0].range_resolution_m
+    power = np.stack([scan.power for scan in scans]).mean(axis=(0, 1), dtype=np.float64)
+    means = [power[round(k * bins) : round((k + 1) * bins)].mean() for k in range(count)]
+    return (np.arange(count) + 0.5) * step_m, np.array(means)
+
+
+def _mean(power: NDArray[np.float32], start: int, stop: int) -> float:
+    return float(power[:, :, start:stop].mean()) if start < 0.9 * power.shape[2] else float('nan')

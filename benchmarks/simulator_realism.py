@@ -1,0 +1,131 @@
+"""How alike simulated and recorded scans are: see README.md beside this file."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+from scan_pictures import draw_side_by_side, draw_simulated, draw_statistics
+from scan_sources import REAL, announce_machine, recorded_sources
+from scan_statistics import BANDS_M, LAGS_M, LAGS_ROWS, QUANTILES, Statistics, statistics
+
+from offradar_ros.simulation.city import CityPlan, make_city
+from offradar_ros.simulation.physics import NOMINAL_PHYSICS, RadarPhysics
+from offradar_ros.simulation.sensor import TRAINING_SENSOR, SimulatedSensor
+from offradar_ros.simulation.sequence import SimulatedSequence
+from offradar_ros.simulation.session_plan import SessionPlan
+from offradar_ros.types import PolarScan
+
+DOCS = Path(__file__).resolve().parents[1] / 'docs'
+CITIES = (1, 2, 3)
+SCANS = 4
+
+# RADIATE's sensor records some 9 dB higher than Oxford's and MulRan's, and its bins are means of four.
+RADIATE = dataclasses.replace(NOMINAL_PHYSICS, gain_db=NOMINAL_PHYSICS.gain_db + 9.0, whole_powers=False)
+# The newest sensors' noise falls over the whole range.
+NEWEST = dataclasses.replace(NOMINAL_PHYSICS, gain_db=NOMINAL_PHYSICS.gain_db + 7.0, noise_near_m=80.0)
+SIMULATED: dict[str, tuple[SimulatedSensor, RadarPhysics, tuple[str, ...]]] = {
+    'simulated, 0.0432 m': (
+        SimulatedSensor(range_bins=3768, range_resolution_m=0.0432),
+        NOMINAL_PHYSICS,
+        ('oxford_tiny', 'mulran_kaist03', 'mulran_ray'),
+    ),
+    'simulated, 0.0438 m': (
+        SimulatedSensor(range_bins=6848, range_resolution_m=0.0438),
+        NEWEST,
+        ('utias_frame', 'navtech_ros2'),
+    ),
+    'simulated, 0.1736 m': (
+        SimulatedSensor(),
+        RADIATE,
+        ('radiate_tiny_foggy',),
+    ),
+}
+
+
+def simulated_scans(sensor: SimulatedSensor, physics: RadarPhysics) -> list[PolarScan]:
+    """A few scans, far apart, of each of some cities."""
+    scans = []
+    for seed in CITIES:
+        plan = SessionPlan(seed=seed, scans=600, physics=physics)
+        sequence = SimulatedSequence(make_city(CityPlan(seed=seed)), plan, sensor)
+        scans += [sequence.scan(int(k)) for k in np.linspace(0, len(sequence) - 1, SCANS)]
+    return scans
+
+
+def print_speed(sensor: SimulatedSensor) -> None:
+    """Scans that one core renders in a second: median of 40, a city's nearest walls and traffic chosen for each."""
+    cv2.setNumThreads(1)
+    sequence = SimulatedSequence(make_city(CityPlan(seed=1)), SessionPlan(seed=1, scans=400), sensor)
+    seconds = []
+    for index in range(0, 400, 10):
+        start = time.process_time()
+        sequence.scan(index)
+        seconds.append(time.process_time() - start)
+    size = f'{sensor.azimuths} × {sensor.range_bins} bins of {sensor.range_resolution_m:g} m'
+    print(f'{size}: {1.0 / float(np.median(seconds)):.0f} scans/s of one core')
+
+
+def print_row(name: str, found: Statistics) -> None:
+    """One line of the table."""
+    print(
+        f'{name:28}'
+        + ''.join(f'{v:5.0f}' for v in found.quantiles)
+        + ' |'
+        + ''.join(f'{v:6.1f}' for v in found.bands)
+        + ' |'
+        + ''.join(f'{v:5.2f}' for v in found.along_range)
+        + ' |'
+        + ''.join(f'{v:5.2f}' for v in found.along_azimuth),
+        flush=True,
+    )
+
+
+def main() -> None:
+    """Print the table, save the statistics' curves and the pictures."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--real', type=Path, default=REAL, metavar='FOLDER', help=f'recorded scans (default {REAL})')
+    parser.add_argument('--docs', type=Path, default=DOCS, metavar='FOLDER', help='for pictures without recorded scans')
+    parser.add_argument(
+        '--side-by-side',
+        type=Path,
+        default=Path('build/simulated_and_recorded.png'),
+        metavar='PNG',
+        help='picture with recorded scans in it: not to be published where their licence forbids',
+    )
+    arguments = parser.parse_args()
+    announce_machine()
+    print(
+        f'{"bytes (half decibels)":28}'
+        + ''.join(f'{100 * q:5.4g}' for q in QUANTILES)
+        + ' |'
+        + ''.join(f'{f"{low}-{high}":>6}' for low, high in BANDS_M)
+        + ' |'
+        + ''.join(f'{lag:5.3g}' for lag in LAGS_M)
+        + ' |'
+        + ''.join(f'{lag:5d}' for lag in LAGS_ROWS)
+    )
+    print(f'{"":28}{"quantiles, %":>30} |{"mean byte, m":>30} |{"range lag, m":>30} |{"azimuth lag, rows":>30}')
+    recorded = dict(recorded_sources(arguments.real, most=6))
+    pairs = []
+    for name, (sensor, physics, alike) in SIMULATED.items():
+        scans = simulated_scans(sensor, physics)
+        print_row(name, statistics(scans))
+        for source in alike:
+            if source in recorded:
+                print_row(f'  {source}', statistics(recorded[source]))
+        pairs.append((name, scans, {source: recorded[source] for source in alike if source in recorded}))
+    if recorded:
+        draw_statistics(pairs, arguments.docs / 'simulator_statistics.png')
+        draw_side_by_side(pairs, arguments.side_by_side)
+    draw_simulated(arguments.docs / 'simulated_scans.png')
+    for sensor in (TRAINING_SENSOR, SimulatedSensor(), SIMULATED['simulated, 0.0432 m'][0]):
+        print_speed(sensor)
+
+
+if __name__ == '__main__':
+    main()
