@@ -52,7 +52,7 @@ def embedded(encoder: Encoder, drive: CachedDrive, folder: Path, progress: Progr
         try:
             means = np.load(means_path, allow_pickle=False).astype(np.float32)
             return EmbeddedDrive(drive, means, np.load(uncertainty_path, allow_pickle=False))
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, EOFError) as error:
             raise DataError(
                 f'{means_path}: damaged embeddings ({error}): remove them to have them made again'
             ) from None

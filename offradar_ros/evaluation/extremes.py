@@ -64,7 +64,7 @@ def _draw(image_axis: Any, key_axis: Any, extreme: _Extreme, to_image: PolarToCa
     image_axis.set_axis_off()
     kind = str(drive.kinds[row])
     spoiled = f'{kind} {drive.severities[row]:.2f}' if kind else 'clean'
-    image_axis.set_title(f'U {uncertainty:.3f}\n{spoiled}', fontsize='x-small')
+    image_axis.set_title(f'U {uncertainty:.4g}\n{spoiled}', fontsize='x-small')
     reach_m = min(scan.max_range_m, _IMAGE.side_px * _IMAGE.resolution_m / 2)
     key = ring_power(scan, _RINGS, reach_m, _IMAGE.min_range_m).mean(axis=0)
     key_axis.plot((np.arange(_RINGS) + 0.5) * reach_m / _RINGS, key, linewidth=0.8)

@@ -149,7 +149,7 @@ def _load(drive: Drive, path: Path) -> CachedDrive:
             kinds=np.array(known['kinds'], np.str_),
             severities=np.array(known['severities'], np.float64),
         )
-    except (OSError, ValueError, KeyError) as error:
+    except (OSError, ValueError, KeyError, EOFError) as error:
         raise DataError(f'{path}: damaged simulated drive ({error}): remove it to have it rendered again') from None
 
 

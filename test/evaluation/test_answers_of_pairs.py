@@ -1,0 +1,82 @@
+"""Searching one drive from another, against slow loops and the deployed search."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from offradar_ros.evaluation.answers import DEPTH, NOT_FOUND, Pair, answers_from, map_rows
+from offradar_ros.evaluation.embedding_cache import EmbeddedDrive
+from offradar_ros.evaluation.neighbours import nearest
+from offradar_ros.evaluation.spacing import one_a_cell
+from offradar_ros.retrieval.place_index import PlaceIndex
+from offradar_ros.types import Place, PlaceTable, Pose
+
+Street = Callable[..., EmbeddedDrive]
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.lists(st.floats(0.0, 9.0), min_size=1, max_size=40), st.floats(0.5, 20.0))
+def test_one_scan_a_cell(steps: list[float], spacing_m: float) -> None:
+    driven_m = np.cumsum(steps)
+    kept, cells = [], set()
+    for index, metres in enumerate(driven_m.tolist()):
+        cell = int(metres / spacing_m + 1e-9)
+        if cell not in cells:
+            kept.append(index)
+        cells.add(cell)
+    assert one_a_cell(driven_m, spacing_m).tolist() == kept
+
+
+def test_the_mean_spacing_is_the_one_asked_for() -> None:
+    driven_m = 2.0 * np.arange(501)
+    assert np.diff(driven_m[one_a_cell(driven_m, 5.0)]).mean() == pytest.approx(5.0)
+
+
+def test_nearest_places_are_those_of_the_deployed_search() -> None:
+    rng = np.random.default_rng(4)
+    # Far from the origin single precision would cancel; the last place is the first again.
+    places = (rng.normal(0.0, 1.0, (300, 16)) + 1000.0).astype(np.float32)
+    places[-1] = places[0]
+    queries = (places[rng.permutation(300)[:270]] + rng.normal(0.0, 0.01, (270, 16))).astype(np.float32)
+    rows, distances = nearest(queries, places, 5)
+    index = PlaceIndex(16)
+    index.upsert(PlaceTable.from_places([Place(i, 1, i, Pose(0, 0), 1.0, m) for i, m in enumerate(places)], 16))
+    for query, row, distance in zip(queries, rows, distances, strict=True):
+        found = index.search(query, 5)
+        assert [candidate.place_id for candidate in found] == row.tolist()
+        np.testing.assert_allclose([candidate.distance for candidate in found], distance, rtol=1e-4)
+    assert nearest(queries, places[:3], 5)[0].shape == (270, 3)
+
+
+def test_answers_against_a_loop(embedded_street: Street) -> None:
+    mapped, query = embedded_street(0, 40), embedded_street(1, 55)
+    # The query goes on 16 scans beyond the map, the last ten of them further than 25 m.
+    found = answers_from(Pair('m', 'g', 'street', 0, 1, 12.0), mapped, query, 25.0)
+    rows = map_rows(mapped, 12.0)
+    assert rows.tolist() == list(range(0, 40, 3))
+    for scan in range(55):
+        order = sorted(rows, key=lambda r: float(np.linalg.norm(mapped.means[r] - query.means[scan])))
+        errors = [np.hypot(*(mapped.drive.poses[r] - query.drive.poses[scan])[:2]) for r in order]
+        right = [k for k, error in enumerate(errors[:DEPTH]) if error <= 25.0]
+        assert found.ranks[scan] == (right[0] if right else NOT_FOUND)
+        assert found.errors_m[scan] == pytest.approx(errors[0])
+        assert found.positive[scan] == (min(errors) <= 25.0)
+    assert found.places == len(rows)
+    assert not found.positive[-1]
+
+
+def test_a_refused_scan_is_neither_mapped_nor_ever_right(embedded_street: Street) -> None:
+    whole = embedded_street(0, 30)
+    means, uncertainties = whole.means.copy(), whole.uncertainties.copy()
+    means[[0, 7]], uncertainties[[0, 7]] = np.nan, np.inf
+    refused = dataclasses.replace(whole, means=means, uncertainties=uncertainties)
+    assert map_rows(refused, 12.0)[0] == 1
+    found = answers_from(Pair('m', 'g', 'street', 0, 0, 12.0), whole, refused, 25.0)
+    assert not found.correct[[0, 7]].any()
+    assert found.correct[10]

@@ -1,0 +1,82 @@
+"""O, M, Q, QM: maps maintained by the deployed algorithm, against a few lines of plain Python."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from offradar_ros.evaluation.answers import Pair, answers, map_rows
+from offradar_ros.evaluation.embedding_cache import EmbeddedDrive
+from offradar_ros.evaluation.introspection import summarise_ablation
+from offradar_ros.evaluation.maintenance import Ablation, ablate, rotations
+from offradar_ros.evaluation.protocol import Maintenance
+
+PLAN = Maintenance(match_distance_m=5.0, random_repeats=3)
+PAIR = Pair('m', 'g', 'street', 0, 2, 12.0)
+
+
+@pytest.fixture(scope='module')
+def drives(embedded_street: Callable[..., EmbeddedDrive]) -> list[EmbeddedDrive]:
+    return [embedded_street(index, 90) for index in range(3)]
+
+
+@pytest.fixture(scope='module')
+def ablation(drives: list[EmbeddedDrive]) -> Ablation:
+    return ablate(PAIR, drives[0], [drives[1]], drives[2], PLAN, 25.0, seed=1)
+
+
+def test_every_drive_is_searched_for_once(drives: list[EmbeddedDrive]) -> None:
+    turns = [(m.drive.index, [d.drive.index for d in between], q.drive.index) for m, between, q in rotations(drives)]
+    assert turns == [(0, [1], 2), (1, [2], 0), (2, [0], 1)]
+
+
+def test_the_maintained_map_is_that_of_a_loop(drives: list[EmbeddedDrive], ablation: Ablation) -> None:
+    first, second, query = drives
+    places = [(first, int(row)) for row in map_rows(first, 12.0)]
+    anchors = [drive.drive.poses[row, :2] for drive, row in places]
+    replaced = opportunities = 0
+    for row in range(90):
+        distances = [float(np.hypot(*(anchor - second.drive.poses[row, :2]))) for anchor in anchors]
+        best = int(np.argmin(distances))
+        if distances[best] < 5.0:
+            opportunities += 1
+            drive, at = places[best]
+            if second.uncertainties[row] < drive.uncertainties[at]:
+                places[best] = (second, row)
+                replaced += 1
+    means = np.array([drive.means[row] for drive, row in places])
+    positions = np.array([drive.drive.poses[row, :2] for drive, row in places])
+    expected = answers(PAIR, means, positions, query, 25.0)
+    assert (ablation.opportunities, ablation.replaced) == (opportunities, replaced)
+    assert 0 < replaced < opportunities
+    np.testing.assert_array_equal(ablation.maintained.ranks, expected.ranks)
+
+
+def test_all_maps_are_of_one_size_and_maintenance_helps(ablation: Ablation) -> None:
+    sizes = {a.places for a in (ablation.unmaintained, ablation.maintained, *ablation.random)}
+    assert sizes == {30}
+    assert len(ablation.random) == 3
+    told = summarise_ablation([ablation], threshold=0.6)
+    assert told['M'] > told['O']
+    assert told['M'] > told['M_random']
+    assert told['QM'] > told['Q']
+    assert 0.1 < told['rejected'] < 0.5
+
+
+def test_the_control_draws_anew_each_time_but_the_same_for_a_seed(
+    drives: list[EmbeddedDrive], ablation: Ablation
+) -> None:
+    again = ablate(PAIR, drives[0], [drives[1]], drives[2], PLAN, 25.0, seed=1)
+    for a, b in zip(again.random, ablation.random, strict=True):
+        np.testing.assert_array_equal(a.distances, b.distances)
+    assert len({tuple(a.distances.tolist()) for a in ablation.random}) > 1
+
+
+def test_only_certain_queries_are_answered(ablation: Ablation) -> None:
+    told = summarise_ablation([ablation], threshold=0.5)
+    chosen = ablation.unmaintained.positive & (ablation.unmaintained.uncertainties <= 0.5)
+    assert told['Q'] == pytest.approx(np.mean(ablation.unmaintained.correct[chosen]))
+    assert told['QM'] == pytest.approx(np.mean(ablation.maintained.correct[chosen]))
+    assert np.isnan(summarise_ablation([ablation], threshold=-1.0)['Q'])

@@ -1,0 +1,50 @@
+"""Spoiled bytes of recorded scans."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from offradar_ros.config import RingKeyConfig
+from offradar_ros.encoders.ring_key import RingKeyEncoder
+from offradar_ros.errors import DataError
+from offradar_ros.evaluation.recorded import SPOILED, blocked, flooded, measure_recorded
+
+
+def test_blocked_rows_keep_nothing_of_the_world() -> None:
+    power = np.full((40, 100), 90, np.uint8)
+    power[:, 90:] = 7
+    spoiled = blocked(power, np.random.default_rng(1), 0.25)
+    changed = (spoiled != power).any(axis=1)
+    assert changed.sum() == 10
+    assert (spoiled[changed] == 7).all()
+    # Neighbours, also where they go on at the first row.
+    assert (changed != np.roll(changed, 1)).sum() == 2
+
+
+def test_flooding_adds_power_of_the_level_told() -> None:
+    power = np.full((200, 400), 10, np.uint8)
+    power[3, 3] = 180
+    spoiled = flooded(power, np.random.default_rng(1), 20.0)
+    # 5 dB and noise of 25 dB on average add up to 25.04 dB.
+    assert 10.0 * np.log10(np.mean(10.0 ** (np.delete(spoiled, 3, axis=0) / 20.0))) == pytest.approx(25.04, abs=0.1)
+    assert spoiled[3, 3] == 180
+    assert (spoiled >= power).all()
+
+
+def test_recorded_scans_are_told_apart(real_data: Path) -> None:
+    told = measure_recorded(RingKeyEncoder(RingKeyConfig()), real_data, seed=1)
+    assert set(told) == {'clean', 'fog', *SPOILED}
+    assert told['clean']['scans'] == 11
+    assert told['fog']['scans'] == 18
+    assert told['clean']['above_every_clean'] == 0.0
+    for name in ('fog', 'blocked_50', 'flooded_20_db'):
+        assert told[name]['mean'] > told['clean']['mean']
+    assert told['flooded_20_db']['above_own'] == 1.0
+
+
+def test_missing_recordings_are_named(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match='oxford_tiny'):
+        measure_recorded(RingKeyEncoder(RingKeyConfig()), tmp_path, seed=1)
