@@ -22,10 +22,11 @@ Array = NDArray[np.float64]
 
 _SPECK_M2 = 0.5
 _SIMPLIFIED_M = 0.3
-_STRAIGHT_M = 1.6
-"""Outlines whose walls are longer on average are those of buildings."""
+_COARSER_M = 1.2
+_STRAIGHT_M = 6.0
+"""Outlines that are straight over this length on average, simplified to `_COARSER_M`, are those of buildings."""
 
-_BUILDING_THROUGH = 0.08
+_BUILDING_THROUGH = 0.01
 _VEGETATION_THROUGH = 0.5
 _MOST_WALLS = 2_000_000
 
@@ -49,7 +50,7 @@ def load_map_world(path: str | Path, seed: int = 0) -> World:
     if len(walls) > _MOST_WALLS:
         raise DataError(f'{path}: expected outlines of up to {_MOST_WALLS} walls, got {len(walls)}')
     dots = np.array([c.mean(axis=0) for c, speck in zip(corners, specks, strict=True) if speck]).reshape(-1, 2)
-    dot_powers = _from_decibels(rng.uniform(26.0, 44.0, len(dots)) + 10.0 * np.log10(0.2 + areas[specks] / _SPECK_M2))
+    dot_powers = _from_decibels(rng.uniform(14.0, 40.0, len(dots)) + 10.0 * np.log10(0.2 + areas[specks] / _SPECK_M2))
     return World(
         Reflectors(walls, wall_powers, wall_through, np.vstack([points, dots]), np.concatenate([powers, dot_powers]))
     )
@@ -76,15 +77,15 @@ def _things(rng: np.random.Generator, outlines: list[Array]) -> tuple[Array, Arr
     for outline in outlines:
         sides = _sides(outline)
         lengths = np.hypot(*(sides[:, 1] - sides[:, 0]).T)
-        straight = bool(np.sum(lengths**2) > _STRAIGHT_M * np.sum(lengths))
-        decibels = float(rng.uniform(48.0, 62.0) if straight else rng.uniform(30.0, 46.0))
+        straight = _is_straight(outline)
+        decibels = float(rng.uniform(48.0, 62.0) if straight else rng.uniform(26.0, 44.0))
         # A ray passes an outline twice, a line once: together as much as through one thing.
         through = (_BUILDING_THROUGH if straight else _VEGETATION_THROUGH) ** (
             0.5 if len(sides) == len(outline) else 1.0
         )
         walls.append(sides)
         surfaces.append(np.tile([10.0 ** (decibels / 10.0), through], (len(sides), 1)))
-        counts = rng.poisson(lengths / rng.uniform(1.5, 5.0))
+        counts = rng.poisson(lengths / rng.uniform(2.0, 8.0))
         chosen = np.repeat(np.arange(len(sides)), counts)
         along = rng.random((len(chosen), 1))
         points.append((1.0 - along) * sides[chosen, 0] + along * sides[chosen, 1])
@@ -102,6 +103,12 @@ def _sides(outline: Array) -> Array:
     distinct = np.unique(one_way, axis=0)
     distinct = distinct[np.any(distinct[:, :2] != distinct[:, 2:], axis=1)]
     return distinct.reshape(-1, 2, 2)
+
+
+def _is_straight(outline: Array) -> bool:
+    coarse = cv2.approxPolyDP(outline.astype(np.float32)[:, None], _COARSER_M, True)[:, 0]
+    lengths = np.hypot(*(np.roll(coarse, -1, axis=0) - coarse).T)
+    return bool(np.sum(lengths**2) > _STRAIGHT_M * np.sum(lengths))
 
 
 def _before(points: Array, others: Array) -> NDArray[np.bool_]:

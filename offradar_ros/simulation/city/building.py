@@ -10,7 +10,7 @@ from offradar_ros.simulation.city.style import Style
 
 Array = NDArray[np.float64]
 
-THROUGH = 0.08
+_THROUGH = (0.002, 0.04)
 _BALCONY_THROUGH = 0.5
 
 
@@ -31,7 +31,8 @@ def add_building(
     # Bays of one depth are one wall.
     turns = np.r_[True, np.abs(np.diff(front[:, 1], 2)) > 0, True] if len(front) > 2 else np.ones(len(front), np.bool_)
     outline = np.vstack([front[turns], [(width_m, depth_m), (0.0, depth_m)]])
-    scenery.add_walls(frame.place(outline), decibels, THROUGH, closed=True)
+    through = float(np.exp(rng.uniform(*np.log(_THROUGH))))
+    scenery.add_walls(frame.place(outline), decibels, through, closed=True)
     scenery.add_points(frame.place(outline), decibels - rng.uniform(8.0, 20.0, len(outline)))
     _add_details(scenery, rng, frame, outline, decibels)
     for k in np.flatnonzero(rng.random(bays) < style.balconies):
