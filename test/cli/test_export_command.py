@@ -22,7 +22,7 @@ from offradar_ros.encoders.variational import VariationalNetwork  # noqa: E402
 def weights(tmp_path_factory: pytest.TempPathFactory) -> Path:
     torch.manual_seed(5)
     path = tmp_path_factory.mktemp('weights') / 'compact.safetensors'
-    config = NetworkConfig(backbone='compact', dimension=8, side_px=64, resolution_m=2.0)
+    config = NetworkConfig(backbone='compact', dimension=8, azimuths=64, range_bins=32, resolution_m=2.0)
     save_network(path, VariationalNetwork(config), 'random weights of a test')
     return path
 

@@ -92,7 +92,7 @@ def test_is_an_encoder(encoder: ImageEncoder, street: PolarScan) -> None:
 
 
 def test_batches_and_single_images_give_the_same(encoder: ImageEncoder) -> None:
-    images = random_images(5, (64, 64))
+    images = random_images(5, encoder.header.config.image_shape)
     together = encoder.infer(images)
     for i in range(5):
         for whole, single in zip(together, encoder.infer(images[i : i + 1]), strict=True):
@@ -114,7 +114,7 @@ def test_scans_without_signal_are_refused(encoder: ImageEncoder, shape: tuple[in
 
 def test_signal_outside_the_image_is_no_signal(encoder: ImageEncoder, street: PolarScan) -> None:
     power = np.zeros_like(street.power)
-    power[:, :2] = power[:, 250:] = 200
+    power[:, :2] = power[:, 257:] = 200
     with pytest.raises(RefusedInput, match='no power within the image of the network'):
         encoder.encode(dataclasses.replace(street, power=power))
 
@@ -173,11 +173,13 @@ def test_foreign_onnx_is_refused(tmp_path: Path, small_onnx: Path) -> None:
         OnnxEncoder(path)
 
 
-def test_onnx_whose_graph_is_not_what_its_metadata_says_is_refused(tmp_path: Path, small_onnx: Path) -> None:
+def test_onnx_whose_graph_is_not_what_its_metadata_says_is_refused(
+    tmp_path: Path, small_onnx: Path, small_config: NetworkConfig
+) -> None:
     model = onnx.load(small_onnx)
     for prop in model.metadata_props:
         if prop.key == 'offradar.settings':
-            prop.value = NetworkConfig(backbone='compact', dimension=16, side_px=64).to_json()
+            prop.value = dataclasses.replace(small_config, dimension=16).to_json()
     path = tmp_path / 'swapped.onnx'
     onnx.save(model, path)
     with pytest.raises(ModelError, match=r'swapped\.onnx: expected inputs and outputs'):

@@ -38,7 +38,7 @@ def test_default_is_the_papers_network() -> None:
     assert (config.backbone, config.dimension, config.descriptor) == ('vgg16', 128, 'z_i_plus_mu')
     assert config.image == CartesianConfig(side_px=256, resolution_m=0.5, min_range_m=2.5)
     assert config.image_shape == (256, 256)
-    assert config.reach_m == pytest.approx(math.hypot(64, 64) * 2)
+    assert config.reach_m == pytest.approx(math.hypot(64, 64))
 
 
 def test_the_compact_network_sees_a_polar_image() -> None:

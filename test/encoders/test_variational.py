@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -14,11 +15,11 @@ from offradar_ros.encoders.variational import VariationalNetwork  # noqa: E402
 from offradar_ros.encoders.weights import load_weights, save_weights  # noqa: E402
 from offradar_ros.errors import ModelError  # noqa: E402
 
-SMALL = NetworkConfig(backbone='compact', dimension=8, side_px=64)
+SMALL = NetworkConfig(backbone='compact', dimension=8, azimuths=64, range_bins=32)
 
 
-def images(count: int, side: int = 64) -> torch.Tensor:
-    return torch.randint(0, 200, (count, side, side), dtype=torch.uint8, generator=torch.Generator().manual_seed(1))
+def images(count: int, shape: tuple[int, int] = SMALL.image_shape) -> torch.Tensor:
+    return torch.randint(0, 200, (count, *shape), dtype=torch.uint8, generator=torch.Generator().manual_seed(1))
 
 
 @pytest.fixture
@@ -31,7 +32,7 @@ def network() -> VariationalNetwork:
 
 
 def test_vgg16_is_configuration_d() -> None:
-    backbone = make_backbone('vgg16')
+    backbone = make_backbone(NetworkConfig())
     convolutions = [layer for layer in backbone.modules() if isinstance(layer, torch.nn.Conv2d)]
     assert len(convolutions) == 13
     assert sum(isinstance(layer, torch.nn.MaxPool2d) for layer in backbone.modules()) == 5
@@ -41,26 +42,25 @@ def test_vgg16_is_configuration_d() -> None:
     assert len(backbone.state_dict()) == 26
 
 
-@pytest.mark.parametrize('backbone, channels', [('vgg16', 512), ('compact', 128)])
-def test_shapes(backbone: str, channels: int) -> None:
-    network = VariationalNetwork(NetworkConfig(backbone=backbone, dimension=16, side_px=96)).train()
-    out = network(images(2, 96))
+@pytest.mark.parametrize('backbone, shape', [('vgg16', (512, 3, 3)), ('compact', (48, 8, 4))])
+def test_shapes(backbone: str, shape: tuple[int, ...]) -> None:
+    config = NetworkConfig(backbone=backbone, dimension=16, side_px=96, azimuths=120, range_bins=32)
+    out = VariationalNetwork(config).train()(images(2, config.image_shape))
     for part in (out.z_i, out.mu, out.log_variance, out.z):
         assert part.shape == (2, 16)
-    assert out.features.shape == out.reconstruction.shape == (2, channels, 3, 3)
+    assert out.features.shape == out.reconstruction.shape == (2, *shape)
 
 
 def test_the_papers_feature_map() -> None:
-    assert make_backbone('vgg16').channels == 512
-    assert NetworkConfig().side_px // 32 == 8
+    assert make_backbone(NetworkConfig()).shape == (512, 8, 8)
 
 
 def test_training_samples_around_the_posterior_mean(network: VariationalNetwork) -> None:
     network.train()
     one_image = images(1).repeat(4000, 1, 1)
-    network.backbone.eval()  # batch statistics would differ from the running ones below
+    network.features.eval()  # batch statistics would differ from the running ones below
     with torch.no_grad():
-        features = network.backbone(one_image[:1].unsqueeze(1) / 255.0).flatten(1).expand(4000, -1)
+        features = network.features(one_image[:1]).flatten(1).expand(4000, -1)
         z_i, mu, log_variance = network.z_i(features), network.mu(features), network.log_variance(features)
         z = torch.stack([network(one_image[:1]).z[0] for _ in range(2000)])
     np.testing.assert_allclose(z.mean(0), (z_i + mu)[0], atol=0.25)
@@ -77,9 +77,7 @@ def test_evaluation_samples_nothing(network: VariationalNetwork) -> None:
 @pytest.mark.parametrize('descriptor', ['z_i', 'z_i_plus_mu'])
 def test_embedding_is_the_chosen_descriptor_and_the_posterior_variance(descriptor: str) -> None:
     torch.manual_seed(0)
-    network = VariationalNetwork(
-        NetworkConfig(backbone='compact', dimension=8, side_px=64, descriptor=descriptor)
-    ).eval()
+    network = VariationalNetwork(dataclasses.replace(SMALL, descriptor=descriptor)).eval()
     with torch.no_grad():
         mean, variance = network.embed(images(2))
         out = network(images(2))
@@ -105,7 +103,7 @@ def test_reconstruction_trains_everything_through_z_but_not_its_target(network: 
     out = network.train()(images(2))
     assert not out.features.requires_grad
     (out.reconstruction - out.features).pow(2).mean().backward()
-    for part in (network.decoder, network.z_i, network.mu, network.log_variance, network.backbone):
+    for part in (network.decoder, network.z_i, network.mu, network.log_variance, network.features):
         assert all(p.grad is not None and bool(p.grad.abs().sum() > 0) for p in part.parameters() if p.dim() > 1)
 
 

@@ -16,7 +16,7 @@ from offradar_ros.encoders.weights import load_weights, read_header, save_weight
 from offradar_ros.encoders.weights_header import WeightsHeader
 from offradar_ros.errors import ModelError
 
-CONFIG = NetworkConfig(backbone='compact', dimension=4, side_px=32)
+CONFIG = NetworkConfig(backbone='compact', dimension=4, azimuths=64, range_bins=32)
 
 
 def tensors() -> dict[str, np.ndarray]:
