@@ -143,6 +143,9 @@ class TeacherConfig:
 class TrainingConfig:
     """A training run."""
 
+    fit: str = parameter(
+        'network', "what learns: the network's weights, or the centres of rad_vlad", choices=('network', 'rad_vlad')
+    )
     network: NetworkConfig = dataclasses.field(default_factory=NetworkConfig)
     data: DataConfig = dataclasses.field(default_factory=DataConfig)
     validation: ValidationConfig = dataclasses.field(default_factory=ValidationConfig)

@@ -24,6 +24,7 @@ from offradar_ros import __version__
 from offradar_ros.encoders.network_config import NetworkConfig
 from offradar_ros.encoders.network_files import load_network
 from offradar_ros.errors import ConfigError, DataError
+from offradar_ros.training.baselines.rad_vlad_codebook import fit_centres
 from offradar_ros.training.batches import BatchSampler
 from offradar_ros.training.cache import CachedDrive, Reduction, cached_drives
 from offradar_ros.training.checkpoint import read_progress
@@ -88,6 +89,8 @@ def run(config: TrainingConfig, out: Path, options: RunOptions) -> RunResult:
     deadline_s = math.inf if options.minutes is None else time.monotonic() + 60.0 * options.minutes
     with joined_group(options.device) as group:
         data = _cached(config.network, config.data, options, group, 'training scans')
+        if config.fit == 'rad_vlad':
+            return RunResult(True, 0, fit_centres(config, data, out), math.nan)
         judged = _cached(config.network, config.validation, options, group, 'validation scans')
         teacher: nn.Module | None = None
         if config.method in NEED_TEACHER:

@@ -4,22 +4,30 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 torch = pytest.importorskip('torch')
 
+from offradar_ros.config import EncoderConfig  # noqa: E402
 from offradar_ros.encoders.bc_radar import BcRadarNetwork  # noqa: E402
 from offradar_ros.encoders.network_config import NetworkConfig  # noqa: E402
+from offradar_ros.encoders.registry import make_encoder  # noqa: E402
 from offradar_ros.encoders.vae import VaeNetwork  # noqa: E402
-from offradar_ros.errors import ModelError  # noqa: E402
+from offradar_ros.errors import ConfigError, ModelError  # noqa: E402
 from offradar_ros.training.baselines.common_contrast import common_contrast  # noqa: E402
 from offradar_ros.training.baselines.distillation import distillation  # noqa: E402
+from offradar_ros.training.baselines.rad_vlad_codebook import fit_centres  # noqa: E402
+from offradar_ros.training.cache import CachedDrive  # noqa: E402
 from offradar_ros.training.config import ContrastConfig, LossConfig, TeacherConfig, TrainingConfig  # noqa: E402
+from offradar_ros.training.config_file import read_config  # noqa: E402
 from offradar_ros.training.objective import Objective  # noqa: E402
 from offradar_ros.training.objectives import make_objective  # noqa: E402
 
+CONFIGURATIONS = Path(__file__).resolve().parents[2] / 'params' / 'train'
 BASELINES = ('bc_radar', 'vae', 'mc_dropout', 'stun')
 
 
@@ -203,3 +211,39 @@ def test_the_auto_encoders_target_is_the_image_and_teaches_nothing_by_itself() -
     output = objective.network(places())
     assert not output.target.requires_grad
     assert output.reconstruction.requires_grad
+
+
+@pytest.mark.parametrize('method', ['bc_radar', 'mc_dropout'])
+def test_a_contrast_of_no_weight_is_refused(method: str) -> None:
+    with pytest.raises(ConfigError, match=f'loss.invariant.weight: {method} learns by this term'):
+        make_objective(training(method, loss=LossConfig(invariant=ContrastConfig(weight=0.0))))
+
+
+def test_shipped_configurations_give_every_method_the_same_scans_batches_and_network() -> None:
+    ours = read_config(CONFIGURATIONS / 'compact.yaml')
+    for name in BASELINES:
+        config = read_config(CONFIGURATIONS / f'{name}.yaml')
+        assert config.method == name
+        assert dataclasses.replace(config.network, method='variational') == ours.network
+        assert (config.data, config.batch, config.validation) == (ours.data, ours.batch, ours.validation)
+        assert config.optimiser == ours.optimiser
+        student = name == 'stun'
+        assert (config.teacher.steps if student else config.steps) == ours.steps
+        teacher = BcRadarNetwork(dataclasses.replace(config.network, method='bc_radar')) if student else None
+        assert make_objective(config, teacher).network.config == config.network
+    centres = read_config(CONFIGURATIONS / 'rad_vlad.yaml')
+    assert (centres.fit, centres.data, centres.network.image) == ('rad_vlad', ours.data, ours.network.image)
+
+
+def test_centres_of_rad_vlad_are_fitted_to_the_drives(tmp_path: Path, make_drive: Callable[..., CachedDrive]) -> None:
+    config = dataclasses.replace(training('bc_radar'), fit='rad_vlad')
+    drives = [make_drive('there'), make_drive('back', world='v')]
+    path = fit_centres(config, drives, tmp_path)
+    encoder = make_encoder(EncoderConfig(name='rad_vlad', weights=str(path)))
+    assert encoder.info.dimension == 64 * 257
+    assert float(encoder.info.metadata['max_range_m']) == config.network.reach_m == 128.0
+    means = [np.array([encoder.encode(drive.scan(row)).mean for row in range(8)]) for drive in drives]
+    again = np.array([encoder.encode(make_drive('again').scan(row, spin=5)).mean for row in range(8)])
+    distances = np.linalg.norm(again[:, None] - np.concatenate(means)[None], axis=2)
+    assert distances.argmin(axis=1).tolist() == list(range(8))
+    assert read_config(tmp_path / 'config.yaml') == config

@@ -6,6 +6,7 @@ import torch
 
 from offradar_ros.encoders.bc_radar import BcRadarNetwork
 from offradar_ros.encoders.mc_dropout import McDropoutNetwork
+from offradar_ros.errors import ConfigError
 from offradar_ros.training.baselines.common_contrast import common_contrast
 from offradar_ros.training.config import TrainingConfig
 
@@ -17,7 +18,10 @@ class ContrastiveObjective:
     """
 
     def __init__(self, config: TrainingConfig, network: BcRadarNetwork | McDropoutNetwork) -> None:
+        """ConfigError for a contrastive term of weight 0, which would leave nothing to learn."""
         self.config = config.loss.invariant
+        if not self.config.weight:
+            raise ConfigError(f'key loss.invariant.weight: {config.method} learns by this term: expected more than 0')
         self.network = network
 
     def losses(self, images: torch.Tensor, step: int) -> dict[str, torch.Tensor]:  # noqa: ARG002
