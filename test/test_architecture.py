@@ -55,6 +55,7 @@ LAZY = {
     ('encoders.onnx_export', 'encoders.onnx_half'),
     ('cli.export', 'encoders.onnx_export'),
     ('cli.demo', 'demo.run'),
+    ('evaluation.methods', 'encoders.weights'),
     ('cli.session', 'ros.sessions'),
     ('cli.train', 'training.config_file'),
     ('cli.train', 'training.run'),

@@ -10,23 +10,22 @@ from __future__ import annotations
 import concurrent.futures
 import dataclasses
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from offradar_ros.encoders.encode import encode_all
 from offradar_ros.encoders.image_encoder import ImageEncoder
-from offradar_ros.encoders.network_image import make_image
 from offradar_ros.encoders.protocol import Encoder
 from offradar_ros.errors import DataError, RefusedInput
 from offradar_ros.evaluation.scan_cache import CachedDrive
+from offradar_ros.types import Embedding
 
-BATCH = 16
 LONG = 4096
 """Longer descriptors are kept in half precision: signed square roots of unit length lose nothing that matters."""
 
-Row = tuple[NDArray[np.float32], float]
 Progress = Callable[[int, int], None]
 
 
@@ -66,35 +65,35 @@ def embedded(encoder: Encoder, drive: CachedDrive, folder: Path, progress: Progr
 
 def encode(encoder: Encoder, drive: CachedDrive, progress: Progress) -> EmbeddedDrive:
     """Every scan of a drive; those that the encoder refuses, or gives anything but finite numbers for, are unusable."""
-    means = np.full((len(drive), encoder.info.dimension), np.nan, np.float32)
-    uncertainties = np.full(len(drive), np.inf)
-    rows = _in_batches(encoder, drive) if isinstance(encoder, ImageEncoder) else _one_by_one(encoder, drive)
-    for index, row in enumerate(rows):
-        if row is not None and np.isfinite(row[0]).all() and np.isfinite(row[1]):
-            means[index], uncertainties[index] = row
-        progress(index + 1, len(drive))
+    if isinstance(encoder, ImageEncoder):
+        means, variances = encode_all(encoder, drive, progress)
+        uncertainties = variances.mean(axis=1, dtype=np.float64)
+    else:
+        means, uncertainties = _at_once(encoder, drive, progress)
+    usable = np.isfinite(means).all(axis=1) & np.isfinite(uncertainties)
+    means[~usable], uncertainties[~usable] = np.nan, np.inf
     return EmbeddedDrive(drive, means, uncertainties)
 
 
-def _one_by_one(encoder: Encoder, drive: CachedDrive) -> Iterator[Row | None]:
-    def row(index: int) -> Row | None:
+def _at_once(
+    encoder: Encoder, drive: CachedDrive, progress: Progress
+) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+    """A scan a core: encoders without a network have no batches."""
+    means = np.full((len(drive), encoder.info.dimension), np.nan, np.float32)
+    uncertainties = np.full(len(drive), np.nan)
+
+    def encode_one(index: int) -> Embedding | None:
         try:
-            embedding = encoder.encode(drive.scan(index))
+            return encoder.encode(drive.scan(index))
         except RefusedInput:
             return None
-        return embedding.mean, embedding.uncertainty
 
     with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
-        yield from pool.map(row, range(len(drive)))
-
-
-def _in_batches(encoder: ImageEncoder, drive: CachedDrive) -> Iterator[Row | None]:
-    to_image = make_image(encoder.header.config)
-    for start in range(0, len(drive), BATCH):
-        images = np.stack([to_image(drive.scan(i)) for i in range(start, min(start + BATCH, len(drive)))])
-        means, variances = encoder.infer(images)
-        for image, mean, variance in zip(images, means, variances, strict=True):
-            yield (mean, float(np.mean(variance, dtype=np.float64))) if image.any() else None
+        for index, embedding in enumerate(pool.map(encode_one, range(len(drive)))):
+            if embedding is not None:
+                means[index], uncertainties[index] = embedding.mean, embedding.uncertainty
+            progress(index + 1, len(drive))
+    return means, uncertainties
 
 
 def _write(path: Path, array: NDArray[np.generic]) -> None:

@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from offradar_ros.config import EncoderConfig
+from offradar_ros.encoders.model_files import require_package
 from offradar_ros.encoders.protocol import Encoder
 from offradar_ros.encoders.rad_vlad import RadVladEncoder
 from offradar_ros.encoders.rad_vlad_codebook import load_codebook
@@ -22,6 +23,9 @@ METHODS = ('ours', 'bc_radar', 'vae', 'mc_dropout', 'stun', 'ring_key', 'rad_vla
 
 OURS = 'ours'
 _ENCODERS = {name: name for name in METHODS} | {OURS: 'variational'}
+BEST = 'best.safetensors'
+"""The weights that a training run leaves in its folder."""
+
 _ROWS = 20_000
 """So many azimuths of a map are enough to fit the centres of RadVLAD."""
 
@@ -73,15 +77,25 @@ class RadVladOfMap:
 
 
 def open_method(text: str, folder: Path, *, seed: int, spacing_m: float, threads: int = 0) -> Method:
-    """The method of ``NAME``, ``NAME=WEIGHTS``; any other name than those of `METHODS` is a variant of ours.
+    """The method of ``NAME``, ``NAME=WEIGHTS`` or ``NAME=RUN``, the folder of a training run.
 
-    `folder` keeps what is fitted to maps. ConfigError for a name that needs weights without them; ModelError for
-    weights that cannot be used.
+    Any other name than those of `METHODS` is a variant's, of the kind that its safetensors file says. `folder` keeps
+    what is fitted to maps. ConfigError for a name that needs weights without them; ModelError for unusable weights.
     """
     name, _, weights = text.partition('=')
     if name == 'rad_vlad' and not weights:
         return RadVladOfMap(folder / 'rad_vlad', seed, spacing_m)
     if not name or (name != 'ring_key' and not weights):
         raise ConfigError(f'--method {text}: expected NAME=WEIGHTS; only ring_key and rad_vlad need no weights')
-    config = EncoderConfig(name=_ENCODERS.get(name, _ENCODERS[OURS]), weights=weights, threads=threads)
-    return OneEncoder(name, make_encoder(config), weights)
+    if Path(weights).is_dir():
+        weights = str(Path(weights) / BEST)
+    encoder = _ENCODERS.get(name) or _kind_of(weights)
+    return OneEncoder(name, make_encoder(EncoderConfig(name=encoder, weights=weights, threads=threads)), weights)
+
+
+def _kind_of(weights: str) -> str:
+    """Name of the encoder that a safetensors file is of."""
+    require_package('safetensors', weights)
+    from offradar_ros.encoders.weights import read_header  # noqa: PLC0415
+
+    return read_header(weights).config.method

@@ -144,8 +144,10 @@ def test_networks_are_run_in_batches_as_one_by_one(
 
     torch.manual_seed(1)
     network = make_network(NetworkConfig(backbone='compact', side_px=32, resolution_m=4.0))
-    network_files.save_network(tmp_path / 'n.safetensors', network)
-    method = open_method(f'ours={tmp_path / "n.safetensors"}', tmp_path, seed=0, spacing_m=5.0, threads=1)
+    network_files.save_network(tmp_path / 'best.safetensors', network)
+    # A run's folder, under a name that only this comparison knows.
+    method = open_method(f'variant={tmp_path}', tmp_path, seed=0, spacing_m=5.0, threads=1)
+    assert (method.name, Path(method.weights).name) == ('variant', 'best.safetensors')
     drive = embedded_street(0, 20).drive
     encoder = method.encoder_for(drive)
     made = encode(encoder, drive, quiet)

@@ -1,0 +1,66 @@
+"""What makes U informative: one line a variant of the training, as README.md beside this file explains."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from offradar_ros.cli.progress import progress_bar
+from offradar_ros.evaluation.drives import drives_of
+from offradar_ros.evaluation.methods import open_method
+from offradar_ros.evaluation.protocol_file import read_protocol
+from offradar_ros.evaluation.results import assemble
+from offradar_ros.evaluation.runner import measure, simulated_worlds
+
+REJECTIONS = (0.0, 0.1, 0.2, 0.3, 0.5)
+
+
+def main() -> None:
+    """Print a Markdown table for each group of the protocol, and for all."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('protocol', type=Path)
+    parser.add_argument('variants', nargs='+', metavar='NAME=WEIGHTS', help='weights, or the folder of a training run')
+    parser.add_argument('--cache', type=Path, required=True, help='folder of simulated scans and embeddings, kept')
+    parser.add_argument('--real-worlds', type=Path, help='folder of the maps and traversals that the protocol names')
+    parser.add_argument('--threads', type=int, default=0)
+    arguments = parser.parse_args()
+    protocol, cache = read_protocol(arguments.protocol), arguments.cache
+    worlds = simulated_worlds(list(drives_of(protocol, arguments.real_worlds)), cache, progress_bar)
+    measured = []
+    for text in arguments.variants:
+        spacing_m = protocol.map_spacings_m[0]
+        method = open_method(text, cache, seed=protocol.seed, spacing_m=spacing_m, threads=arguments.threads)
+        measured.append(measure(method, worlds, protocol, cache, progress_bar))
+    results = assemble(measured, protocol, '', [])
+    for group in results['groups']:
+        print(f'\n{group}\n\n' + '\n'.join(table(results, group)))
+
+
+def table(results: dict[str, Any], group: str) -> list[str]:
+    """Lines of Markdown; Recall@RR, AUROC and correlations with the first map spacing."""
+    spacings = results['groups'][group]
+    first = next(iter(spacings.values()))
+    heads = [f'Recall@1, {spacing} m (clean)' for spacing in spacings]
+    heads += ['U: mean, range', 'Spearman U–severity', 'Spearman U–correct', 'AUROC', f'Recall@RR {REJECTIONS}']
+    lines = ['| variant | ' + ' | '.join(heads) + ' |', '|---' * (len(heads) + 1) + '|']
+    for name, figures in first.items():
+        uncertainty = results['uncertainty'][group][name]
+        curve = dict(map(tuple, figures['recall_at_rejection']))
+        cells = [
+            f'{told[name]["recall_at_1"]["value"]:.3f} ({told[name]["recall_at_1_clean"]["value"]:.3f})'
+            for told in spacings.values()
+        ]
+        cells += [
+            f'{uncertainty["mean"]:.3g}, {uncertainty["least"]:.3g}–{uncertainty["greatest"]:.3g}',
+            f'{uncertainty["spearman_severity"]["all"]:.3f}',
+            f'{figures["spearman_correct"]:.3f}',
+            f'{figures["auroc_wrong"]["value"]:.3f}',
+            ' '.join(f'{curve[rejected]:.3f}' for rejected in REJECTIONS if rejected in curve),
+        ]
+        lines.append(f'| {name} | ' + ' | '.join(cells) + ' |')
+    return lines
+
+
+if __name__ == '__main__':
+    main()
