@@ -21,16 +21,16 @@ def pattern_drive(
     lane_m: float = 0.0,
     world: str = 'w',
     degraded: tuple[int, ...] = (),
-    seed: int = 0,
+    speckle: float = 8.0,
 ) -> CachedDrive:
     """One scan a place, at x = spacing · place; places look alike only to themselves, whatever the drive."""
-    noise = np.random.default_rng([seed, *name.encode()])
+    noise = np.random.default_rng([*name.encode()])
     power = np.empty((places, AZIMUTHS, BINS), np.uint8)
     for place in range(places):
         pattern = (np.random.default_rng([place, *world.encode()]).random((AZIMUTHS, BINS)) < 0.06) * 200.0
         if place in degraded:
             pattern *= 0.1
-        power[place] = np.minimum(pattern + noise.gamma(1.0, 8.0, pattern.shape), 255)
+        power[place] = np.minimum(pattern + noise.gamma(1.0, speckle, pattern.shape), 255)
     poses = np.column_stack([spacing_m * np.arange(places), np.full(places, lane_m), np.zeros(places)])
     return CachedDrive(
         name=name,

@@ -169,9 +169,11 @@ def test_reconstruction_is_the_sum_that_it_says_and_moves_only_the_decoder(kind:
     decoded = torch.from_numpy(rng.normal(size=(3, 2, 4, 4))).requires_grad_()
     features = torch.from_numpy(rng.normal(size=(3, 2, 4, 4))).requires_grad_()
     loss = reconstruction_error(decoded, features, kind)
-    squares = [sum(float(d) ** 2 for d in (a - b).flatten()) for a, b in zip(decoded, features, strict=True)]
+    squares = [
+        sum(float(d) ** 2 for d in (a - b).flatten()) for a, b in zip(decoded.detach(), features.detach(), strict=True)
+    ]
     expected = sum(squares) / 96 if kind == 'mse' else sum(map(math.sqrt, squares)) / 3
-    assert float(loss) == pytest.approx(expected, rel=1e-9)
+    assert float(loss.detach()) == pytest.approx(expected, rel=1e-9)
     loss.backward()
     assert features.grad is None
     assert decoded.grad is not None
