@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import collections
 import concurrent.futures
+import concurrent.futures.process
 import multiprocessing
 from collections.abc import Callable, Iterator
 from typing import Any, TypeVar
@@ -12,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from offradar_ros.errors import OffradarError
 from offradar_ros.geometry import Trajectory
 from offradar_ros.simulation.sequence import SimulatedSequence
 from offradar_ros.types import PolarScan
@@ -27,7 +29,8 @@ _job: tuple[SimulatedSequence, Callable[[PolarScan], object]]
 def made_ahead(sequence: SimulatedSequence, make: Callable[[PolarScan], T], workers: int) -> Iterator[T]:
     """`make(scan)` of every scan, in order; the same whatever the number of processes, 1 for this one alone.
 
-    `make` is a function of a module, and what it returns travels between processes.
+    `make` is a function of a module, and what it returns travels between processes. OffradarError where a process ends
+    before its time.
     """
     if workers <= 1 or len(sequence) < 2:
         yield from (make(sequence.scan(index)) for index in range(len(sequence)))
@@ -43,6 +46,10 @@ def made_ahead(sequence: SimulatedSequence, make: Callable[[PolarScan], T], work
                     yield waiting.popleft().result()
             while waiting:
                 yield waiting.popleft().result()
+        except concurrent.futures.process.BrokenProcessPool as error:
+            raise OffradarError(
+                'a process that made scans ended before its time (out of memory?): try fewer workers'
+            ) from error
         finally:
             for future in waiting:
                 future.cancel()

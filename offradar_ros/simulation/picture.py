@@ -1,7 +1,8 @@
-"""A world from above, with what drove through it."""
+"""Worlds from above, with what drives through them."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,53 +15,61 @@ from offradar_ros.simulation.world import World
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+_CLOSED = 0.3
+"""Walls through which less passes are drawn black, others blue."""
 
-def draw_world(
-    axes: Axes, world: World, drives: Sequence[NDArray[np.float64]] = (), size_m: float | None = None
-) -> None:
-    """Walls (darker: stronger, blue: half open), scatterers, places to park and (N, 3) poses of drives.
 
-    `size_m` draws that much, round the first pose of the first drive (or the route's first point).
+@dataclasses.dataclass(frozen=True, eq=False)
+class Panel:
+    """One world to draw.
+
+    Attributes:
+        title: above it.
+        drives: (N, 3) or (N, 2) poses each; without any the world's route is drawn.
+        size_m: how much is drawn round the first pose; None for all.
     """
-    from matplotlib.collections import LineCollection  # noqa: PLC0415
 
-    seen = world.reflectors
-    strengths = np.clip((_decibels(seen.wall_powers) - 15.0) / 45.0, 0.15, 1.0)
-    colours = np.zeros((len(strengths), 4))
-    colours[:, 2], colours[:, 3] = np.where(seen.wall_through > 0.3, 0.9, 0.0), strengths
-    points = np.clip((_decibels(seen.scatterer_powers) - 20.0) / 35.0, 0.05, 1.0)
-    axes.scatter(
-        seen.scatterers_m[:, 0],
-        seen.scatterers_m[:, 1],
-        s=3.0 * points**2,
-        c='tab:green',
-        linewidths=0,
-        rasterized=True,
-    )
-    axes.scatter(world.parking[:, 0], world.parking[:, 1], s=2.0, c='tab:orange', linewidths=0)
-    axes.add_collection(LineCollection(list(seen.walls_m), colors=colours, linewidths=0.7))
-    lines = [poses[:, :2] for poses in drives] or ([world.route.points_m] if world.route else [])
-    for line in lines:
-        axes.plot(*line.T, linewidth=1.0)
-    if size_m and lines:
-        (x, y), half = lines[0][0], size_m / 2
-        axes.set(xlim=(x - half, x + half), ylim=(y - half, y + half))
-    axes.set(aspect='equal', xlabel='east, m', ylabel='north, m')
+    title: str
+    world: World
+    drives: Sequence[NDArray[np.float64]] = ()
+    size_m: float | None = None
 
 
-def picture_of_worlds(path: str | Path, worlds: Sequence[tuple[str, World, Sequence[NDArray[np.float64]]]]) -> None:
-    """One panel for each (title, world, drives), as a PNG file."""
+def draw_worlds(path: str | Path, panels: Sequence[Panel]) -> None:
+    """Three panels a row, as a PNG file; needs matplotlib."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415
     from matplotlib.figure import Figure  # noqa: PLC0415
 
-    columns = min(3, len(worlds))
-    rows = -(-len(worlds) // columns)
-    figure = Figure(figsize=(6.5 * columns, 6.5 * rows), layout='constrained')
+    columns = min(3, len(panels))
+    rows = -(-len(panels) // columns)
+    figure = Figure(figsize=(5.5 * columns, 5.6 * rows), layout='constrained')
     FigureCanvasAgg(figure)
-    for axes, (title, world, drives) in zip(figure.subplots(rows, columns, squeeze=False).flat, worlds, strict=False):
-        draw_world(axes, world, drives)
-        axes.set_title(title)
+    for axes, panel in zip(figure.subplots(rows, columns, squeeze=False).flat, panels, strict=False):
+        draw_world(axes, panel)
     figure.savefig(path, dpi=80)
+
+
+def draw_world(axes: Axes, panel: Panel) -> None:
+    """Walls (darker: stronger; blue: half open), scatterers green, places to park orange, and drives."""
+    from matplotlib.collections import LineCollection  # noqa: PLC0415
+
+    world, seen = panel.world, panel.world.reflectors
+    scale = 1.0 if panel.size_m is None else 3.0
+    strength = np.clip((_decibels(seen.scatterer_powers) - 15.0) / 35.0, 0.1, 1.0)
+    points, parking = seen.scatterers_m, world.parking
+    axes.scatter(points[:, 0], points[:, 1], s=scale * strength**2, c='tab:green', linewidths=0)
+    axes.scatter(parking[:, 0], parking[:, 1], s=2.0 * scale**2, c='tab:orange', linewidths=0)
+    colours = np.zeros((len(seen.walls_m), 4))
+    colours[:, 2] = np.where(seen.wall_through > _CLOSED, 0.9, 0.0)
+    colours[:, 3] = np.clip((_decibels(seen.wall_powers) - 15.0) / 40.0, 0.2, 1.0)
+    axes.add_collection(LineCollection(list(seen.walls_m), colors=colours, linewidths=0.6 * scale))
+    lines = [poses[:, :2] for poses in panel.drives] or ([world.route.points_m] if world.route else [])
+    for line in lines:
+        axes.plot(line[:, 0], line[:, 1], linewidth=1.5, color='tab:red')
+    if panel.size_m is not None and lines:
+        (x, y), half = lines[0][0], panel.size_m / 2
+        axes.set(xlim=(x - half, x + half), ylim=(y - half, y + half))
+    axes.set(aspect='equal', title=panel.title, xlabel='east, m', ylabel='north, m')
 
 
 def _decibels(powers: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -43,6 +43,14 @@ def test_the_road_is_free_and_something_stands_along_it(seed: int, district: Dis
         assert line.query(city.parking[:, :2])[0].min() > 3.5
 
 
+def test_buildings_are_whole() -> None:
+    """No street cuts through one: every corner joins two walls."""
+    seen = make_city(dataclasses.replace(SMALL, districts=(District.INDUSTRIAL,))).reflectors
+    solid = seen.walls_m[seen.wall_through < 0.1]
+    starts, ends = ({(round(x, 6), round(y, 6)) for x, y in solid[:, end].tolist()} for end in (0, 1))
+    assert len(solid) > 50 and starts == ends
+
+
 def test_districts_differ_in_what_stands_there() -> None:
     def area(district: District) -> tuple[int, int]:
         seen = make_city(dataclasses.replace(SMALL, districts=(district,))).reflectors

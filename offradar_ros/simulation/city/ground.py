@@ -34,15 +34,19 @@ class Ground:
             cv2.polylines(mask, [cells], isClosed=False, color=1, thickness=round(2 * half_m / _CELL_M))
 
     def claim(self, polygon_m: Array, overlap: float = 0.0) -> bool:
-        """Take a convex polygon, (K, 2) metres, if no more than that share of it is taken; tell whether."""
+        """Take a convex polygon, (K, 2) metres, if it is off the road and no more than `overlap` of it is taken.
+
+        Tells whether.
+        """
         cells = np.rint((polygon_m - self._low_m) / _CELL_M).astype(np.int32)
         (left, bottom), (right, top) = cells.min(axis=0), cells.max(axis=0)
         if left < 0 or bottom < 0 or right >= self._taken.shape[1] or top >= self._taken.shape[0]:
             return False
-        part = self._taken[bottom : top + 1, left : right + 1]
+        window = slice(bottom, top + 1), slice(left, right + 1)
+        part = self._taken[window]
         wanted = np.zeros_like(part)
         cv2.fillConvexPoly(wanted, cells - (left, bottom), 1)
-        if np.count_nonzero(part & wanted) > overlap * np.count_nonzero(wanted):
+        if np.any(self._road[window] & wanted) or np.sum(part & wanted) > overlap * np.sum(wanted):
             return False
         part |= wanted
         return True
