@@ -1,5 +1,6 @@
 """`offradar evaluate`: recall, uncertainty and map maintenance of encoders, by a protocol."""
 
+import importlib.util
 import shlex
 import sys
 from pathlib import Path
@@ -8,7 +9,9 @@ from typing import Annotated, Optional
 import typer
 from rich.console import Console
 
+from offradar_ros.cli.need import pip_hint
 from offradar_ros.cli.progress import progress_bar
+from offradar_ros.errors import ConfigError
 from offradar_ros.evaluation.evaluate import Options
 from offradar_ros.evaluation.evaluate import evaluate as run
 from offradar_ros.evaluation.protocol_file import read_protocol
@@ -41,6 +44,8 @@ def evaluate(
     pictures: Annotated[bool, typer.Option(help='Draw pictures (needs matplotlib).')] = True,
 ) -> None:
     """Measure encoders on drives that none of them was trained on; goes on where it was interrupted."""
+    if pictures and importlib.util.find_spec('matplotlib') is None:
+        raise ConfigError(f'pictures need the Python package matplotlib: {pip_hint("plot")}, or --no-pictures')
     options = Options(
         out=out,
         cache=cache or out / 'cache',
