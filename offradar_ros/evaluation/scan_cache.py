@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import concurrent.futures
 import dataclasses
-import functools
 import hashlib
 import json
 import multiprocessing
@@ -20,9 +19,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-import offradar_ros.simulation
 from offradar_ros.errors import DataError
 from offradar_ros.evaluation.drives import Drive
+from offradar_ros.simulation.source_digest import source_digest
 from offradar_ros.types import PolarScan
 
 
@@ -155,14 +154,5 @@ def _load(drive: Drive, path: Path) -> CachedDrive:
 
 def _json_path(folder: Path, drive: Drive) -> Path:
     settings = json.dumps(dataclasses.asdict(drive) | {'group': '', 'folder': ''}, sort_keys=True, default=str)
-    digest = hashlib.sha256((settings + _simulator_digest() + drive.source_digest()).encode()).hexdigest()
+    digest = hashlib.sha256((settings + source_digest() + drive.source_digest()).encode()).hexdigest()
     return folder / f'{drive.world}_{drive.index + 1}_{digest[:16]}.json'
-
-
-@functools.cache
-def _simulator_digest() -> str:
-    root = Path(offradar_ros.simulation.__path__[0])
-    digest = hashlib.sha256()
-    for file in sorted(root.rglob('*.py')):
-        digest.update(file.relative_to(root).as_posix().encode() + b'\0' + file.read_bytes() + b'\0')
-    return digest.hexdigest()

@@ -14,6 +14,7 @@ from offradar_ros.simulation.physics import NOMINAL_PHYSICS, RadarPhysics, draw_
 from offradar_ros.simulation.sensor import TRAINING_SENSOR
 from offradar_ros.simulation.sequence import SimulatedSequence
 from offradar_ros.simulation.session_plan import SessionPlan
+from offradar_ros.simulation.source_digest import source_digest
 from offradar_ros.simulation.weather import CLEAR, Weather
 from offradar_ros.simulation.world import World
 from offradar_ros.training.config import DataConfig, ValidationConfig
@@ -27,7 +28,8 @@ LANES_M = (0.0, 3.5, -1.5, 1.5, -3.0, 2.5)
 class SimulatedDrive:
     """Drive `index` of the city of `seed`; every third goes the other way, over the same streets.
 
-    A scan is taken every `spacing_m` on average. `physics` and `bad_weather` as in the configuration.
+    A scan is taken every `spacing_m` on average. `physics` and `bad_weather` as in the configuration;
+    `simulator` says which version of it renders the scans.
     """
 
     seed: int
@@ -37,6 +39,7 @@ class SimulatedDrive:
     degraded: float
     physics: str
     bad_weather: float
+    simulator: str = dataclasses.field(default_factory=source_digest)
 
     @property
     def name(self) -> str:
