@@ -54,6 +54,7 @@ LAZY = {
     ('encoders.onnx_export', 'encoders.networks'),
     ('encoders.onnx_export', 'encoders.onnx_half'),
     ('cli.export', 'encoders.onnx_export'),
+    ('cli.card', 'encoders.weights'),
     ('cli.demo', 'demo.run'),
     ('evaluation.methods', 'encoders.weights'),
     ('cli.session', 'ros.sessions'),

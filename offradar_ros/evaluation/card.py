@@ -60,15 +60,16 @@ def headline_spacing(results: Json) -> str:
     return spacing_key(results['protocol']['map_spacings_m'][0])
 
 
-def card_markdown(name: str, results: Json, weights: Path, training: Path | None) -> str:
-    """The card of the weights of method ours; `training` is the folder of the run that made them.
+def card_markdown(name: str, results: Json, weights: Path, fingerprint: str, training: Path | None) -> str:
+    """The card of the weights of method ours; `fingerprint` is theirs, `training` the folder of the run
+    that made them.
 
     DataError where the results are of other weights or the folder holds no configuration.
     """
     card_json(results)
     sections = [
         f'# {name}',
-        _identity(results, weights),
+        _identity(results, weights, fingerprint),
         f'## Intended use\n\n{INTENDED_USE}',
         '## Limits\n\n' + '\n'.join(f'* {limit}' for limit in LIMITS),
         _data(results),
@@ -81,14 +82,16 @@ def card_markdown(name: str, results: Json, weights: Path, training: Path | None
     return '\n\n'.join(section for section in sections if section) + '\n'
 
 
-def _identity(results: Json, weights: Path) -> str:
+def _identity(results: Json, weights: Path, fingerprint: str) -> str:
     told = results['methods'][OURS]
     try:
         content = weights.read_bytes()
     except OSError as error:
         raise DataError(f'{weights}: cannot be read ({error.strerror})') from None
-    if Path(told['weights']).name != weights.name:
-        raise DataError(f'{weights}: the results are of {told["weights"]}')
+    if fingerprint != told['fingerprint']:
+        raise DataError(
+            f'{weights}: its fingerprint is {fingerprint[:12]}, the results are of {told["fingerprint"][:12]}'
+        )
     rows = {
         'file': weights.name,
         'SHA-256': hashlib.sha256(content).hexdigest(),

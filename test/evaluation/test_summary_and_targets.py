@@ -151,7 +151,7 @@ def test_results_are_read_as_written_and_cards_hold_their_numbers(results: dict,
     weights = tmp_path / 'ours.safetensors'
     weights.write_bytes(b'weights')
     (tmp_path / 'config.yaml').write_text('method: variational\n')
-    text = card_markdown('compact', told, weights, tmp_path)
+    text = card_markdown('compact', told, weights, 'ours' * 8, tmp_path)
     for wanted in (
         f'{figures["recall_at_1"]["ours"]:.3f}',
         'offradar evaluate …',
@@ -162,7 +162,7 @@ def test_results_are_read_as_written_and_cards_hold_their_numbers(results: dict,
         assert wanted in text
     assert 'method: variational' in text
     with pytest.raises(DataError, match='the results are of'):
-        card_markdown('compact', told, path, None)
+        card_markdown('compact', told, weights, 'stun' * 8, None)
     with pytest.raises(DataError, match='method ours'):
         without = json.loads(json.dumps(told))
         del without['groups']['all']['5']['ours']
