@@ -10,6 +10,7 @@ from offradar_ros.simulation.route import Route
 from offradar_ros.simulation.streets import Streets
 
 _Step = tuple[int, int]
+_Walk = list[_Step]
 _AGAIN = 4.0
 """A street that was driven before counts this much longer for every time."""
 
@@ -24,17 +25,19 @@ def make_route(streets: Streets, seed: int, least_m: float, closed: bool = True)
     inside = [(a, b) for edge in streets.lines if streets.inner[list(edge)].all() for a, b in (edge, edge[::-1])]
     first = inside[int(rng.integers(len(inside)))]
     walk, used = [first], {frozenset(first): 1}
-    length_m = _length(streets, first)
-    while length_m < least_m or len(walk) < 2:
+    length_m, home = _length(streets, first), _Walk()
+    while len(walk) < 2 or length_m + sum(_length(streets, step) for step in home) < least_m:
         goal = inside[int(rng.integers(len(inside)))]
         for step in _way(streets, walk[-1], goal, used):
             walk.append(step)
             used[frozenset(step)] = used.get(frozenset(step), 0) + 1
             length_m += _length(streets, step)
-            if not closed and length_m >= least_m:
+            if closed and length_m >= least_m / 2:
+                home = _way(streets, step, first, used)[:-1]
+            if length_m + sum(_length(streets, onward) for onward in home) >= least_m:
                 break
     if closed:
-        walk += _way(streets, walk[-1], first, used)[:-1]
+        walk += home or _way(streets, walk[-1], first, used)[:-1]
     end = streets.nodes_m[[walk[-1][1]]]
     return Route(np.concatenate([*(streets.line(*step)[:-1] for step in walk), *([] if closed else [end])]), closed)
 
@@ -43,7 +46,7 @@ def _length(streets: Streets, step: _Step) -> float:
     return float(np.sum(np.hypot(*np.diff(streets.line(*step), axis=0).T)))
 
 
-def _way(streets: Streets, start: _Step, goal: _Step, used: dict[frozenset[int], int]) -> list[_Step]:
+def _way(streets: Streets, start: _Step, goal: _Step, used: dict[frozenset[int], int]) -> _Walk:
     """Steps after `start` up to and with `goal`, by Dijkstra's algorithm over directed streets; empty for none."""
     best: dict[_Step, float] = {}
     came: dict[_Step, _Step] = {}
