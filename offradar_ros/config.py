@@ -115,7 +115,7 @@ class RadarConfig:
 
 @dataclasses.dataclass(frozen=True)
 class CartesianConfig:
-    """The Cartesian image that learned encoders see (Sec. IV-D of the paper: 256 px, 0.5 m)."""
+    """The Cartesian image that the paper's backbone sees (Sec. IV-D: 256 px, 0.5 m)."""
 
     side_px: int = parameter(256, 'side of the square image', unit='px', minimum=16, maximum=2048)
     resolution_m: float = parameter(0.5, 'side of a pixel', unit='m', minimum=0.01, maximum=10.0)

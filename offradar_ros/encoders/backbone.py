@@ -57,8 +57,8 @@ class Compact(nn.Module):
     """Convolutions round a polar image, then the spectrum of their features over azimuth.
 
     (N, 1, A, R) float32 in [0, 1] → (N, 48, F, R / 8), where F = 8 frequencies of the A / 8 azimuths are kept by their
-    amplitude alone. Turning the vehicle shifts the rows, which no amplitude shows: the features of a turned scan are
-    the same, exactly so for turns by 8 rows. Rows are padded with the rows of the other end, as a turn has none.
+    amplitude alone. Turning the vehicle shifts the rows, which no amplitude shows: a turn by 8 rows changes nothing,
+    one between only what the strides alias. Rows are padded with the rows of the other end, as a turn has none.
     """
 
     def __init__(self, image_shape: tuple[int, int]) -> None:
@@ -98,9 +98,11 @@ class AzimuthSpectrum(nn.Module):
 
     def forward(self, features: torch.Tensor) -> torch.Tensor:
         """(N, C, A, R) → (N, C, F, R), ≥ 0."""
-        power = (self.cosines @ features).square() + (self.sines @ features).square()
-        # The slope of a root is infinite at 0.
-        return torch.sqrt(power + _TINY)
+        # Half precision would round small powers to 0, where the slope of a root is infinite.
+        with torch.autocast(features.device.type, enabled=False):
+            features = features.float()
+            power = (self.cosines @ features).square() + (self.sines @ features).square()
+            return torch.sqrt(power + _TINY)
 
 
 class _AroundConvolution(nn.Module):

@@ -1,4 +1,4 @@
-"""Polar scan to the square, top-down image that learned encoders see.
+"""Polar scan to the square, top-down image that the paper's backbone sees.
 
 Convention: row 0 of the image is forward, columns grow to the right, the sensor is the centre of the image (the corner
 shared by the four middle pixels where the side is even). Azimuth is clockwise from forward, so pixel (row i, column j)

@@ -37,17 +37,18 @@ class PolarToGrid:
         return np.asarray(image, np.uint8)
 
     def _along_range(self, scan: PolarScan) -> NDArray[np.float32]:
-        """(rows, R) float32 mean power of each row between the edges of the image's columns."""
-        config = self.config
-        edges_m = np.arange(config.range_bins + 1) * config.resolution_m
-        edges = np.rint((edges_m - scan.range_offset_m) / scan.range_resolution_m).astype(np.intp)
-        first, last = int(edges[0]), int(edges[-1])
-        inside = scan.power[:, max(first, 0) : min(last, scan.power.shape[1])]
-        missing = (max(-first, 0), last - max(first, 0) - inside.shape[1])
-        if any(missing):
-            inside = np.pad(inside, ((0, 0), missing))
-        size = (config.range_bins, len(inside))
-        reduced = cv2.resize(np.ascontiguousarray(inside), size, interpolation=cv2.INTER_AREA)
+        """(rows, R) float32 mean power of each row between the edges of the image's columns.
+
+        The image begins and ends with whole bins, those nearest to its ends.
+        """
+        rows, bins = scan.power.shape
+        reach_m = self.config.range_bins * self.config.resolution_m
+        first, last = (round((end_m - scan.range_offset_m) / scan.range_resolution_m) for end_m in (0.0, reach_m))
+        last = max(last, first + 1)
+        seen = slice(min(max(first, 0), bins), min(max(last, 0), bins))
+        power = np.zeros((rows, last - first), np.uint8)
+        power[:, seen.start - first : seen.stop - first] = scan.power[:, seen]
+        reduced = cv2.resize(power, (self.config.range_bins, rows), interpolation=cv2.INTER_AREA)
         return np.asarray(reduced, np.float32)
 
 
@@ -59,7 +60,8 @@ def sector_weights(azimuths_rad: NDArray[np.float64], sectors: int) -> NDArray[n
     at = turns[order]
     before = np.diff(at, prepend=at[-1] - 1.0)
     after = np.roll(before, -1)
-    widest = _WIDEST_STEPS * float(np.median(before)) / 2.0
+    # The widest step may be a gap, and of a few rows it would be half of all steps.
+    widest = _WIDEST_STEPS * float(np.median(np.sort(before)[: max(1, rows - 1)])) / 2.0
     starts, ends = at - np.minimum(before / 2.0, widest), at + np.minimum(after / 2.0, widest)
     edges = np.arange(sectors + 1) / sectors
     weights = np.zeros((sectors, rows))

@@ -45,7 +45,7 @@ class ImageBatch(NamedTuple):
     """Attributes: a batch as the network sees it.
 
     step: which it is.
-    images: (2m, S, S) uint8.
+    images: (2m, H, W) uint8.
     batch: the scans that they show.
     """
 
@@ -92,7 +92,7 @@ def _image(sampler: BatchSampler, to_image: ImageMaker, batch: Batch, view: int)
 
 
 def images_of(drive: CachedDrive, config: NetworkConfig, threads: int = 0) -> NDArray[np.uint8]:
-    """(N, S, S) uint8 images of every scan of a drive, as they were driven."""
+    """(N, H, W) uint8 images of every scan of a drive, as they were driven."""
     to_image = ImageMaker(config)
     with (
         _one_thread_an_image(),

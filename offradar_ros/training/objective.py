@@ -16,7 +16,7 @@ class EmbeddingNetwork(Protocol):
     config: NetworkConfig
 
     def embed(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Descriptor (N, d) and variance (N, d) of images (N, S, S) uint8, as the encoder made of it gives them."""
+        """Descriptor (N, d) and variance (N, d) of images (N, H, W) uint8, as the encoder made of it gives them."""
 
 
 class Objective(Protocol):
@@ -33,6 +33,6 @@ class Objective(Protocol):
     def losses(self, images: torch.Tensor, step: int) -> dict[str, torch.Tensor]:
         """Weighted scalar terms, named for the log, whose sum is minimised.
 
-        `images` (2m, S, S) uint8: rows i and i + m are one place, every other pair of rows is of two. `step` counts
+        `images` (2m, H, W) uint8: rows i and i + m are one place, every other pair of rows is of two. `step` counts
         from 0 over the whole run. The loop calls this under autocast where mixed precision is asked for.
         """

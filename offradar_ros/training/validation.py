@@ -23,7 +23,7 @@ _IMAGES_AT_ONCE = 64
 
 
 class ValidationDrive(NamedTuple):
-    """Attributes: a cached drive and (N, S, S) uint8 images of its scans."""
+    """Attributes: a cached drive and (N, H, W) uint8 images of its scans."""
 
     drive: CachedDrive
     images: NDArray[np.uint8]
