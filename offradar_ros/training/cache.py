@@ -14,6 +14,7 @@ import hashlib
 import json
 import multiprocessing
 import os
+import signal
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -114,16 +115,26 @@ def _make_in_processes(
 ) -> None:
     # Fresh processes: a fork of a process that runs torch's threads may hang.
     context = multiprocessing.get_context('spawn')
-    with concurrent.futures.ProcessPoolExecutor(workers, context, initializer=cv2.setNumThreads, initargs=(1,)) as pool:
+    with concurrent.futures.ProcessPoolExecutor(workers, context, initializer=_start_worker) as pool:
         tasks = [pool.submit(_make, drive, stem, reduction) for drive, stem in missing]
         try:
             for done, task in enumerate(concurrent.futures.as_completed(tasks), start=1):
                 task.result()
                 if progress:
                     progress(done, len(missing))
+        except concurrent.futures.BrokenExecutor as error:
+            raise DataError(
+                f'a process that makes scans was killed: expected more memory, or fewer than {workers}'
+            ) from error
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
+
+
+def _start_worker() -> None:
+    cv2.setNumThreads(1)
+    # Ctrl-C reaches every process of a terminal: the one that has started the others ends them.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _stem(folder: Path, drive: Drive, reduction: Reduction) -> Path:

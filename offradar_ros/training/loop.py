@@ -53,7 +53,7 @@ class Loop:
         layout = torch.channels_last if config.channels_last else torch.contiguous_format
         self._network = objective.network.to(device=group.device, memory_format=layout)  # type: ignore[call-overload]
         self._parameters = list(self._network.parameters())
-        self._optimiser = _optimiser(config, self._parameters)
+        self._optimiser = _optimiser(config, self._parameters, group.device)
         self._scaler = torch.amp.GradScaler(group.device.type, enabled=config.precision == 'amp')
         self._step, self._best = 0, (-1.0, -1)
         if resume:
@@ -184,9 +184,13 @@ class Loop:
         self._scaler.load_state_dict(progress.scaler)
 
 
-def _optimiser(config: TrainingConfig, parameters: list[torch.nn.Parameter]) -> torch.optim.Optimizer:
+def _optimiser(
+    config: TrainingConfig, parameters: list[torch.nn.Parameter], device: torch.device
+) -> torch.optim.Optimizer:
     make = torch.optim.AdamW if config.optimiser.name == 'adamw' else torch.optim.Adam
-    return make(parameters, lr=config.optimiser.learning_rate, weight_decay=config.optimiser.weight_decay)
+    settings = config.optimiser
+    fused = device.type == 'cuda'
+    return make(parameters, lr=settings.learning_rate, weight_decay=settings.weight_decay, fused=fused)
 
 
 class _Meter:

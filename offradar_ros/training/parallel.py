@@ -64,6 +64,8 @@ def joined_group(device: str) -> Iterator[Group]:
         raise ConfigError('--device cuda: there is no GPU that torch can use')
     on_gpu = device == 'cuda' or (device == 'auto' and torch.cuda.is_available())
     place = torch.device('cuda', int(os.environ.get('LOCAL_RANK', '0'))) if on_gpu else torch.device('cpu')
+    # Every batch has the same shape: the fastest kernels are worth looking for.
+    torch.backends.cudnn.benchmark = on_gpu
     size = int(os.environ.get('WORLD_SIZE', '1'))
     if size == 1:
         yield Group(0, 1, place)

@@ -53,7 +53,7 @@ class RunOptions(NamedTuple):
     minutes: stop, with a checkpoint, after so long, counted from the start; None for no limit.
     device: ``auto``, ``cpu`` or ``cuda``.
     progress: makes what is told (done, total), of a text that says of what.
-    check: called between steps; may raise KeyboardInterrupt.
+    check: called between drives and steps; may raise KeyboardInterrupt.
     """
 
     cache: Path
@@ -175,7 +175,14 @@ def _cached(
     reduction = Reduction.for_image(network)
     if group.rank == 0:
         with _shown(options, text) as progress:
-            cached_drives(options.cache, drives, reduction, progress=progress)
+
+            def tell(done: int, total: int) -> None:
+                if progress:
+                    progress(done, total)
+                if options.check:
+                    options.check()
+
+            cached_drives(options.cache, drives, reduction, progress=tell)
     group.first_says((0.0,))
     return cached_drives(options.cache, drives, reduction)
 
