@@ -14,6 +14,7 @@ from torch import nn
 
 from offradar_ros.encoders.feature_map import FeatureMap
 from offradar_ros.encoders.network_config import NetworkConfig
+from offradar_ros.encoders.unit_length import unit_length
 
 # exp(±10) stays finite when squared in float32, and no calibrated variance comes near either end.
 LOG_VARIANCE_LIMIT = 10.0
@@ -76,7 +77,10 @@ class VariationalNetwork(nn.Module):
         return NetworkOutput(z_i, mu, log_variance, z, features.detach(), self.decoder(z))
 
     def embed(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Descriptor (N, d) and variance (N, d) of images (N, H, W); nothing is sampled."""
+        """Unit descriptor (N, d) and variance (N, d) of images (N, H, W); nothing is sampled.
+
+        The losses compare angles, and so does a search among unit vectors.
+        """
         _, z_i, mu, log_variance = self.heads(images)
         descriptor = z_i if self.config.descriptor == 'z_i' else z_i + mu
-        return descriptor, log_variance.exp()
+        return unit_length(descriptor), log_variance.exp()
