@@ -100,13 +100,14 @@ def split_rows(
         )
     size = full_turn_counts(encoders, encoder_size)
     turned = np.unwrap(encoders[rows].astype(np.float64), period=size)
-    angles = _at_every_row(rows, turned, len(image)) * (2 * np.pi / size)
+    # Modulo in counts, where the zero after a turn is exact.
+    azimuths = np.mod(_at_every_row(rows, turned, len(image)), size) * (2 * np.pi / size)
     stamps = np.rint(_at_every_row(rows, (stamps[rows] - stamps[rows[0]]).astype(np.float64), len(image))).astype(
         np.int64
     ) + int(stamps[rows[0]])
     if int(stamps[rows[0]]) < 1000 * _YEAR_2000_US:
         stamps *= 1000
-    return np.mod(angles, 2 * np.pi), stamps, image[:, METADATA_BYTES:]
+    return azimuths, stamps, image[:, METADATA_BYTES:]
 
 
 def _at_every_row(rows: NDArray[np.intp], values: NDArray[np.float64], count: int) -> NDArray[np.float64]:

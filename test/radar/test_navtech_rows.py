@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from offradar_ros.errors import RefusedInput
@@ -33,6 +33,7 @@ def rows_by_hand(stamps: list[int], encoders: list[int], valid: int, power: np.n
     valid=st.sampled_from([0, 1, 255]),
     seed=st.integers(0, 2**32 - 1),
 )
+@example(first=5348, rows=19, bins=1, scale=1, valid=0, seed=0)
 @settings(max_examples=60, deadline=None)
 def test_rows_packed_by_hand_are_read_back(first: int, rows: int, bins: int, scale: int, valid: int, seed: int) -> None:
     power = np.random.default_rng(seed).integers(0, 256, (rows, bins)).astype(np.uint8)
