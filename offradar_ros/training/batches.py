@@ -45,9 +45,6 @@ class BatchSampler:
         self.severities: NDArray[np.float32] = np.concatenate([drive.severities for drive in drives])
         self.kinds = tuple(kind for drive in drives for kind in drive.kinds)
         self._is_degraded = np.array([kind != '' for kind in self.kinds])
-        everything = np.arange(len(self.kinds))
-        pools = everything[~self._is_degraded], everything[self._is_degraded]
-        self._pools = tuple(pool if len(pool) else everything for pool in pools)
         self._members = [np.flatnonzero(self.world_of == number) for number in range(len(worlds))]
 
     def batch(self, step: int) -> Batch:
@@ -57,10 +54,15 @@ class BatchSampler:
         """
         rng = np.random.default_rng([*self._seed, step])
         places, config = self.config.places, self.config
+        members = self._members
+        if config.worlds:
+            drawn = rng.permutation(len(members))[: config.worlds]
+            members = [members[world] for world in drawn]
+        pool = np.concatenate(members)
         taken = np.empty((places, 2), np.int64)
         found = 0
         for _ in range(_TRIES_A_PLACE * places):
-            anchor = int(rng.choice(self._pools[int(rng.random() < config.degraded_views)]))
+            anchor = self._one_of(pool, rng)
             if not self._is_apart(anchor, taken[:found]):
                 continue
             near = self._positives(anchor)

@@ -63,6 +63,12 @@ class BatchConfig:
     """How a batch is drawn: m places, each seen twice."""
 
     places: int = parameter(32, 'm, places in a batch', minimum=2, maximum=4096)
+    worlds: int = parameter(
+        0,
+        'worlds that a batch is drawn from, 0 for any: in few, the negatives are from the same streets and radar',
+        minimum=0,
+        maximum=100_000,
+    )
     positive: str = parameter(
         'place',
         'where the second view of a place is from: any drive within positive_m, or the scans next to it in time',
