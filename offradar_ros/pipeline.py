@@ -68,6 +68,10 @@ class EncodeStage:
                 return Encoded(None, problem)
             return Encoded(self._invalid(stamp), problem, restarted)
 
+    def start_recording(self) -> None:
+        """Take the next scan as the first of a recording, be it the last scan again."""
+        self._gate.forget()
+
     def _invalid(self, stamp: int) -> Embedding:
         nothing = np.empty(0, np.float32)
         return Embedding(stamp, nothing, nothing, self.encoder.info.fingerprint)

@@ -8,6 +8,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import Image, PointCloud2
+from std_srvs.srv import Trigger
 
 from offradar_ros.bags.records import scan_from_image, stamp_ns
 from offradar_ros.encoders.registry import make_encoder
@@ -38,6 +39,7 @@ class EncoderNode(StageNode):
         if types:
             self.subscribe(types[0], 'radar_data/b_scan_msg', qos.SCANS, self._on_b_scan)
             self.subscribe(types[1], 'radar_data/configuration_data', qos.RESULTS, self._on_configuration)
+        self.create_service(Trigger, '~/start_recording', self._start_recording)
 
     def configure(self) -> None:
         """Load the encoder."""
@@ -62,6 +64,15 @@ class EncoderNode(StageNode):
 
     def _on_configuration(self, message: Any) -> None:
         self._radar = navtech.configured(self.config.radar, message)
+
+    def _start_recording(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success = self.active
+        response.message = 'the encoder is not active'
+        if self.active:
+            self._has_b_scans = False
+            self._stage.start_recording()
+            response.message = 'a recording starts with the next scan'
+        return response
 
     def _encode(self, header: Any, decode: Callable[[], PolarScan]) -> None:
         encoded = self._stage.encode(stamp_ns(header.stamp), decode)

@@ -81,6 +81,8 @@ def _play(node: Node, argv: Sequence[str], arguments: argparse.Namespace) -> int
     if arguments.report:
         report = dataclasses.asdict(answers) | {'session': session}
         arguments.report.write_text(json.dumps(report), encoding='utf-8')
+    if rclpy.ok():
+        player.finish()
     return 1 if arguments.lockstep and answers.unanswered else 0
 
 

@@ -6,7 +6,7 @@ import dataclasses
 import functools
 import importlib
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
@@ -14,13 +14,16 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
+from std_srvs.srv import Trigger
 
 from offradar_ros.bags.reader import STAMP, STAMP_OFFSET, Bag, RawMessage, header_stamp_ns, scan_topic
+from offradar_ros.bags.topics import FIX_TYPE, ODOMETRY_TYPE
 from offradar_ros.config import PositionConfig
 from offradar_ros.errors import OffradarError
 from offradar_ros.pipeline import in_lockstep_order
 from offradar_ros.ros import qos
 from offradar_ros.ros.answers import TOPICS, AnswerLog, Answers
+from offradar_ros.ros.listeners import count_listeners
 from offradar_ros.ros.stamps import time_message
 
 # What the nodes themselves say: a recording of it must not be mistaken for their answer.
@@ -41,7 +44,10 @@ OUTPUTS = (
 SUBSCRIBERS = 'subscribers.'
 CLOCK_PERIOD_S = 0.025
 DISCOVERY_S = 4.0
+ANNOUNCED_S = 3.5
+"""Everybody announces himself every three seconds: by then, those who missed the first time have met too."""
 SETTLE_S = 1.0
+"""Nothing new for so long, and everything is taken to have come."""
 SILENT_SCANS = 3
 BURST = 400
 """Messages sent without an answer in between that a busy process can be trusted to have room for."""
@@ -89,9 +95,14 @@ class Player:
         self._scan_topic = scan_topic(bag)
         self._stamped: set[str] = set()
         self._publishers = dict(self._advertised())
+        self._others = [topic for topic in self._publishers if topic != self._scan_topic]
+        self._stuck: set[str] = set()
+        self._start_recording = node.create_client(Trigger, 'encoder/start_recording')
         self._clock = node.create_publisher(Clock, '/clock', qos.RESULTS)
         self._log = AnswerLog(node)
         self._subscribers: dict[str, str] = {}
+        self._around: list[object] = []
+        self._started_s = self._changed_s = time.monotonic()
         self._sent: list[int] = []
         self._latencies_s: list[float] = []
         node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, qos.RESULTS)
@@ -108,11 +119,17 @@ class Player:
         if not self._spin_until(lambda: not self._absent(), DISCOVERY_S):
             self._node.get_logger().info(f'no node publishes {", ".join(self._absent())}: not waiting for it')
         self._log.awaited = self._log.present()
-        if not self._spin_until(self._have_met, self._options.timeout_s):
+        longest_s = max(self._options.timeout_s, ANNOUNCED_S + SETTLE_S)
+        if not self._spin_until(lambda: all((self._is_quiet(), self._have_met())), longest_s):
             self._node.get_logger().warning('the nodes have not all found one another: answers may be lost')
+        if 'embedding' in self._log.awaited:
+            self._spin_until(self._start_recording.service_is_ready, SETTLE_S)
+        if not self._spin_until(lambda: not self._unmet(), self._options.timeout_s) and (unmet := self._unmet()):
+            self._node.get_logger().warning(f'not everybody who listens to {", ".join(unmet)} will hear all of it')
 
     def play(self) -> None:
         """Play the bag once; OffradarError if in lockstep nothing answers any more."""
+        self._announce()
         if self._options.lockstep:
             self._play_in_lockstep()
         else:
@@ -126,16 +143,33 @@ class Player:
         self._log.clear()
         return answers
 
+    def finish(self) -> None:
+        """Stay until everybody has everything that was played in lockstep; may take a heartbeat of 3 s.
+
+        The nodes' answers tell what those have heard. Others may have to ask for something again.
+        """
+        if self._options.lockstep:
+            self._wait_for_acknowledgement([topic for topic in self._others if self._is_heard_by_others(topic)])
+
+    def _announce(self) -> None:
+        """Tell the encoder that a recording starts: one too short to be told by its stamps may be played again."""
+        if not self._start_recording.service_is_ready():
+            return
+        told = self._start_recording.call_async(Trigger.Request())
+        if not self._spin_until(told.done, self._options.timeout_s):
+            self._node.get_logger().warning(f'{self._start_recording.service_name}: no answer')
+        # What came late of the recording before has the stamps of this one.
+        self._log.clear()
+
     def _play_in_lockstep(self) -> None:
-        others = [topic for topic in self._publishers if topic != self._scan_topic]
         silent = burst = 0
-        for message in in_lockstep_order(self._bag, self._scan_topic, others, AHEAD_S):
+        for message in in_lockstep_order(self._bag, self._scan_topic, self._others, AHEAD_S):
             repeated = message.topic == self._scan_topic and self._sent[-1:] == [header_stamp_ns(message.cdr)]
             self._publish(message)
             if message.topic != self._scan_topic:
                 burst += 1
                 if burst == BURST:
-                    self._wait_for_acknowledgement()
+                    self._wait_for_acknowledgement(self._others)
                     burst = 0
                 continue
             if repeated:
@@ -187,7 +221,7 @@ class Player:
         """Wait for messages still on their way, then for answers: bounded in all, and over when nothing more comes."""
         if not self._options.lockstep:
             # In lockstep the answers tell that everything arrived.
-            self._wait_for_acknowledgement()
+            self._wait_for_acknowledgement([*self._publishers])
         deadline_s = time.monotonic() + self._options.timeout_s
         quiet_s, last = time.monotonic(), -1
         while time.monotonic() < min(deadline_s, quiet_s + SETTLE_S):
@@ -197,10 +231,19 @@ class Player:
                 return
             self._spin_for(0.01)
 
-    def _wait_for_acknowledgement(self) -> None:
-        """Until every subscriber has everything; may take a heartbeat of 3 s."""
-        for publisher in self._publishers.values():
-            publisher.wait_for_all_acked(Duration(seconds=self._options.timeout_s))
+    def _wait_for_acknowledgement(self, topics: Sequence[str]) -> None:
+        """Until every subscriber has everything; may take a heartbeat of 3 s. One that is stuck is waited for once."""
+        now = Duration(seconds=0)
+
+        def lacking() -> set[str]:
+            return {t for t in topics if t not in self._stuck and not self._publishers[t].wait_for_all_acked(now)}
+
+        if not self._spin_until(lambda: not lacking(), self._options.timeout_s) and (stuck := lacking()):
+            self._stuck |= stuck
+            self._node.get_logger().warning(
+                f'{", ".join(sorted(stuck))}: not acknowledged by every subscriber within '
+                f'{self._options.timeout_s:g} s: not waiting for that any more'
+            )
 
     def _advertised(self) -> Iterator[tuple[str, Publisher]]:
         for topic, msgtype in self._bag.topics.items():
@@ -220,9 +263,42 @@ class Player:
         present = self._log.present()
         return [topic for topic in TOPICS if topic not in present]
 
+    def _is_quiet(self) -> bool:
+        """Whether all have been discovered, where a bag has topics that the nodes which answer know nothing of."""
+        if all(self._bag.topics[topic] in (FIX_TYPE, ODOMETRY_TYPE) for topic in self._others):
+            return True
+        counts = [self._node.count_subscribers(publisher.topic_name) for publisher in self._publishers.values()]
+        around = [*sorted(self._node.get_node_names_and_namespaces()), *counts]
+        now_s = time.monotonic()
+        if around != self._around:
+            self._around, self._changed_s = around, now_s
+        return now_s - self._started_s >= ANNOUNCED_S and now_s - self._changed_s >= SETTLE_S
+
     def _have_met(self) -> bool:
-        names = map(self._node.resolve_topic_name, self._log.awaited)
-        return all(self._subscribers.get(name) == str(self._node.count_subscribers(name)) for name in names)
+        """Whether each node that answers knows of everybody who can hear it."""
+        for topic in map(self._node.resolve_topic_name, self._log.awaited):
+            offers = self._node.get_publishers_info_by_topic(topic)
+            known = self._subscribers.get(topic)
+            if not any(known == str(count_listeners(self._node, topic, o.topic_type, o.qos_profile)) for o in offers):
+                return False
+        return True
+
+    def _unmet(self) -> list[str]:
+        """Topics of the bag that somebody can hear who is not connected yet."""
+        offers = [(topic, self._bag.topics[topic], publisher) for topic, publisher in self._publishers.items()]
+        return [
+            topic
+            for topic, msgtype, publisher in offers
+            if publisher.get_subscription_count()
+            < count_listeners(self._node, publisher.topic_name, msgtype, publisher.qos_profile)
+        ]
+
+    def _is_heard_by_others(self, topic: str) -> bool:
+        node, awaited = self._node, map(self._node.resolve_topic_name, self._log.awaited)
+        answering = [info for answer in awaited for info in node.get_publishers_info_by_topic(answer)]
+        known = {(info.node_namespace, info.node_name) for info in answering}
+        listening = node.get_subscriptions_info_by_topic(self._publishers[topic].topic_name)
+        return any((info.node_namespace, info.node_name) not in known for info in listening)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:

@@ -15,6 +15,7 @@ from live_nodes import Observer, wait_until
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Image, NavSatFix, NavSatStatus, PointCloud2
 from std_msgs.msg import Header
+from std_srvs.srv import Trigger
 
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.nodes.encoder_node import EncoderNode
@@ -96,6 +97,27 @@ def test_repeated_and_backward_stamps_are_dropped_and_a_restart_is_not(
     assert node.status.drops == {'repeated_stamp': 1, 'stamp_backwards': 1}
     answers = [(m.header.stamp.sec + m.header.stamp.nanosec / SECOND, m.width) for m in embeddings]
     assert answers == [(100.0, 128), (100.25, 128), (100.0, 0), (100.5, 128), (50.0, 128), (50.25, 128)]
+
+
+def test_the_last_scan_again_is_answered_where_a_recording_starts(
+    observer: Observer, start_node: Callable[..., StageNode]
+) -> None:
+    node = start_node(EncoderNode)
+    embeddings = observer.hear(PointCloud2, 'embedding')
+    send = observer.speaker(Image, 'radar_data/b_scan_image', qos.SCANS)
+    for stamp_s in (100.0, 100.25):
+        send(image(round(stamp_s * SECOND)))
+    wait_until(lambda: len(embeddings) == 2)
+    for _ in range(2):
+        assert observer.call(Trigger, 'encoder/start_recording', Trigger.Request()).success
+        send(image(round(100.25 * SECOND)))
+        send(image(round(100.25 * SECOND)))
+        wait_until(lambda: node.status.drops['repeated_stamp'])
+        node.status.drops.clear()
+    assert [message.width for message in embeddings] == [128] * 4
+    node.trigger_deactivate()
+    refused = observer.call(Trigger, 'encoder/start_recording', Trigger.Request())
+    assert (refused.success, refused.message) == (False, 'the encoder is not active')
 
 
 def test_drops_are_on_the_diagnostics_topic(observer: Observer, start_node: Callable[..., StageNode]) -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import signal
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -15,7 +17,7 @@ from live_nodes import WAIT_S, Observer, replay, wait_until
 from rclpy.serialization import serialize_message
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import Image, NavSatFix
+from sensor_msgs.msg import Image, NavSatFix, PointCloud2
 from std_msgs.msg import Bool
 
 from offradar_ros.bags.reader import Bag
@@ -186,9 +188,8 @@ def test_an_interrupted_session_is_ended_and_kept(
     assert [s.state for s in MapStore.open_read_only(tmp_path / 'map.db').sessions] == ['ended', 'ended']
 
 
-def test_what_the_nodes_said_when_it_was_recorded_is_not_played(
-    observer: Observer, stack: Callable[..., Stack], street: Callable[..., Any], tmp_path: Path
-) -> None:
+@pytest.fixture
+def everything(street: Callable[..., Any], tmp_path: Path) -> Path:
     """A bag of everything on a vehicle: answers, and messages without a header."""
     sequence, path = street(count=6), tmp_path / 'everything'
     types = TYPES.types
@@ -204,15 +205,79 @@ def test_what_the_nodes_said_when_it_was_recorded_is_not_played(
             writer.write(flags, stamp, TYPES.serialize_cdr(types['std_msgs/msg/Bool'](data=True), 'std_msgs/msg/Bool'))
             old.header.stamp.sec, old.header.stamp.nanosec = divmod(stamp, 10**9)
             writer.write(said, stamp, serialize_message(old))
+    return path
+
+
+def test_what_the_nodes_said_when_it_was_recorded_is_not_played(
+    observer: Observer, stack: Callable[..., Stack], everything: Path
+) -> None:
     doors = observer.hear(Bool, 'door_open')
     with stack() as nodes:
         nodes.wait_until_ready()
-        printed = replay(nodes, path, '--rate', '4', '--restamp')
+        printed = replay(nodes, everything, '--rate', '4', '--restamp')
         assert '6 scans, 6 embeddings, 0 matches, 6 rejections (6 map_empty), 0 unanswered' in printed
         wait_until(lambda: len(doors) == 6)
-        printed = replay(nodes, path, '--lockstep')
+        printed = replay(nodes, everything, '--lockstep')
         assert '6 scans, 6 embeddings' in printed
+        wait_until(lambda: len(doors) == 12)
     assert all(door.data for door in doors)
+
+
+def test_who_cannot_hear_is_not_waited_for(observer: Observer, stack: Callable[..., Stack], everything: Path) -> None:
+    """Subscriptions that ask for what was sent before they came, which no publisher here keeps."""
+    observer.hear(Bool, 'door_open', qos.LATCHED)
+    observer.hear(PointCloud2, 'embedding', qos.LATCHED)
+    with stack() as nodes:
+        nodes.wait_until_ready()
+        printed = replay(nodes, everything, '--lockstep')
+    assert '6 scans, 6 embeddings' in printed
+    assert 'have not all found one another' not in printed
+    assert 'not everybody who listens' not in printed
+
+
+def test_a_listener_that_hangs_is_named_and_given_up(stack: Callable[..., Stack], everything: Path) -> None:
+    code = (
+        'import rclpy\n'
+        'from std_msgs.msg import Bool\n'
+        'rclpy.init()\n'
+        'node = rclpy.create_node("listener")\n'
+        'node.create_subscription(Bool, "door_open", lambda _: print("heard", flush=True), 10)\n'
+        'rclpy.spin(node)\n'
+    )
+    with stack() as nodes:
+        nodes.wait_until_ready()
+        command = [sys.executable, '-c', code]
+        with subprocess.Popen(command, env=nodes.environment, stdout=subprocess.PIPE) as listener:
+            try:
+                arguments = [str(everything), '--lockstep', '--loop', '60', '--timeout', '8']
+                process = nodes.start('replay_node', arguments, 'hanging')
+                assert listener.stdout is not None
+                assert listener.stdout.readline() == b'heard\n'
+                listener.send_signal(signal.SIGSTOP)
+                assert process.wait(2 * WAIT_S) == 0
+            finally:
+                listener.kill()
+    printed = process.log.read_text()
+    assert '360 scans, 360 embeddings' in printed
+    assert '/door_open: not acknowledged by every subscriber within 8 s' in printed
+
+
+@pytest.mark.parametrize('count', [1, 3])
+def test_a_recording_too_short_to_be_told_by_its_stamps_is_played_again(
+    stack: Callable[..., Stack], street_bag: Callable[..., Path], count: int
+) -> None:
+    bag = street_bag('drive', count=count)
+    with stack() as nodes:
+        nodes.wait_until_ready()
+        for loops in (3, 1):
+            scans = loops * count
+            printed = replay(nodes, bag, '--lockstep', '--loop', str(loops))
+            assert f'replayed {scans} scans, {scans} embeddings, 0 matches, {scans} rejections' in printed
+            assert f'({scans} map_empty), 0 unanswered, 0 answered twice' in printed
+        printed = replay(nodes, bag, '--lockstep', '--loop', '2', '--session')
+        assert ', 0 dropped; places 0 -> 1, ' in printed
+        printed = replay(nodes, bag, '--lockstep')
+        assert f'replayed {count} scans, {count} embeddings, {count} matches' in printed
 
 
 def test_a_flood_of_positions_loses_no_scan(

@@ -42,6 +42,16 @@ def test_a_large_jump_back_is_a_restart() -> None:
     assert gate.check(95 * SECOND) is False
 
 
+@pytest.mark.parametrize('stamp', [100 * SECOND, 99 * SECOND, 101 * SECOND])
+def test_once_told_that_a_recording_starts_any_stamp_is_its_first(stamp: int) -> None:
+    gate = StampGate(5 * SECOND)
+    gate.check(100 * SECOND)
+    gate.forget()
+    assert gate.check(stamp) is False
+    with pytest.raises(RefusedInput):
+        gate.check(stamp)
+
+
 @given(st.lists(st.integers(0, 20 * SECOND), max_size=30))
 def test_what_passes_grows_between_restarts(stamps: list[int]) -> None:
     gate, passed = StampGate(5 * SECOND), []
