@@ -15,6 +15,9 @@ COMPACT_CONVOLUTIONS = ((48, 7, 4), (96, 3, 2), (128, 3, 1))
 COMPACT_FEATURES = 48
 COMPACT_FREQUENCIES = 8
 _TINY = 1e-10
+# Puts standardised power on the scale of power itself.
+_CONTRAST = 0.25
+_LEAST_DEVIATION = 0.01
 
 IMAGENET_MEAN = (0.485, 0.456, 0.406)
 IMAGENET_STD = (0.229, 0.224, 0.225)
@@ -59,6 +62,9 @@ class Compact(nn.Module):
     (N, 1, A, R) float32 in [0, 1] → (N, 48, F, R / 8), where F = 8 frequencies of the A / 8 azimuths are kept by their
     amplitude alone. Turning the vehicle shifts the rows, which no amplitude shows: a turn by 8 rows changes nothing,
     one between only what the strides alias. Rows are padded with the rows of the other end, as a turn has none.
+
+    A second channel is the image standardised at each range over azimuth: it has neither the receiver's gain nor its
+    noise floor, which differ from radar to radar.
     """
 
     def __init__(self, image_shape: tuple[int, int]) -> None:
@@ -66,7 +72,7 @@ class Compact(nn.Module):
         azimuths, range_bins = (length // POLAR_REDUCTION for length in image_shape)
         self.shape = (COMPACT_FEATURES, min(COMPACT_FREQUENCIES, azimuths // 2 + 1), range_bins)
         layers: list[nn.Module] = []
-        inputs = 1
+        inputs = 2  # the image, and the image standardised
         for outputs, size, stride in COMPACT_CONVOLUTIONS:
             layers += [_AroundConvolution(inputs, outputs, size, stride), nn.ReLU(inplace=True)]
             inputs = outputs
@@ -77,8 +83,15 @@ class Compact(nn.Module):
 
     def forward(self, image: torch.Tensor) -> torch.Tensor:
         """(N, 1, A, R) → (N, 48, F, R / 8)."""
-        spectrum: torch.Tensor = self.spectrum(self.reduce(self.convolutions(image)))
+        both = torch.cat([image, _CONTRAST * standardised_over_azimuth(image)], dim=1)
+        spectrum: torch.Tensor = self.spectrum(self.reduce(self.convolutions(both)))
         return spectrum
+
+
+def standardised_over_azimuth(image: torch.Tensor) -> torch.Tensor:
+    """(N, C, A, R) → the same with mean 0 and deviation 1 over A, less where there is hardly any contrast."""
+    offset = image - image.mean(dim=2, keepdim=True)
+    return offset / (offset.square().mean(dim=2, keepdim=True).sqrt() + _LEAST_DEVIATION)
 
 
 class AzimuthSpectrum(nn.Module):

@@ -110,7 +110,10 @@ def test_the_whole_backbone_against_loops() -> None:
     network = make_network(NetworkConfig(backbone='compact', dimension=4, azimuths=16, range_bins=24))
     backbone = trained_a_little(network, (16, 24)).features.backbone
     image = images(1, (16, 24)) / 255.0
-    features = image
+    standardised = [
+        [(image[0, a, r] - image[0, :, r].mean()) / (image[0, :, r].std() + 0.01) for r in range(24)] for a in range(16)
+    ]
+    features = np.stack([image[0], 0.25 * np.array(standardised)])
     layers = [layer for layer in backbone.convolutions if not isinstance(layer, torch.nn.ReLU)]
     for layer, (_, _, stride) in zip(layers, COMPACT_CONVOLUTIONS, strict=True):
         features = np.maximum(convolved(features, layer, stride), 0.0)
