@@ -43,16 +43,20 @@ class Observer:
         self.node = Node('observer', context=self.context)
         self._executor = SingleThreadedExecutor(context=self.context)
         self._executor.add_node(self.node)
+        self._added: list[Node] = []
         self._thread = threading.Thread(target=self._executor.spin, daemon=True)
         self._thread.start()
 
     def close(self) -> None:
         self._executor.shutdown(WAIT_S)
         self._thread.join(WAIT_S)
-        self.node.destroy_node()
+        # What is left to the garbage collector may still be heard by a later test in the same domain.
+        for node in (*self._added, self.node):
+            node.destroy_node()
         rclpy.shutdown(context=self.context)
 
     def add(self, node: Node) -> None:
+        self._added.append(node)
         self._executor.add_node(node)
 
     def hear(self, kind: type, topic: str, profile: QoSProfile = qos.RESULTS, *, raw: bool = False) -> list[Any]:
