@@ -12,8 +12,6 @@ from offradar_ros.errors import DataError
 from offradar_ros.training.cache import CachedDrive
 from offradar_ros.training.config import BatchConfig
 
-_TRIES_A_PLACE = 300
-
 
 class Batch(NamedTuple):
     """Attributes: scans i and i + m of 2m are one place.
@@ -53,33 +51,44 @@ class BatchSampler:
         DataError where so many places that far apart are not found.
         """
         rng = np.random.default_rng([*self._seed, step])
-        places, config = self.config.places, self.config
-        members = self._members
-        if config.worlds:
-            drawn = rng.permutation(len(members))[: config.worlds]
-            members = [members[world] for world in drawn]
-        pool = np.concatenate(members)
-        taken = np.empty((places, 2), np.int64)
-        found = 0
-        for _ in range(_TRIES_A_PLACE * places):
-            anchor = self._one_of(pool, rng)
-            if not self._is_apart(anchor, taken[:found]):
-                continue
-            near = self._positives(anchor)
-            if not len(near):
-                continue
-            second = self._one_of(near, rng)
-            if not self._is_apart(second, taken[:found]):
-                continue
-            taken[found] = anchor, second
-            found += 1
-            if found == places:
-                scans = taken.T.ravel()
+        places, worlds = self.config.places, self.config.worlds
+        pools, a_pool = [np.arange(len(self.row_of))], places
+        if worlds:
+            # A world too small for its share leaves the rest of it to the next one.
+            pools, a_pool = [self._members[k] for k in rng.permutation(len(self._members))], -(-places // worlds)
+        free = np.ones(len(self.row_of), np.bool_)
+        pairs: list[tuple[int, int]] = []
+        for pool in pools:
+            for _ in range(min(a_pool, places - len(pairs))):
+                pair = self._place(pool, free, rng)
+                if pair is None:
+                    break
+                pairs.append(pair)
+            if len(pairs) == places:
+                scans = np.array(pairs, np.int64).T.ravel()
                 return Batch(scans, self._spins(scans, rng))
         raise DataError(
-            f'a batch of {places} places more than {config.negative_m:g} m apart is not found among '
+            f'a batch of {places} places more than {self.config.negative_m:g} m apart is not found among '
             f'{len(self.row_of)} scans of {len(self._members)} worlds: expected fewer batch.places or more data'
         )
+
+    def _place(
+        self, pool: NDArray[np.int64], free: NDArray[np.bool_], rng: np.random.Generator
+    ) -> tuple[int, int] | None:
+        """An anchor from `pool` and its other view, both `free`; what is near either is free no longer."""
+        while True:
+            candidates = pool[free[pool]]
+            if not len(candidates):
+                return None
+            anchor = self._one_of(candidates, rng)
+            near = self._positives(anchor)
+            near = near[free[near]]
+            if len(near):
+                second = self._one_of(near, rng)
+                for view in (anchor, second):
+                    free[self._within(view, self.config.negative_m)] = False
+                return anchor, second
+            free[anchor] = False
 
     def _one_of(self, scans: NDArray[np.int64], rng: np.random.Generator) -> int:
         """One of `scans`: a degraded one by the chance of `degraded_views`, where there is one."""
@@ -90,20 +99,20 @@ class BatchSampler:
     def _positives(self, anchor: int) -> NDArray[np.int64]:
         """Scans that may be the other view of the anchor's place, itself excepted."""
         config = self.config
-        members = self._members[self.world_of[anchor]]
         if config.positive == 'time':
+            members = self._members[self.world_of[anchor]]
             members = members[self.drive_of[members] == self.drive_of[anchor]]
-            near = np.abs(self.row_of[members] - self.row_of[anchor]) <= config.positive_scans
+            near = members[np.abs(self.row_of[members] - self.row_of[anchor]) <= config.positive_scans]
         else:
-            offsets = self.positions_m[members] - self.positions_m[anchor]
-            near = np.hypot(offsets[:, 0], offsets[:, 1]) <= config.positive_m
-        return np.asarray(members[near & (members != anchor)], np.int64)
+            near = self._within(anchor, config.positive_m)
+        others: NDArray[np.int64] = near[near != anchor]
+        return others
 
-    def _is_apart(self, scan: int, taken: NDArray[np.int64]) -> bool:
-        others = taken.ravel()
-        others = others[self.world_of[others] == self.world_of[scan]]
-        offsets = self.positions_m[others] - self.positions_m[scan]
-        return bool(np.all(np.hypot(offsets[:, 0], offsets[:, 1]) > self.config.negative_m))
+    def _within(self, scan: int, metres: float) -> NDArray[np.int64]:
+        """Scans of the same world as near as that."""
+        members = self._members[self.world_of[scan]]
+        offsets = self.positions_m[members] - self.positions_m[scan]
+        return np.asarray(members[np.hypot(offsets[:, 0], offsets[:, 1]) <= metres], np.int64)
 
     def _spins(self, scans: NDArray[np.int64], rng: np.random.Generator) -> NDArray[np.int64]:
         if not self.config.spin:

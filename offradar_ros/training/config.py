@@ -65,7 +65,8 @@ class BatchConfig:
     places: int = parameter(32, 'm, places in a batch', minimum=2, maximum=4096)
     worlds: int = parameter(
         0,
-        'worlds that a batch is drawn from, 0 for any: in few, the negatives are from the same streets and radar',
+        'worlds that a batch is drawn from, more only where they are too small, 0 for any: in few, '
+        'the negatives are from the same streets and radar',
         minimum=0,
         maximum=100_000,
     )

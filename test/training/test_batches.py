@@ -100,7 +100,7 @@ def test_too_little_room_is_said(make_line: MakeLine) -> None:
 
 
 def test_a_batch_keeps_to_as_many_worlds_as_asked(make_line: MakeLine) -> None:
-    sampler = BatchSampler(worlds(make_line), BatchConfig(places=6, worlds=2), 1)
+    sampler = BatchSampler(worlds(make_line), BatchConfig(places=4, worlds=2), 1)
     drawn = [frozenset(sampler.world_of[sampler.batch(step).scans].tolist()) for step in range(30)]
     assert all(len(found) <= 2 for found in drawn)
     assert frozenset().union(*drawn) == {0, 1, 2}
