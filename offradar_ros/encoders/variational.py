@@ -7,6 +7,7 @@ is normalised here: the losses do that for themselves.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import torch
@@ -75,6 +76,11 @@ class VariationalNetwork(nn.Module):
         if self.training:
             z = z + torch.exp(0.5 * log_variance) * torch.randn_like(mu)
         return NetworkOutput(z_i, mu, log_variance, z, features.detach(), self.decoder(z))
+
+    def scale_variance(self, factor: float) -> None:
+        """Multiply every variance by `factor` from now on."""
+        with torch.no_grad():
+            self.log_variance.bias.add_(math.log(factor))
 
     def embed(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Unit descriptor (N, d) and variance (N, d) of images (N, H, W); nothing is sampled.

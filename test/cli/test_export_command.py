@@ -72,3 +72,26 @@ def test_a_place_that_cannot_be_written_is_refused(refused: Callable[..., str], 
     for folder in (tmp_path, '', '.'):
         assert 'a folder is there' in refused('export', weights, folder)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_weights_are_halved_and_their_uncertainty_set_to_1_over_a_drive(
+    done: Callable[..., str], weights: Path, street_bag: Callable[..., Path], tmp_path: Path
+) -> None:
+    bag = street_bag('bag', count=6)
+    shipped, onnx = tmp_path / 'shipped.safetensors', tmp_path / 'shipped.onnx'
+    done('export', weights, shipped, '--half', '--unit-u', bag)
+    done('export', shipped, onnx)
+    assert shipped.stat().st_size < 0.6 * weights.stat().st_size
+    drive = BagSequence(bag)
+    for path in (shipped, onnx):
+        encoder = make_encoder(EncoderConfig(name='variational', weights=str(path)))
+        uncertainties = [encoder.encode(drive.scan(index)).uncertainty for index in range(6)]
+        assert np.mean(uncertainties) == pytest.approx(1.0, abs=5e-3)
+
+
+def test_onnx_is_exported_as_the_weights_are(
+    refused: Callable[..., str], weights: Path, street_bag: Callable[..., Path], tmp_path: Path
+) -> None:
+    for options in (['--half'], ['--unit-u', street_bag('bag', count=1)]):
+        assert '--half and --unit-u are for .safetensors' in refused('export', weights, tmp_path / 'out.onnx', *options)
+    assert not (tmp_path / 'out.onnx').exists()
