@@ -14,6 +14,7 @@ VGG16_GROUPS = ((64, 64), (128, 128), (256, 256, 256), (512, 512, 512), (512, 51
 COMPACT_CONVOLUTIONS = ((48, 7, 4), (96, 3, 2), (128, 3, 1))
 COMPACT_FEATURES = 48
 COMPACT_FREQUENCIES = 8
+COMPACT_TURNS = (0, 2, 4, 6)
 _TINY = 1e-10
 # Puts standardised power on the scale of power itself.
 _CONTRAST = 0.25
@@ -61,7 +62,8 @@ class Compact(nn.Module):
 
     (N, 1, A, R) float32 in [0, 1] → (N, 48, F, R / 8), where F = 8 frequencies of the A / 8 azimuths are kept by their
     amplitude alone. Turning the vehicle shifts the rows, which no amplitude shows: a turn by 8 rows changes nothing,
-    one between only what the strides alias. Rows are padded with the rows of the other end, as a turn has none.
+    one between only what the strides alias. Outside training that is averaged over the image turned by 0, 2, 4 and 6
+    rows, so that a turn by 2 rows changes nothing. Rows are padded with the rows of the other end, as a turn has none.
 
     A second channel is the image standardised at each range over azimuth: it has neither the receiver's gain nor its
     noise floor, which differ from radar to radar.
@@ -84,7 +86,13 @@ class Compact(nn.Module):
     def forward(self, image: torch.Tensor) -> torch.Tensor:
         """(N, 1, A, R) → (N, 48, F, R / 8)."""
         both = torch.cat([image, _CONTRAST * standardised_over_azimuth(image)], dim=1)
-        spectrum: torch.Tensor = self.spectrum(self.reduce(self.convolutions(both)))
+        if self.training:
+            return self._amplitudes(both)
+        turned = [self._amplitudes(torch.cat([both[:, :, k:], both[:, :, :k]], dim=2)) for k in COMPACT_TURNS]
+        return torch.stack(turned).mean(dim=0)
+
+    def _amplitudes(self, image: torch.Tensor) -> torch.Tensor:
+        spectrum: torch.Tensor = self.spectrum(self.reduce(self.convolutions(image)))
         return spectrum
 
 
