@@ -1,21 +1,17 @@
 """`offradar export`: trained weights as the vehicle wants them."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Optional
+from typing import Annotated, Optional
 
-import numpy as np
 import typer
 
 from offradar_ros.cli.need import pip_hint
 from offradar_ros.cli.progress import progress_bar
 from offradar_ros.cli.source import LAYOUT_HELP, open_source
 from offradar_ros.config import RadarConfig
-from offradar_ros.encoders.calibration import variance_factor
 from offradar_ros.encoders.model_files import require_file
+from offradar_ros.encoders.weights_header import WeightsHeader
 from offradar_ros.errors import ConfigError, OffradarError
-
-if TYPE_CHECKING:
-    from offradar_ros.encoders.weights_header import WeightsHeader
 
 SAFETENSORS = '.safetensors'
 
@@ -45,27 +41,17 @@ def export(
     typer.echo(f'{out}: {header.fingerprint}')
 
 
-def _to_onnx(weights: Path, out: Path) -> 'WeightsHeader':
+def _to_onnx(weights: Path, out: Path) -> WeightsHeader:
     from offradar_ros.encoders.onnx_export import export_onnx  # noqa: PLC0415
 
     return export_onnx(weights, out)
 
 
-def _to_safetensors(weights: Path, out: Path, half: bool, unit_u: Optional[Path], layout: str) -> 'WeightsHeader':
-    from offradar_ros.encoders.encode import encode_all  # noqa: PLC0415
-    from offradar_ros.encoders.network_files import load_network, save_network  # noqa: PLC0415
-    from offradar_ros.encoders.torch_backend import TorchEncoder  # noqa: PLC0415
-    from offradar_ros.encoders.variational import VariationalNetwork  # noqa: PLC0415
+def _to_safetensors(weights: Path, out: Path, half: bool, unit_u: Optional[Path], layout: str) -> WeightsHeader:
+    from offradar_ros.encoders.shipping import ship  # noqa: PLC0415
 
-    network, header = load_network(weights)
-    description = header.description
-    if unit_u is not None:
-        if not isinstance(network, VariationalNetwork):
-            raise ConfigError(f'{weights}: --unit-u is for the variational method, got {header.config.method}')
-        drive = open_source(unit_u, layout, RadarConfig())
-        with progress_bar(f'encoding {drive.name}') as progress:
-            _, variances = encode_all(TorchEncoder(str(weights), 0), drive, progress)
-        factor = variance_factor(np.nanmean(variances, axis=1))
-        network.scale_variance(factor)
-        description = f'{description}; variance × {factor:.6g}, for U = 1 over {len(drive)} scans of {drive.name}'
-    return save_network(out, network, description, half)
+    if unit_u is None:
+        return ship(weights, out, half=half, clean_drive=None)
+    drive = open_source(unit_u, layout, RadarConfig())
+    with progress_bar(f'encoding {drive.name}') as progress:
+        return ship(weights, out, half=half, clean_drive=drive, progress=progress)
