@@ -90,6 +90,9 @@ def simulate(
             start_m = float(path.driven_m[-1]) if plan.reverse else 0.0
             length = path.scans(size.rotation_s, start_m=0.0)
             plan = dataclasses.replace(plan, path=path, start_m=start_m, scans=min(scans or length, length))
+        elif plan.reverse:
+            # Back from where the others end, over the same streets.
+            plan = dataclasses.replace(plan, start_m=plan.scans * size.rotation_s * plan.speed_mps)
         sequence = SimulatedSequence(place, plan, size)
         _write(sequence, out / plan.name, format_, overwrite=overwrite, workers=workers)
         write_ground_truth(sequence, out / f'{plan.name}.csv')

@@ -15,7 +15,7 @@ from offradar_ros.evaluation.extremes import draw_extremes
 from offradar_ros.evaluation.figures import draw_rejection_curves, draw_severity
 from offradar_ros.evaluation.methods import OURS, open_method
 from offradar_ros.evaluation.protocol import Protocol
-from offradar_ros.evaluation.recorded import measure_recorded
+from offradar_ros.evaluation.recorded import measure_recorded, require_recorded
 from offradar_ros.evaluation.results import assemble, scan_rows, write_results
 from offradar_ros.evaluation.runner import Bar, Worlds, measure, simulated_worlds
 from offradar_ros.evaluation.summary import Json
@@ -46,6 +46,8 @@ def evaluate(protocol: Protocol, methods: Sequence[str], options: Options) -> Js
         options.out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise DataError(f'{options.out}: expected a folder for results ({error.strerror})') from None
+    if options.real_scans:
+        require_recorded(options.real_scans)
     spacing_m = protocol.map_spacings_m[0]
     opened = [
         open_method(text, options.cache, seed=protocol.seed, spacing_m=spacing_m, threads=options.threads)

@@ -9,6 +9,7 @@ import numpy as np
 
 from offradar_ros.config import EncoderConfig
 from offradar_ros.encoders.model_files import require_package
+from offradar_ros.encoders.pretrained import find_weights
 from offradar_ros.encoders.protocol import Encoder
 from offradar_ros.encoders.rad_vlad import RadVladEncoder
 from offradar_ros.encoders.rad_vlad_codebook import load_codebook
@@ -89,6 +90,8 @@ def open_method(text: str, folder: Path, *, seed: int, spacing_m: float, threads
         raise ConfigError(f'--method {text}: expected NAME=WEIGHTS; only ring_key and rad_vlad need no weights')
     if Path(weights).is_dir():
         weights = str(Path(weights) / BEST)
+    elif weights and name != 'rad_vlad':
+        weights = str(find_weights(weights, ('.safetensors', '.onnx')))
     encoder = _ENCODERS.get(name) or _kind_of(weights)
     return OneEncoder(name, make_encoder(EncoderConfig(name=encoder, weights=weights, threads=threads)), weights)
 

@@ -47,6 +47,12 @@ SPOILED: dict[str, Spoil] = {
 }
 
 
+def require_recorded(folder: Path) -> None:
+    """DataError where `folder` does not hold both recordings."""
+    for name in (CLEAN, FOG):
+        open_sequence(folder / name)
+
+
 def measure_recorded(encoder: Encoder, folder: Path, seed: int) -> Json:
     """U of clean and of spoiled Oxford scans and of foggy RADIATE scans, by name; DataError where they are not there.
 
