@@ -35,7 +35,7 @@ $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
 $(VENV)/.demo: $(VENV)/bin/python $(SOURCES)
-	$(INSTALL) '.[ros,plot]'
+	$(INSTALL) '.[ros,plot,onnx]'
 	touch $@
 
 $(VENV)/.test: $(VENV)/bin/python $(SOURCES)

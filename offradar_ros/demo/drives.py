@@ -9,7 +9,7 @@ from offradar_ros.bags.writer import BagOptions, write_bag
 from offradar_ros.cli.calibrate import calibrated
 from offradar_ros.cli.progress import progress_bar
 from offradar_ros.cli.simulate import session_plan
-from offradar_ros.config import Config, write_parameters
+from offradar_ros.config import Config, EncoderConfig, write_parameters
 from offradar_ros.simulation.city import CityPlan, make_city
 from offradar_ros.simulation.sequence import SimulatedSequence
 
@@ -17,6 +17,7 @@ SEED = 1
 SCANS = 400
 MAPPED = (True, True, False)
 DEGRADED = (0.2, 0.2, 0.35)
+ENCODER = EncoderConfig(name='variational', weights='compact')
 
 
 @dataclasses.dataclass(frozen=True)
@@ -43,8 +44,8 @@ def simulate_drives(folder: Path) -> list[Drive]:
 
 
 def calibrate_on_a_clean_drive(path: Path) -> Path:
-    """Parameters from one more, undisturbed drive: U is 1 on average, Δ spans it."""
+    """Parameters for the trained encoder from one more, undisturbed drive: Δ spans its U."""
     plan = session_plan(len(MAPPED), scans=SCANS, seed=SEED, degraded=0.0)
-    values, _ = calibrated(SimulatedSequence(make_city(CityPlan(seed=SEED)), plan), Config())
+    values, _ = calibrated(SimulatedSequence(make_city(CityPlan(seed=SEED)), plan), Config(encoder=ENCODER))
     write_parameters(path, values, f'Calibrated over {SCANS} scans of a clean simulated drive.')
     return path
