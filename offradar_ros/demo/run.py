@@ -26,7 +26,7 @@ def run_demo(out: Path, domain_id: int) -> None:
     console = Console()
     console.print(
         'Three drives of one route through a simulated town: the first builds the map, the second improves it, '
-        'the third asks it where it is. Some scans are blocked, flooded with noise or saturated.'
+        'the third asks it where it is. Some scans are spoiled by faults of six kinds.'
     )
     drives = simulate_drives(out / 'bags')
     params = calibrate_on_a_clean_drive(out / 'calibrated.yaml')
