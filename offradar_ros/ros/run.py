@@ -35,9 +35,10 @@ def run(make_node: Callable[[], StageNode], args: list[str] | None = None) -> in
     status = 0
     try:
         _initialise(args)
+        # Before the node says that it is ready: an executor made after a signal has shut the context down complains.
+        executor = SingleThreadedExecutor()
         node = make_node()
         node.start()
-        executor = SingleThreadedExecutor()
         executor.add_node(node)
         executor.spin()
     except ExternalShutdownException:
