@@ -24,6 +24,8 @@ INTENDED_USE = (
 LIMITS = (
     'Learned and measured on simulated scans; recorded scans enter only where this card says so.',
     'Every kind of fault that it is measured with it was also trained with.',
+    'Where `validation.physics` of the training run is `held_out`, its checkpoint was chosen on other cities of that '
+    'kind of radar: the kind is never trained on, but not unseen by the choice.',
     'U sees what is wrong with a scan (noise, blocked sectors, saturation), not that a place was never mapped or looks '
     'like another: a certain scan of an unmapped place is not rejected for its U.',
     'Calibrate (`offradar calibrate`) on an ordinary drive of the vehicle before using a threshold.',

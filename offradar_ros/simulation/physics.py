@@ -161,7 +161,7 @@ def draw_physics(seed: int | np.random.Generator) -> RadarPhysics:
 
 
 def held_out_physics(seed: int | np.random.Generator = 0) -> RadarPhysics:
-    """A radar of a kind that training never sees; never draw it to train or to choose settings for training."""
+    """A radar of a kind that training never sees: to judge by, also which checkpoint is best, never to learn from."""
     rng = np.random.default_rng(seed)
     law = (SpeckleLaw.LOG_NORMAL, SpeckleLaw.K)[int(rng.integers(2))]
     return _draw(rng, TRAINED_RANGES | HELD_OUT_RANGES, law)
