@@ -11,7 +11,7 @@ from offradar_ros.encoders.network_config import CARTESIAN_REDUCTION, POLAR_REDU
 VGG16_GROUPS = ((64, 64), (128, 128), (256, 256, 256), (512, 512, 512), (512, 512, 512))
 
 # Output channels, size and stride of the compact backbone's convolutions; together they reduce eight times.
-COMPACT_CONVOLUTIONS = ((48, 7, 4), (96, 3, 2), (128, 3, 1))
+COMPACT_CONVOLUTIONS = ((48, 7, 4), (96, 3, 2), (128, 3, 1), (128, 3, 1))
 COMPACT_FEATURES = 48
 COMPACT_FREQUENCIES = 8
 COMPACT_TURNS = (0, 2, 4, 6)
@@ -73,13 +73,14 @@ class Compact(nn.Module):
         super().__init__()
         azimuths, range_bins = (length // POLAR_REDUCTION for length in image_shape)
         self.shape = (COMPACT_FEATURES, min(COMPACT_FREQUENCIES, azimuths // 2 + 1), range_bins)
+        self.rows_before, self.rows_after = _rows_around()
         layers: list[nn.Module] = []
         inputs = 2  # the image, and the image standardised
         for outputs, size, stride in COMPACT_CONVOLUTIONS:
-            layers += [_AroundConvolution(inputs, outputs, size, stride), nn.ReLU(inplace=True)]
+            layers += [_NormalisedConvolution(inputs, outputs, size, stride), nn.ReLU(inplace=True)]
             inputs = outputs
         self.convolutions = nn.Sequential(*layers)
-        self.reduce = _AroundConvolution(inputs, COMPACT_FEATURES, 1, 1)
+        self.reduce = _NormalisedConvolution(inputs, COMPACT_FEATURES, 1, 1)
         self.spectrum = AzimuthSpectrum(azimuths, self.shape[1])
         initialise_convolutions(self)
 
@@ -92,7 +93,8 @@ class Compact(nn.Module):
         return torch.stack(turned).mean(dim=0)
 
     def _amplitudes(self, image: torch.Tensor) -> torch.Tensor:
-        spectrum: torch.Tensor = self.spectrum(self.reduce(self.convolutions(image)))
+        around = torch.cat([image[:, :, -self.rows_before :], image, image[:, :, : self.rows_after]], dim=2)
+        spectrum: torch.Tensor = self.spectrum(self.reduce(self.convolutions(around)))
         return spectrum
 
 
@@ -126,20 +128,25 @@ class AzimuthSpectrum(nn.Module):
             return torch.sqrt(power + _TINY)
 
 
-class _AroundConvolution(nn.Module):
-    """Convolution and batch normalisation of a polar feature map whose rows go round."""
+class _NormalisedConvolution(nn.Module):
+    """Convolution and batch normalisation of a polar feature map; ranges are padded with zeros, rows are not."""
 
     def __init__(self, inputs: int, outputs: int, size: int, stride: int) -> None:
         super().__init__()
-        self.margin = size // 2
-        self.convolution = nn.Conv2d(inputs, outputs, size, stride, padding=(0, self.margin), bias=False)
+        self.convolution = nn.Conv2d(inputs, outputs, size, stride, padding=(0, size // 2), bias=False)
         self.normalise = nn.BatchNorm2d(outputs)
 
     def forward(self, features: torch.Tensor) -> torch.Tensor:
-        if self.margin:
-            features = torch.cat([features[:, :, -self.margin :], features, features[:, :, : self.margin]], dim=2)
         normalised: torch.Tensor = self.normalise(self.convolution(features))
         return normalised
+
+
+def _rows_around() -> tuple[int, int]:
+    """Rows before and after an image that the first and last of the convolutions' outputs see."""
+    before = after = 0
+    for _, size, stride in reversed(COMPACT_CONVOLUTIONS):
+        before, after = stride * before + size // 2, stride * (after - 1) + 1 + size // 2
+    return before, after
 
 
 def initialise_convolutions(module: nn.Module) -> None:

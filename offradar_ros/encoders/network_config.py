@@ -19,6 +19,7 @@ _LARGEST_SIDE = 4096
 
 BACKBONES = ('vgg16', 'compact')
 DESCRIPTORS = ('z_i_plus_mu', 'z_i')
+STUDENTS = ('bounded', 'free')
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,6 +37,7 @@ class NetworkConfig:
         min_range_m: nearer returns are blanked.
         descriptor: what is compared: Z_I + μ_V (= E[Z]) or Z_I alone; of the variational method only.
         dropout: probability that MC Dropout drops a feature; of no other method.
+        student: STUN's variance: ``bounded``, between 1 and e as its authors' code has it, or ``free``.
     """
 
     method: str = 'variational'
@@ -48,12 +50,14 @@ class NetworkConfig:
     min_range_m: float = 2.5
     descriptor: str = 'z_i_plus_mu'
     dropout: float = 0.2
+    student: str = 'bounded'
 
     def __post_init__(self) -> None:
         _expect(self.method in METHODS, 'method', f'one of {", ".join(METHODS)}', self.method)
         _expect(self.backbone in BACKBONES, 'backbone', f'one of {", ".join(BACKBONES)}', self.backbone)
         _expect(self.descriptor in DESCRIPTORS, 'descriptor', f'one of {", ".join(DESCRIPTORS)}', self.descriptor)
         _expect(1 <= self.dimension <= 65536, 'dimension', '1 to 65536', self.dimension)
+        _expect(self.student in STUDENTS, 'student', f'one of {", ".join(STUDENTS)}', self.student)
         for name, reduction in (
             ('side_px', CARTESIAN_REDUCTION),
             ('azimuths', POLAR_REDUCTION),

@@ -8,12 +8,14 @@ from torch import nn
 from offradar_ros.encoders.feature_map import FeatureMap
 from offradar_ros.encoders.network_config import NetworkConfig
 from offradar_ros.encoders.unit_length import unit_length
+from offradar_ros.encoders.variational import LOG_VARIANCE_LIMIT
 
 
 class StunNetwork(nn.Module):
-    """The student: backbone, a normalised mean and log s² between 0 and 1, as its authors' code has it.
+    """The student: backbone, a normalised mean and log s². The teacher is a `BcRadarNetwork` of the same backbone.
 
-    So s² lies between 1 and e for every scan. The teacher is a `BcRadarNetwork`, the same common loss and backbone.
+    ``bounded``: log s² is between 0 and 1, as its authors' code has it, so that s² lies between 1 and e for every scan.
+    Distances between unit vectors are mostly less than that. ``free``: log s² is any number between −10 and 10.
     """
 
     def __init__(self, config: NetworkConfig) -> None:
@@ -26,7 +28,12 @@ class StunNetwork(nn.Module):
     def forward(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Unit mean (N, d) and log s² (N, d) of images (N, H, W)."""
         flat = self.features(images).flatten(1)
-        return unit_length(self.head(flat)), torch.sigmoid(self.log_variance(flat))
+        log_variance = self.log_variance(flat)
+        if self.config.student == 'free':
+            log_variance = log_variance.clamp(-LOG_VARIANCE_LIMIT, LOG_VARIANCE_LIMIT)
+        else:
+            log_variance = torch.sigmoid(log_variance)
+        return unit_length(self.head(flat)), log_variance
 
     def embed(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Unit descriptor (N, d) and variance s² (N, d) of images (N, H, W)."""

@@ -23,7 +23,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros import __version__
-from offradar_ros.config import CartesianConfig
 from offradar_ros.encoders.network_config import NetworkConfig
 from offradar_ros.errors import DataError, RefusedInput
 from offradar_ros.training.drive import Drive
@@ -42,9 +41,8 @@ class Reduction:
 
     @classmethod
     def for_image(cls, config: NetworkConfig) -> Reduction:
-        """Half a pixel leaves a Cartesian image as it is; an eighth of a column hardly changes a polar one."""
-        parts = 2 if isinstance(config.image, CartesianConfig) else 8
-        return cls(config.resolution_m / parts, config.reach_m)
+        """Half a pixel leaves a Cartesian image as it is; half a column of a polar one changes it by a rounding."""
+        return cls(config.resolution_m / 2.0, config.reach_m)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -48,9 +48,7 @@ class ValidationConfig:
     sequence_spacing_m: float = parameter(
         1.0, 'recorded scans nearer than this to the last one kept are passed over', unit='m', minimum=0.0, maximum=100
     )
-    map_spacing_m: float = parameter(
-        5.0, 'a scan nearer than this to a mapped one is not mapped', unit='m', minimum=0.0, maximum=100.0
-    )
+    map_spacing_m: float = parameter(5.0, 'one scan in so much way is mapped', unit='m', minimum=0.1, maximum=100.0)
     every_steps: int = parameter(500, 'steps between validations', minimum=1, maximum=10**9)
     recall_weight: float = parameter(1.0, "of Recall@1 in a checkpoint's score", minimum=0.0, maximum=1e6)
     auroc_weight: float = parameter(
@@ -101,6 +99,12 @@ class ContrastConfig:
     on: str = parameter('z', 'what is compared: Z_I, E[Z] = Z_I + μ, or a sample of Z', choices=('z_i', 'mean', 'z'))
     temperature: float = parameter(1.0, 'τ', minimum=1e-6, maximum=1e6)
     negative_weight: float = parameter(0.1, 'weight of the negatives in the batch criterion', minimum=0.0, maximum=1e6)
+    answers: str = parameter(
+        'own',
+        'whose U the temperature of a pair is: each its own, the greater for both, or its own, of which only the worse '
+        'learns',
+        choices=('own', 'greater', 'worse'),
+    )
     samples: int = parameter(4, 'samples of Z in the hedged criterion', minimum=1, maximum=1000)
     weight: float = parameter(1.0, "the term's weight; 0 leaves it out", minimum=0.0, maximum=1e9)
 

@@ -19,6 +19,7 @@ from offradar_ros.training.batches import BatchSampler
 from offradar_ros.training.checkpoint import Progress, load_checkpoint, save_checkpoint
 from offradar_ros.training.config import TrainingConfig
 from offradar_ros.training.images import image_batches
+from offradar_ros.training.normalisation import settle
 from offradar_ros.training.objective import EmbeddingNetwork, Objective
 from offradar_ros.training.parallel import Group
 from offradar_ros.training.run_log import RunLog, draw_curves
@@ -28,6 +29,7 @@ from offradar_ros.training.validation import ValidationDrive, validate
 CHECKPOINT = 'checkpoint.safetensors'
 BEST = 'best.safetensors'
 LAST = 'last.safetensors'
+_SETTLING_BATCHES = 30
 
 
 class Loop:
@@ -161,7 +163,7 @@ class Loop:
         """Judge the network and keep it if it is the best so far; the first process does it for all."""
         if not self._validation or self._group.rank:
             return
-        self._network.eval()
+        self._settle()
         figures = validate(
             cast(EmbeddingNetwork, self._network), self._validation, self.config.validation, self._group.device
         )
@@ -170,6 +172,12 @@ class Loop:
             self._best = figures['score'], self._step
             said = ', '.join(f'{name} {value:.3f}' for name, value in figures.items())
             save_network(self.out / BEST, cast(Any, self._network), f'step {self._step}: {said}')
+
+    def _settle(self) -> None:
+        steps = range(self._step, self._step + _SETTLING_BATCHES)
+        batches = image_batches(self._sampler, self.config.network, steps, self.config.threads)
+        with contextlib.closing(batches):
+            settle(self._network, (batch.images.to(self._group.device) for batch in batches))
 
     def _save(self) -> None:
         if self._group.rank == 0:

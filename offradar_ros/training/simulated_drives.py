@@ -11,7 +11,7 @@ from offradar_ros.simulation.city.make import make_city
 from offradar_ros.simulation.city.plan import CityPlan
 from offradar_ros.simulation.degradation import TRAINED_KINDS
 from offradar_ros.simulation.physics import NOMINAL_PHYSICS, RadarPhysics, draw_physics, held_out_physics
-from offradar_ros.simulation.sensor import TRAINING_SENSOR
+from offradar_ros.simulation.sensor import TRAINING_SENSOR, SimulatedSensor
 from offradar_ros.simulation.sequence import SimulatedSequence
 from offradar_ros.simulation.session_plan import SessionPlan
 from offradar_ros.simulation.source_digest import source_digest
@@ -22,6 +22,9 @@ from offradar_ros.training.drive import OpenDrive
 
 LANES_M = (0.0, 3.5, -1.5, 1.5, -3.0, 2.5)
 """Lane offsets of the drives of a city, in turn: up to two lanes apart."""
+
+_SHORT_SIGHTED = 1.0 / 3.0
+_LEAST_REACH = 0.6
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,7 +57,7 @@ class SimulatedDrive:
     def open(self) -> OpenDrive:
         """Scans are rendered when they are asked for."""
         city, plan = _city(self.seed), self.plan()
-        sequence = SimulatedSequence(city, plan, TRAINING_SENSOR)
+        sequence = SimulatedSequence(city, plan, _sensor(self.physics, self.seed))
         indices = np.arange(0, plan.scans, plan.scans // self.scans)
         faults = [sequence.degradations[i] for i in indices]
         return OpenDrive(
@@ -92,6 +95,15 @@ def _physics(kind: str, seed: int) -> RadarPhysics:
     if kind == 'nominal':
         return NOMINAL_PHYSICS
     return draw_physics(seed) if kind == 'drawn' else held_out_physics(seed)
+
+
+def _sensor(physics: str, seed: int) -> SimulatedSensor:
+    """Where physics is drawn, a third of the worlds have a radar that sees less far, down to a RADIATE's 100 m."""
+    rng = np.random.default_rng([seed, 3])
+    if physics == 'nominal' or rng.random() >= _SHORT_SIGHTED:
+        return TRAINING_SENSOR
+    share = float(rng.uniform(_LEAST_REACH, 1.0))
+    return dataclasses.replace(TRAINING_SENSOR, range_bins=round(share * TRAINING_SENSOR.range_bins))
 
 
 def _bad_weather(rng: np.random.Generator) -> Weather:

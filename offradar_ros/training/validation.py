@@ -13,6 +13,7 @@ from offradar_ros.encoders.network_config import NetworkConfig
 from offradar_ros.errors import DataError
 from offradar_ros.evaluation.metrics.auroc import auroc
 from offradar_ros.evaluation.metrics.spearman import spearman
+from offradar_ros.evaluation.spacing import one_a_cell
 from offradar_ros.training.cache import CachedDrive
 from offradar_ros.training.config import ValidationConfig
 from offradar_ros.training.images import images_of
@@ -108,7 +109,8 @@ def _search(
     embedding: tuple[NDArray[np.float64], NDArray[np.float64]],
     spacing_m: float,
 ) -> Answers:
-    places = thinned(mapped.poses[:, :2], spacing_m)
+    driven_m = np.cumsum(np.hypot(*np.diff(mapped.poses[:, :2], axis=0, prepend=mapped.poses[:1, :2]).T))
+    places = one_a_cell(driven_m, spacing_m)
     away_m = np.linalg.norm(driven.poses[:, None, :2] - mapped.poses[None, places, :2], axis=-1)
     queries = np.flatnonzero(away_m.min(axis=1) <= TOLERANCE_M)
     means, uncertainties = embedding
@@ -117,12 +119,3 @@ def _search(
     distances = np.sum(candidates**2, axis=1) - 2.0 * means[queries] @ candidates.T
     right = away_m[queries, distances.argmin(axis=1)] <= TOLERANCE_M
     return Answers(right, uncertainties[queries], driven.severities[queries].astype(np.float64))
-
-
-def thinned(positions_m: NDArray[np.float64], spacing_m: float) -> NDArray[np.intp]:
-    """Indices, in order, of those of (N, 2) positions that are `spacing_m` or more from all those taken before."""
-    taken: list[int] = []
-    for index, position in enumerate(positions_m):
-        if not taken or np.linalg.norm(positions_m[taken] - position, axis=1).min() >= spacing_m:
-            taken.append(index)
-    return np.array(taken, np.intp)

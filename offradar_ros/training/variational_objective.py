@@ -47,4 +47,4 @@ def _contrast(config: ContrastConfig, output: NetworkOutput) -> torch.Tensor:
     points = {'z_i': output.z_i, 'mean': output.z_i + output.mu, 'z': output.z}[config.on]
     if config.criterion == 'batch':
         return batch_contrast(points, config.temperature, config.negative_weight)
-    return temperature_contrast(points, output.log_variance.exp().mean(dim=1), config.temperature)
+    return temperature_contrast(points, output.log_variance.exp().mean(dim=1), config.temperature, config.answers)

@@ -26,6 +26,7 @@ from offradar_ros.errors import ConfigError
         min_range_m=st.floats(0.0, 50.0),
         descriptor=st.sampled_from(DESCRIPTORS),
         dropout=st.floats(0.01, 0.99),
+        student=st.sampled_from(['bounded', 'free']),
     )
 )
 def test_json_round_trip(config: NetworkConfig) -> None:
@@ -67,6 +68,7 @@ def test_the_compact_network_sees_a_polar_image() -> None:
         ('min_range_m', -1.0),
         ('dropout', 0.0),
         ('dropout', 1.0),
+        ('student', 'none'),
     ],
 )
 def test_values_that_no_network_has_are_refused(name: str, value: Any) -> None:

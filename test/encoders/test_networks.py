@@ -166,6 +166,15 @@ def test_students_variance_is_between_1_and_e() -> None:
     assert (variance < np.e).all()
 
 
+def test_a_free_students_variance_is_not() -> None:
+    network = make_network(dataclasses.replace(small('stun'), student='free')).eval()
+    torch.nn.init.zeros_(network.log_variance.weight)
+    for bias, expected in ((-3.0, np.exp(-3.0)), (-50.0, np.exp(-10.0)), (5.0, np.exp(5.0))):
+        torch.nn.init.constant_(network.log_variance.bias, bias)
+        _, variance = network.embed(torch.from_numpy(images()))
+        np.testing.assert_allclose(variance.detach().numpy(), expected, rtol=1e-5)
+
+
 def test_auto_encoder_of_a_cartesian_image_rebuilds_it_averaged_over_4_pixels() -> None:
     config = NetworkConfig(method='vae', backbone='vgg16', dimension=8, side_px=32)
     output = make_network(config).eval()(torch.from_numpy(images(shape=(32, 32))))

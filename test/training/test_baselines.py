@@ -19,7 +19,7 @@ from offradar_ros.encoders.registry import make_encoder  # noqa: E402
 from offradar_ros.encoders.vae import VaeNetwork  # noqa: E402
 from offradar_ros.errors import ConfigError, ModelError  # noqa: E402
 from offradar_ros.training.baselines.common_contrast import common_contrast  # noqa: E402
-from offradar_ros.training.baselines.distillation import distillation  # noqa: E402
+from offradar_ros.training.baselines.distillation import distillation, gaussian_distillation  # noqa: E402
 from offradar_ros.training.baselines.rad_vlad_codebook import fit_centres  # noqa: E402
 from offradar_ros.training.cache import CachedDrive  # noqa: E402
 from offradar_ros.training.config import ContrastConfig, LossConfig, TeacherConfig, TrainingConfig  # noqa: E402
@@ -142,6 +142,15 @@ def test_distillation_is_least_where_the_variance_is_the_distance() -> None:
     around = torch.linspace(0.0, 1.0, 101)
     losses = [distillation(student, torch.full((1, 2), float(value)), teacher).item() for value in around]
     assert float(around[int(np.argmin(losses))]) == pytest.approx(math.log(2.0), abs=0.01)
+
+
+def test_gaussian_distillation_is_the_mean_likelihood_of_the_teacher() -> None:
+    rng = np.random.default_rng(4)
+    student, teacher, log_variance = (torch.from_numpy(rng.normal(size=(5, 3))) for _ in range(3))
+    likelihood = torch.distributions.Normal(student, torch.exp(0.5 * log_variance)).log_prob(teacher)
+    constant = 0.5 * math.log(2.0 * math.pi)
+    loss = gaussian_distillation(student, log_variance, teacher)
+    assert loss.item() == pytest.approx(float(-likelihood.mean()) - constant)
 
 
 def test_a_student_that_is_its_teacher_has_finite_gradients() -> None:

@@ -110,6 +110,26 @@ def test_a_scan_that_is_mistaken_gains_by_a_higher_u_and_one_that_is_not_by_a_lo
     assert gradient[3] > 0.0
 
 
+def test_the_more_uncertain_view_may_answer_for_both() -> None:
+    x = points(seed=1)
+    u = np.random.default_rng(2).uniform(0.2, 3.0, len(x))
+    greater = np.maximum(u, np.roll(u, len(u) // 2))
+    assert float(temperature_contrast(x, torch.from_numpy(u), 0.3, 'greater')) == pytest.approx(
+        slow_temperature_contrast(x.tolist(), greater.tolist(), 0.3), rel=1e-9
+    )
+
+
+@pytest.mark.parametrize('answers', ['greater', 'worse'])
+def test_the_less_uncertain_view_then_learns_nothing_from_a_failure(answers: str) -> None:
+    x = points(6, 4)
+    u = torch.tensor([0.5, 2.0, 0.7, 1.5, 0.3, 1.1], dtype=torch.float64, requires_grad=True)
+    loss = temperature_contrast(x, u, 0.3, answers)
+    (gradient,) = torch.autograd.grad(loss, u)
+    assert (gradient != 0.0).tolist() == [False, True, False, True, False, True]
+    if answers == 'worse':
+        assert float(loss.detach()) == pytest.approx(float(temperature_contrast(x, u.detach(), 0.3)))
+
+
 def test_hedged_contrast_is_the_log_of_the_mean_over_samples() -> None:
     centres, log_variances = points(6, 4), points(6, 4, seed=4) / 6.0
     noise = torch.Generator().manual_seed(7)

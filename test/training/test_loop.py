@@ -32,7 +32,7 @@ from offradar_ros.training.loop import BEST, CHECKPOINT, LAST, Loop  # noqa: E40
 from offradar_ros.training.objectives import make_objective  # noqa: E402
 from offradar_ros.training.parallel import Group  # noqa: E402
 from offradar_ros.training.run_log import read_log  # noqa: E402
-from offradar_ros.training.validation import thinned, validate, validation_drives  # noqa: E402
+from offradar_ros.training.validation import validate, validation_drives  # noqa: E402
 
 MakeDrive = Callable[..., CachedDrive]
 
@@ -270,9 +270,3 @@ def test_validation_counts_what_a_plain_count_counts(make_drive: MakeDrive) -> N
     pairs = [(a > 0.5) + 0.5 * (a == 0.5) for a in wrong]
     assert figures['auroc_wrong'] == pytest.approx(sum(pairs) / 4)
     assert figures['score'] == pytest.approx(figures['recall_at_1'] + figures['auroc_wrong'])
-
-
-def test_maps_are_thinned_in_order() -> None:
-    line = np.column_stack([[0.0, 3.0, 6.0, 9.0, 12.0, 1.0], np.zeros(6)])
-    assert thinned(line, 5.0).tolist() == [0, 2, 4]
-    assert thinned(line, 0.0).tolist() == [0, 1, 2, 3, 4, 5]

@@ -8,7 +8,7 @@ from torch import nn
 from offradar_ros.encoders.bc_radar import BcRadarNetwork
 from offradar_ros.encoders.stun import StunNetwork
 from offradar_ros.errors import ModelError
-from offradar_ros.training.baselines.distillation import distillation
+from offradar_ros.training.baselines.distillation import distillation, gaussian_distillation
 from offradar_ros.training.config import TrainingConfig
 
 
@@ -39,5 +39,6 @@ class StunObjective:
         with torch.no_grad():
             taught, _ = self.teacher.embed(images)
         mean, log_variance = self.network(images)
+        loss = gaussian_distillation if self.network.config.student == 'free' else distillation
         with torch.autocast(images.device.type, enabled=False):
-            return {'distillation': distillation(mean.float(), log_variance.float(), taught.float())}
+            return {'distillation': loss(mean.float(), log_variance.float(), taught.float())}

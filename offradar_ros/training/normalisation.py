@@ -1,0 +1,29 @@
+"""Batch normalisation's statistics taken anew, of the weights as they are."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import torch
+from torch import nn
+
+
+def settle(network: nn.Module, batches: Iterable[torch.Tensor]) -> None:
+    """Give every batch normalisation the mean statistics over `batches` of images; the weights stay as they are.
+
+    While a network learns they are running means that follow the last few batches, each of a few worlds and their
+    radars, and what is saved would favour those. The network is left in evaluation mode.
+    """
+    momenta = {layer: layer.momentum for layer in network.modules() if isinstance(layer, nn.BatchNorm2d)}
+    if momenta:
+        network.train()
+        for layer in momenta:
+            layer.reset_running_stats()
+            # A plain mean over all batches.
+            layer.momentum = None
+        with torch.inference_mode():
+            for images in batches:
+                network(images)
+        for layer, momentum in momenta.items():
+            layer.momentum = momentum
+    network.eval()
