@@ -110,11 +110,22 @@ class ContrastConfig:
 
 
 @dataclasses.dataclass(frozen=True)
+class SeverityConfig:
+    """The term by which U learns to rank scans by how badly they are degraded, where the simulator says so."""
+
+    weight: float = parameter(0.0, "the term's weight; 0 leaves it out", minimum=0.0, maximum=1e9)
+    margin: float = parameter(
+        0.1, 'difference of log U beyond which a pair that is ranked rightly hardly counts', minimum=1e-6, maximum=1e6
+    )
+
+
+@dataclasses.dataclass(frozen=True)
 class LossConfig:
     """The terms of the variational objective; the defaults are the paper's."""
 
     invariant: ContrastConfig = dataclasses.field(default_factory=lambda: ContrastConfig(on='z_i'))
     variant: ContrastConfig = dataclasses.field(default_factory=lambda: ContrastConfig(on='z', weight=0.1))
+    severity: SeverityConfig = dataclasses.field(default_factory=SeverityConfig)
     kl_weight: float = parameter(1.0, 'weight of KL(N(μ, σ²) ‖ N(0, 1)), summed over d', minimum=0.0, maximum=1e9)
     kl_warmup_steps: int = parameter(0, 'steps over which that weight rises from 0', minimum=0, maximum=10**9)
     free_nats: float = parameter(0.0, 'KL of a dimension below this costs nothing', minimum=0.0, maximum=1e6)

@@ -18,9 +18,9 @@ from offradar_ros.errors import ModelError
 from offradar_ros.training.batches import BatchSampler
 from offradar_ros.training.checkpoint import Progress, load_checkpoint, save_checkpoint
 from offradar_ros.training.config import TrainingConfig
-from offradar_ros.training.images import image_batches
+from offradar_ros.training.images import ImageBatch, image_batches
 from offradar_ros.training.normalisation import settle
-from offradar_ros.training.objective import EmbeddingNetwork, Objective
+from offradar_ros.training.objective import EmbeddingNetwork, Objective, Views
 from offradar_ros.training.parallel import Group
 from offradar_ros.training.run_log import RunLog, draw_curves
 from offradar_ros.training.schedule import learning_rate
@@ -92,7 +92,7 @@ class Loop:
         meter = _Meter()
         with contextlib.closing(batches):
             for batch in batches:
-                terms, norm = self._learn(batch.images)
+                terms, norm = self._learn(batch)
                 meter.add(terms, norm, len(batch.images))
                 self._step += 1
                 done = self._step == self.config.steps
@@ -113,7 +113,7 @@ class Loop:
             check()
         return self._step >= self.config.steps
 
-    def _learn(self, images: torch.Tensor) -> tuple[dict[str, torch.Tensor], torch.Tensor]:
+    def _learn(self, batch: ImageBatch) -> tuple[dict[str, torch.Tensor], torch.Tensor]:
         """One step; its loss terms and the gradient's norm before clipping."""
         config, step, group = self.config, self._step, self._group
         seeds = np.random.SeedSequence([config.seed, group.rank, step]).generate_state(1, np.uint64)
@@ -126,7 +126,9 @@ class Loop:
         self._optimiser.zero_grad(set_to_none=True)
         mixed = {'fp32': None, 'bf16': torch.bfloat16, 'amp': torch.float16}[config.precision]
         with torch.autocast(group.device.type, dtype=mixed, enabled=mixed is not None):
-            terms = self.objective.losses(images.to(group.device, non_blocking=True), step)
+            images = batch.images.to(group.device, non_blocking=True)
+            severities = torch.from_numpy(self._sampler.severities[batch.batch.scans]).to(group.device)
+            terms = self.objective.losses(Views(images, severities), step)
         total = torch.stack(list(terms.values())).sum()
         torch.autograd.backward(self._scaler.scale(total))
         group.average_gradients(self._parameters)

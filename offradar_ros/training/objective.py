@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import torch
 from torch import nn
@@ -19,6 +19,18 @@ class EmbeddingNetwork(Protocol):
         """Descriptor (N, d) and variance (N, d) of images (N, H, W) uint8, as the encoder made of it gives them."""
 
 
+class Views(NamedTuple):
+    """A batch; rows i and i + m are one place, every other pair of rows is of two.
+
+    Attributes:
+        images: (2m, H, W) uint8.
+        severities: (2m,) float32, how badly each is degraded, 0 to 1, NaN where that is not known.
+    """
+
+    images: torch.Tensor
+    severities: torch.Tensor
+
+
 class Objective(Protocol):
     """A method's network and its losses."""
 
@@ -30,9 +42,9 @@ class Objective(Protocol):
         (a frozen teacher) it moves by itself, to the device of the images.
         """
 
-    def losses(self, images: torch.Tensor, step: int) -> dict[str, torch.Tensor]:
+    def losses(self, views: Views, step: int) -> dict[str, torch.Tensor]:
         """Weighted scalar terms, named for the log, whose sum is minimised.
 
-        `images` (2m, H, W) uint8: rows i and i + m are one place, every other pair of rows is of two. `step` counts
+        `step` counts
         from 0 over the whole run. The loop calls this under autocast where mixed precision is asked for.
         """

@@ -10,26 +10,35 @@ from offradar_ros.training.losses.batch_contrast import batch_contrast
 from offradar_ros.training.losses.hedged_contrast import hedged_contrast
 from offradar_ros.training.losses.prior_divergence import prior_divergence
 from offradar_ros.training.losses.reconstruction import reconstruction_error
+from offradar_ros.training.losses.severity_ranking import severity_ranking
 from offradar_ros.training.losses.temperature_contrast import temperature_contrast
+from offradar_ros.training.objective import Views
 
 
 class VariationalObjective:
-    """L = w₁ L_m(Z_I) + w₂ L_m(Z) + w₃ KL + w₄ L_rec, with the criteria and weights of `LossConfig`."""
+    """L = w₁ L_m(Z_I) + w₂ L_m(Z) + w₃ KL + w₄ L_rec, with the criteria and weights of `LossConfig`.
+
+    A fifth term, which the paper does not have, ranks U by how badly scans are degraded where that is known.
+    """
 
     def __init__(self, config: TrainingConfig) -> None:
         self.config = config.loss
         self.network = VariationalNetwork(config.network)
 
-    def losses(self, images: torch.Tensor, step: int) -> dict[str, torch.Tensor]:
-        """Terms ``invariant``, ``variant``, ``kl`` and ``reconstruction``; those of weight 0 are left out."""
+    def losses(self, views: Views, step: int) -> dict[str, torch.Tensor]:
+        """``invariant``, ``variant``, ``severity``, ``kl`` and ``reconstruction``, but for those of weight 0."""
         config = self.config
-        mixed = self.network(images)
-        with torch.autocast(images.device.type, enabled=False):
+        mixed = self.network(views.images)
+        with torch.autocast(views.images.device.type, enabled=False):
             output = NetworkOutput(*(part.float() for part in mixed))
             terms: dict[str, torch.Tensor] = {}
             for name, contrast in (('invariant', config.invariant), ('variant', config.variant)):
                 if contrast.weight:
                     terms[name] = contrast.weight * _contrast(contrast, output)
+            if config.severity.weight:
+                uncertainties = output.log_variance.exp().mean(dim=1)
+                ranking = severity_ranking(uncertainties, views.severities, config.severity.margin)
+                terms['severity'] = config.severity.weight * ranking
             if config.kl_weight:
                 risen = min(1.0, (step + 1) / config.kl_warmup_steps) if config.kl_warmup_steps else 1.0
                 divergence = prior_divergence(output.mu, output.log_variance, config.free_nats)

@@ -24,7 +24,7 @@ from offradar_ros.training.baselines.rad_vlad_codebook import fit_centres  # noq
 from offradar_ros.training.cache import CachedDrive  # noqa: E402
 from offradar_ros.training.config import ContrastConfig, LossConfig, TeacherConfig, TrainingConfig  # noqa: E402
 from offradar_ros.training.config_file import read_config  # noqa: E402
-from offradar_ros.training.objective import Objective  # noqa: E402
+from offradar_ros.training.objective import Objective, Views  # noqa: E402
 from offradar_ros.training.objectives import make_objective  # noqa: E402
 
 CONFIGURATIONS = Path(__file__).resolve().parents[2] / 'params' / 'train'
@@ -65,6 +65,10 @@ def places(count: int = 4) -> torch.Tensor:
     return torch.from_numpy(np.minimum(views, 255).astype(np.uint8))
 
 
+def seen(images: torch.Tensor) -> Views:
+    return Views(images, torch.full((len(images),), torch.nan))
+
+
 @pytest.fixture(params=BASELINES)
 def method(request: pytest.FixtureRequest) -> str:
     name: str = request.param
@@ -73,7 +77,7 @@ def method(request: pytest.FixtureRequest) -> str:
 
 def test_every_parameter_that_an_embedding_is_made_of_learns(method: str) -> None:
     objective = objective_of(method)
-    sum(objective.losses(places(), 0).values()).backward()
+    sum(objective.losses(seen(places()), 0).values()).backward()
     without = {name for name, tensor in objective.network.named_parameters() if tensor.grad is None}
     still = {
         name
@@ -88,7 +92,7 @@ def test_a_few_steps_on_one_batch_lower_the_loss(method: str) -> None:
     optimiser = torch.optim.Adam(objective.network.parameters(), 1e-3)
     course = []
     for step in range(30):
-        loss = sum(objective.losses(batch, step).values())
+        loss = sum(objective.losses(seen(batch), step).values())
         optimiser.zero_grad()
         loss.backward()
         optimiser.step()
@@ -104,7 +108,7 @@ def test_one_batch_learned_by_heart_is_recalled(method: str) -> None:
     optimiser = torch.optim.Adam(objective.network.parameters(), 1e-3)
     for step in range(40):
         optimiser.zero_grad()
-        sum(objective.losses(places(), step).values()).backward()
+        sum(objective.losses(seen(places()), step).values()).backward()
         optimiser.step()
     with torch.no_grad():
         descriptor, _ = objective.network.eval().embed(places())
@@ -164,7 +168,7 @@ def test_the_teacher_is_asked_and_never_changed() -> None:
     before = {name: tensor.clone() for name, tensor in teacher.state_dict().items()}
     objective = make_objective(training('stun'), teacher)
     objective.network.train()
-    sum(objective.losses(places(), 0).values()).backward()
+    sum(objective.losses(seen(places()), 0).values()).backward()
     assert all(tensor.grad is None for tensor in teacher.parameters())
     for name, tensor in teacher.state_dict().items():
         assert torch.equal(tensor, before[name]), name
@@ -202,7 +206,7 @@ def test_a_teacher_of_another_method_is_refused() -> None:
 def test_auto_encoders_bound_against_a_loop() -> None:
     objective = objective_of('vae', loss=LossConfig(kl_weight=0.5, kl_warmup_steps=4, reconstruction_weight=2.0))
     network = objective.network.eval()
-    terms = objective.losses(places(), 1)
+    terms = objective.losses(seen(places()), 1)
     output = network(places())
     mu, log_variance = output.mu.detach().numpy(), output.log_variance.detach().numpy()
     divergence = errors = 0.0

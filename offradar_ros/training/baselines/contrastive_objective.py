@@ -9,6 +9,7 @@ from offradar_ros.encoders.mc_dropout import McDropoutNetwork
 from offradar_ros.errors import ConfigError
 from offradar_ros.training.baselines.common_contrast import common_contrast
 from offradar_ros.training.config import TrainingConfig
+from offradar_ros.training.objective import Views
 
 
 class ContrastiveObjective:
@@ -24,8 +25,8 @@ class ContrastiveObjective:
             raise ConfigError(f'key loss.invariant.weight: {config.method} learns by this term: expected more than 0')
         self.network = network
 
-    def losses(self, images: torch.Tensor, step: int) -> dict[str, torch.Tensor]:  # noqa: ARG002
+    def losses(self, views: Views, step: int) -> dict[str, torch.Tensor]:  # noqa: ARG002
         """Term ``contrast``."""
-        embedding = self.network(images)
-        with torch.autocast(images.device.type, enabled=False):
+        embedding = self.network(views.images)
+        with torch.autocast(views.images.device.type, enabled=False):
             return {'contrast': common_contrast(self.config, embedding.float())}

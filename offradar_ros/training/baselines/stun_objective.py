@@ -10,6 +10,7 @@ from offradar_ros.encoders.stun import StunNetwork
 from offradar_ros.errors import ModelError
 from offradar_ros.training.baselines.distillation import distillation, gaussian_distillation
 from offradar_ros.training.config import TrainingConfig
+from offradar_ros.training.objective import Views
 
 
 class StunObjective:
@@ -33,12 +34,12 @@ class StunObjective:
             self.network.head.load_state_dict(teacher.head.state_dict())
         self.teacher = teacher.eval().requires_grad_(False)
 
-    def losses(self, images: torch.Tensor, step: int) -> dict[str, torch.Tensor]:  # noqa: ARG002
+    def losses(self, views: Views, step: int) -> dict[str, torch.Tensor]:  # noqa: ARG002
         """Term ``distillation``."""
-        self.teacher.to(images.device)
+        self.teacher.to(views.images.device)
         with torch.no_grad():
-            taught, _ = self.teacher.embed(images)
-        mean, log_variance = self.network(images)
+            taught, _ = self.teacher.embed(views.images)
+        mean, log_variance = self.network(views.images)
         loss = gaussian_distillation if self.network.config.student == 'free' else distillation
-        with torch.autocast(images.device.type, enabled=False):
+        with torch.autocast(views.images.device.type, enabled=False):
             return {'distillation': loss(mean.float(), log_variance.float(), taught.float())}

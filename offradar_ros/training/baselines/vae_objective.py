@@ -7,6 +7,7 @@ import torch
 from offradar_ros.encoders.vae import VaeNetwork
 from offradar_ros.training.config import TrainingConfig
 from offradar_ros.training.losses.prior_divergence import prior_divergence
+from offradar_ros.training.objective import Views
 
 # Of the Gaussian that a pixel is drawn from, as a share of full power: about what speckle leaves after averaging.
 PIXEL_DEVIATION = 0.1
@@ -23,11 +24,11 @@ class VaeObjective:
         self.config = config.loss
         self.network = VaeNetwork(config.network)
 
-    def losses(self, images: torch.Tensor, step: int) -> dict[str, torch.Tensor]:
+    def losses(self, views: Views, step: int) -> dict[str, torch.Tensor]:
         """Terms ``kl`` and ``reconstruction``; the contrastive settings are not used."""
         config, dimension = self.config, self.network.config.dimension
-        output = self.network(images)
-        with torch.autocast(images.device.type, enabled=False):
+        output = self.network(views.images)
+        with torch.autocast(views.images.device.type, enabled=False):
             errors = (output.reconstruction.float() - output.target.float()).square().sum(dim=(1, 2, 3))
             divergence = prior_divergence(output.mu.float(), output.log_variance.float(), config.free_nats)
             risen = min(1.0, (step + 1) / config.kl_warmup_steps) if config.kl_warmup_steps else 1.0
