@@ -29,6 +29,7 @@ ORDER = (
     'types',
     'geometry',
     'config',
+    'processes',
     'radar',
     'datasets',
     'simulation',

@@ -10,7 +10,6 @@ from __future__ import annotations
 import concurrent.futures
 import dataclasses
 import os
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -21,12 +20,11 @@ from offradar_ros.encoders.image_encoder import ImageEncoder
 from offradar_ros.encoders.protocol import Encoder
 from offradar_ros.errors import DataError, RefusedInput
 from offradar_ros.evaluation.scan_cache import CachedDrive
+from offradar_ros.processes import Progress
 from offradar_ros.types import Embedding
 
 LONG = 4096
 """Longer descriptors are kept in half precision: signed square roots of unit length lose nothing that matters."""
-
-Progress = Callable[[int, int], None]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

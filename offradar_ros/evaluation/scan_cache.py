@@ -6,21 +6,19 @@ from everything that the scans depend on, the simulator's source included.
 
 from __future__ import annotations
 
-import concurrent.futures
 import dataclasses
 import hashlib
 import json
-import multiprocessing
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros.errors import DataError
 from offradar_ros.evaluation.drives import Drive
+from offradar_ros.processes import Progress, shared_out
 from offradar_ros.simulation.source_digest import source_digest
 from offradar_ros.types import PolarScan
 
@@ -77,9 +75,7 @@ class CachedDrive:
         )
 
 
-def cached_drives(
-    drives: Sequence[Drive], folder: Path, progress: Callable[[int, int], None], processes: int = 0
-) -> list[CachedDrive]:
+def cached_drives(drives: Sequence[Drive], folder: Path, progress: Progress, processes: int = 0) -> list[CachedDrive]:
     """The drives, in their order; those not in `folder` yet are rendered, several at a time.
 
     `progress` is told of drives done and their number. DataError where the folder cannot be written.
@@ -90,21 +86,12 @@ def cached_drives(
         raise DataError(f'{folder}: expected a folder for simulated scans ({error.strerror})') from None
     paths = {drive: _json_path(folder, drive) for drive in drives}
     missing = [drive for drive, path in paths.items() if not path.is_file()]
-    if missing:
-        workers = min(processes or os.cpu_count() or 1, len(missing))
-        # Spawned, not forked: a runtime of learned encoders may already have threads.
-        context = multiprocessing.get_context('spawn')
-        with concurrent.futures.ProcessPoolExecutor(workers, context) as pool:
-            waiting = {pool.submit(render, drive, paths[drive]) for drive in missing}
-            for done, future in enumerate(concurrent.futures.as_completed(waiting), start=1):
-                future.result()
-                progress(done, len(missing))
+    shared_out(render, [(drive, paths[drive]) for drive in missing], processes, progress)
     return [_load(drive, paths[drive]) for drive in drives]
 
 
 def render(drive: Drive, target: Path) -> None:
     """Simulate a drive into `target`, a JSON file that is written last, so that what has one is whole."""
-    cv2.setNumThreads(1)
     sequence, indices, driven_m = drive.simulate()
     sensor = sequence.sensor
     partial = target.with_suffix(f'.{os.getpid()}.partial.npy')

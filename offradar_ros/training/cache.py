@@ -8,28 +8,23 @@ settings alone: a drive whose settings are unchanged is never made twice.
 
 from __future__ import annotations
 
-import concurrent.futures
 import dataclasses
 import hashlib
 import json
-import multiprocessing
 import os
-import signal
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros import __version__
 from offradar_ros.encoders.network_config import NetworkConfig
 from offradar_ros.errors import DataError, RefusedInput
+from offradar_ros.processes import Progress, shared_out
 from offradar_ros.training.drive import Drive
 from offradar_ros.training.range_reduction import range_factor, reduced_power
 from offradar_ros.types import PolarScan
-
-Progress = Callable[[int, int], None]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -95,44 +90,10 @@ def cached_drives(
     missing = [(drive, stem) for drive, stem in zip(drives, stems, strict=True) if not _json(stem).is_file()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        workers = min(len(missing), workers or len(os.sched_getaffinity(0)))
-        if workers < 2:
-            for done, (drive, stem) in enumerate(missing, start=1):
-                _make(drive, stem, reduction)
-                if progress:
-                    progress(done, len(missing))
-        else:
-            _make_in_processes(missing, reduction, workers, progress)
+        shared_out(_make, [(drive, stem, reduction) for drive, stem in missing], workers, progress)
         return [_read(stem) for stem in stems]
     except OSError as error:
         raise DataError(f'{folder}: the cache cannot be written or read ({error.strerror or error})') from error
-
-
-def _make_in_processes(
-    missing: Sequence[tuple[Drive, Path]], reduction: Reduction, workers: int, progress: Progress | None
-) -> None:
-    # Fresh processes: a fork of a process that runs torch's threads may hang.
-    context = multiprocessing.get_context('spawn')
-    with concurrent.futures.ProcessPoolExecutor(workers, context, initializer=_start_worker) as pool:
-        tasks = [pool.submit(_make, drive, stem, reduction) for drive, stem in missing]
-        try:
-            for done, task in enumerate(concurrent.futures.as_completed(tasks), start=1):
-                task.result()
-                if progress:
-                    progress(done, len(missing))
-        except concurrent.futures.BrokenExecutor as error:
-            raise DataError(
-                f'a process that makes scans was killed: expected more memory, or fewer than {workers}'
-            ) from error
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
-
-
-def _start_worker() -> None:
-    cv2.setNumThreads(1)
-    # Ctrl-C reaches every process of a terminal: the one that has started the others ends them.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _stem(folder: Path, drive: Drive, reduction: Reduction) -> Path:

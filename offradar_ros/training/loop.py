@@ -152,7 +152,7 @@ class Loop:
 
     def _write(self, meter: _Meter) -> None:
         figures = meter.means()
-        if not math.isfinite(figures['loss']):
+        if self._group.any(not math.isfinite(figures['loss'])):
             raise ModelError(
                 f'{self.out}: the loss is no longer finite at step {self._step}: '
                 f'expected a lower optimiser.learning_rate than {self.config.optimiser.learning_rate:g}'

@@ -24,6 +24,7 @@ from offradar_ros import __version__
 from offradar_ros.encoders.network_config import NetworkConfig
 from offradar_ros.encoders.network_files import load_network
 from offradar_ros.errors import ConfigError, DataError
+from offradar_ros.processes import Progress
 from offradar_ros.training.baselines.rad_vlad_codebook import fit_centres
 from offradar_ros.training.batches import BatchSampler
 from offradar_ros.training.cache import CachedDrive, Reduction, cached_drives
@@ -41,8 +42,6 @@ from offradar_ros.training.validation import validation_drives
 TEACHER = 'teacher'
 FREE_TO_CHANGE = ('validation', 'threads', 'log_steps', 'checkpoint_steps')
 """What may differ between a run and its resumption: it changes nothing that is learnt."""
-
-Progress = Callable[[int, int], None]
 
 
 class RunOptions(NamedTuple):
@@ -88,17 +87,27 @@ def run(config: TrainingConfig, out: Path, options: RunOptions) -> RunResult:
     _require_folder(out, options.resume)
     deadline_s = math.inf if options.minutes is None else time.monotonic() + 60.0 * options.minutes
     with joined_group(options.device) as group:
+        given = _given_teacher(config)
         data = _cached(config.network, config.data, options, group, 'training scans')
         if config.fit == 'rad_vlad':
             return RunResult(True, 0, fit_centres(config, data, out), math.nan)
         judged = _cached(config.network, config.validation, options, group, 'validation scans')
         teacher: nn.Module | None = None
         if config.method in NEED_TEACHER:
-            taught = _teacher(config, out, options, group, data, judged, deadline_s)
+            taught = given or _teacher(config, out, options, group, data, judged, deadline_s)
             if isinstance(taught, RunResult):
                 return taught
             teacher = taught
         return _train(config, out, options, group, data, judged, deadline_s, teacher)
+
+
+def _given_teacher(config: TrainingConfig) -> nn.Module | None:
+    """The teacher that was trained before, if there is one; what the objective says against it is said here, early."""
+    if config.fit != 'network' or (config.method in NEED_TEACHER and not config.teacher.weights):
+        return None
+    teacher = load_network(config.teacher.weights)[0] if config.method in NEED_TEACHER else None
+    make_objective(config, teacher)
+    return teacher
 
 
 def _teacher(
@@ -110,9 +119,7 @@ def _teacher(
     judged: Sequence[CachedDrive],
     deadline_s: float,
 ) -> nn.Module | RunResult:
-    """The trained teacher, or how far its own run came if that was stopped."""
-    if config.teacher.weights:
-        return load_network(config.teacher.weights)[0]
+    """The teacher, trained here, or how far its own run came if that was stopped."""
     network = dataclasses.replace(config.network, method=config.teacher.method)
     teacher = dataclasses.replace(config, network=network, steps=config.teacher.steps)
     result = _train(teacher, out / TEACHER, options, group, data, judged, deadline_s)

@@ -18,7 +18,7 @@ pytest.importorskip('torch')
 from offradar_ros.cli.main import app
 from offradar_ros.config import EncoderConfig
 from offradar_ros.encoders.registry import make_encoder
-from offradar_ros.errors import ConfigError, DataError
+from offradar_ros.errors import ConfigError, DataError, ModelError
 from offradar_ros.training.config_file import read_config
 from offradar_ros.training.run import RunOptions, run
 from offradar_ros.training.simulated_drives import SimulatedDrive
@@ -131,6 +131,16 @@ def test_too_little_data_is_said_before_anything_is_learnt(
     with pytest.raises(DataError, match=said):
         run(read_config(SMOKE, [setting]), tmp_path / 'out', RunOptions(cache, device='cpu'))
     assert not list((tmp_path / 'out').glob('*.safetensors'))
+
+
+def test_what_cannot_be_learnt_is_said_before_a_scan_is_made(tmp_path: Path) -> None:
+    for settings, said in (
+        (['network.method=stun', 'teacher.weights=nowhere.safetensors'], 'nowhere.safetensors: no such weights file'),
+        (['network.method=bc_radar', 'loss.invariant.weight=0'], 'key loss.invariant.weight'),
+    ):
+        with pytest.raises((ConfigError, ModelError), match=said):
+            run(read_config(SMOKE, settings), tmp_path / 'out', RunOptions(tmp_path / 'cache', device='cpu'))
+    assert not (tmp_path / 'cache').exists()
 
 
 def test_an_unknown_device_is_one_line(tmp_path: Path, cache: Path) -> None:

@@ -1,0 +1,56 @@
+"""Long work shared out to processes of this machine's cores."""
+
+from __future__ import annotations
+
+import concurrent.futures
+import multiprocessing
+import os
+import signal
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import cv2
+
+from offradar_ros.errors import DataError
+
+Progress = Callable[[int, int], None]
+
+
+def shared_out(
+    function: Callable[..., None],
+    tasks: Sequence[tuple[Any, ...]],
+    processes: int = 0,
+    progress: Progress | None = None,
+) -> None:
+    """Call `function` with each of `tasks`, by so many `processes` (0: one a core); with one it is done here.
+
+    `progress` is told (done, all) after each. The first error ends it and what has not begun is never done; DataError
+    for a process that was killed. Ctrl-C reaches this process alone, which ends the others.
+    """
+    processes = min(len(tasks), processes or len(os.sched_getaffinity(0)))
+    if processes < 2:
+        for done, task in enumerate(tasks, start=1):
+            function(*task)
+            if progress:
+                progress(done, len(tasks))
+        return
+    # Fresh processes: a fork of one that runs threads, as learned encoders do, may hang.
+    context = multiprocessing.get_context('spawn')
+    with concurrent.futures.ProcessPoolExecutor(processes, context, initializer=_start) as pool:
+        futures = [pool.submit(function, *task) for task in tasks]
+        try:
+            for done, future in enumerate(concurrent.futures.as_completed(futures), start=1):
+                future.result()
+                if progress:
+                    progress(done, len(tasks))
+        except concurrent.futures.BrokenExecutor as error:
+            raise DataError(f'a process was killed: expected more memory, or fewer than {processes}') from error
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def _start() -> None:
+    cv2.setNumThreads(1)
+    # A terminal's Ctrl-C reaches every process of it.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)

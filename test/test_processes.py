@@ -1,0 +1,42 @@
+"""Work is shared out, errors come back, and a killed process is said to be one."""
+
+from __future__ import annotations
+
+import os
+import signal
+from pathlib import Path
+
+import pytest
+
+from offradar_ros.errors import DataError
+from offradar_ros.processes import shared_out
+
+
+@pytest.mark.parametrize('processes', [1, 2])
+def test_each_task_is_done_and_told_of(tmp_path: Path, processes: int) -> None:
+    told: list[tuple[int, int]] = []
+    tasks = [(tmp_path / name, name) for name in ('a', 'b', 'c')]
+    shared_out(Path.write_text, tasks, processes, lambda done, total: told.append((done, total)))
+    assert told == [(1, 3), (2, 3), (3, 3)]
+    assert [path.read_text() for path, _ in tasks] == ['a', 'b', 'c']
+
+
+def test_what_several_processes_do_leaves_this_one_as_it_is(tmp_path: Path) -> None:
+    before = Path.cwd()
+    shared_out(os.chdir, [(tmp_path,), (tmp_path,)], 2)
+    assert Path.cwd() == before
+
+
+@pytest.mark.parametrize('processes', [1, 2])
+def test_errors_come_back(tmp_path: Path, processes: int) -> None:
+    with pytest.raises(FileNotFoundError, match='nowhere'):
+        shared_out(os.rmdir, [(tmp_path / 'nowhere',), (tmp_path / 'nowhere',)], processes)
+
+
+def test_a_killed_process_is_said_to_be_one() -> None:
+    with pytest.raises(DataError, match='a process was killed'):
+        shared_out(signal.raise_signal, [(signal.SIGKILL,), (signal.SIGKILL,)], 2)
+
+
+def test_nothing_to_do_is_done() -> None:
+    shared_out(os.rmdir, [], 2)
