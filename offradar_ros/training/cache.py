@@ -36,7 +36,7 @@ class Reduction:
 
     @classmethod
     def for_image(cls, config: NetworkConfig) -> Reduction:
-        """Half a pixel leaves a Cartesian image as it is; half a column of a polar one changes it by a rounding."""
+        """Half a pixel leaves a Cartesian image as it is; half a column of a polar one hardly changes it."""
         return cls(config.resolution_m / 2.0, config.reach_m)
 
 

@@ -94,7 +94,7 @@ def test_polar_images_of_cached_scans_are_near_those_of_the_scans(tmp_path: Path
     image, direct = make_image(POLAR)(cached.scan(1, 9)), make_image(POLAR)(spin(drive.open().sequence.scan(2), 9))
     away = np.abs(image.astype(int) - direct)
     assert cached.range_resolution_m == 0.24
-    assert away.mean() < 0.1 * direct.std()
+    assert away.mean() < 0.15 * direct.std()
 
 
 def test_scans_that_start_elsewhere_are_put_in_the_order_of_their_azimuths(tmp_path: Path) -> None:
