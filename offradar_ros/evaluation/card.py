@@ -134,12 +134,14 @@ def _figures(results: Json) -> Iterator[str]:
                     with_interval(figures['recall_at_1']),
                     with_interval(figures['recall_at_1_clean']),
                     with_interval(figures['auroc_wrong']),
+                    number(figures['auroc_wrong_by_severity']),
                     with_interval(figures['auc_recall_at_rejection']),
                     ' '.join(number(recall) for _, recall in figures['recall_at_rejection'][:6]),
                 ]
                 for method, figures in methods.items()
             ]
-            head = ['method', 'Recall@1', 'of clean scans', 'AUROC of U', 'area under Recall@RR', 'Recall@RR 0 to .5']
+            head = ['method', 'Recall@1', 'of clean scans', 'AUROC of U', 'of the true severity']
+            head += ['area under Recall@RR', 'Recall@RR 0 to .5']
             yield f'### {group}, a map every {spacing} m\n\n' + _table(head, rows)
     rows = [
         [group, f'{spacing} m', *(number(told[OURS][name]) for name in ('O', 'M', 'M_random', 'Q', 'QM', 'rejected'))]

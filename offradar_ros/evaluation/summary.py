@@ -77,6 +77,7 @@ def summarise(several: Sequence[Answers], protocol: Protocol) -> Json:
         'recall_at_1_by_kind': {kind: recall_at_n(rows.ranks[rows.kinds == kind], 1) for kind in kinds},
         'recall_at_1_by_severity': _by_severity(rows),
         'auroc_wrong': figure(_auroc_wrong),
+        'auroc_wrong_by_severity': auroc(rows.severities, ~rows.correct),
         'spearman_correct': spearman(rows.uncertainties, rows.correct),
         'recall_at_rejection': [[rejected, curve.recall_at(rejected)] for rejected in protocol.rejections],
         'auc_recall_at_rejection': figure(_whole_area),
@@ -86,7 +87,7 @@ def summarise(several: Sequence[Answers], protocol: Protocol) -> Json:
 
 def describe_uncertainty(several: Sequence[Answers]) -> Json:
     """U over the scans of the queries, each scan once, and how it follows the severity of what is wrong with them."""
-    once = {(a.pair.world, a.pair.query_index): a for a in reversed(several)}
+    once = {(a.pair.group, a.pair.world, a.pair.query_index): a for a in reversed(several)}
     rows = _Pooled(list(once.values()))
     finite = rows.uncertainties[np.isfinite(rows.uncertainties)]
     kinds = sorted(set(rows.kinds.tolist()) - {''})

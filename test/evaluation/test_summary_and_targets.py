@@ -84,9 +84,10 @@ def test_figures_against_a_loop(embedded_street: Callable[..., EmbeddedDrive], s
     assert told['recall_at_1_clean']['value'] == pytest.approx(sum(clean) / len(clean))
     flooded = [correct for _, correct, kind, _ in rows if kind == 'flooded']
     assert told['recall_at_1_by_kind']['flooded'] == pytest.approx(sum(flooded) / len(flooded))
-    wrong_u, right_u = [u for u, c, _, _ in rows if not c], [u for u, c, _, _ in rows if c]
-    higher = sum((w > r) + 0.5 * (w == r) for w in wrong_u for r in right_u)
-    assert told['auroc_wrong']['value'] == pytest.approx(higher / len(wrong_u) / len(right_u))
+    for column, found in ((0, told['auroc_wrong']['value']), (3, told['auroc_wrong_by_severity'])):
+        of_wrong, of_right = [row[column] for row in rows if not row[1]], [row[column] for row in rows if row[1]]
+        higher = sum((w > r) + 0.5 * (w == r) for w in of_wrong for r in of_right)
+        assert found == pytest.approx(higher / len(of_wrong) / len(of_right))
     kept = sorted(rows)[: len(rows) // 2]
     assert dict(map(tuple, told['recall_at_rejection']))[0.5] == pytest.approx(np.mean([c for _, c, _, _ in kept]))
     worst = [correct for _, correct, _, severity in rows if severity > 0.75]
