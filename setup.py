@@ -44,6 +44,7 @@ setup(
             'pytest-timeout',
             'pytest-xdist',
             'ruff',
+            'scikit-learn',
             'scipy',
             'types-PyYAML',
         ],
