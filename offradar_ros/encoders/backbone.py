@@ -69,11 +69,14 @@ class Compact(nn.Module):
     noise floor, which differ from radar to radar.
     """
 
+    around: torch.Tensor
+
     def __init__(self, image_shape: tuple[int, int]) -> None:
         super().__init__()
         azimuths, range_bins = (length // POLAR_REDUCTION for length in image_shape)
         self.shape = (COMPACT_FEATURES, min(COMPACT_FREQUENCIES, azimuths // 2 + 1), range_bins)
-        self.rows_before, self.rows_after = _rows_around()
+        before, after = _rows_around()
+        self.register_buffer('around', torch.arange(-before, image_shape[0] + after) % image_shape[0], persistent=False)
         layers: list[nn.Module] = []
         inputs = 2  # the image, and the image standardised
         for outputs, size, stride in COMPACT_CONVOLUTIONS:
@@ -93,8 +96,7 @@ class Compact(nn.Module):
         return torch.stack(turned).mean(dim=0)
 
     def _amplitudes(self, image: torch.Tensor) -> torch.Tensor:
-        around = torch.cat([image[:, :, -self.rows_before :], image, image[:, :, : self.rows_after]], dim=2)
-        spectrum: torch.Tensor = self.spectrum(self.reduce(self.convolutions(around)))
+        spectrum: torch.Tensor = self.spectrum(self.reduce(self.convolutions(image.index_select(2, self.around))))
         return spectrum
 
 

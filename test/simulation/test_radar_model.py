@@ -262,8 +262,8 @@ def test_whatever_physics_is_drawn_the_scan_shows_the_world(draw):
     reflectors = seen([((20.0, -15.0), (20.0, 15.0)), ((8.0, -30.0), (16.0, -30.0))], [(12.0, 14.0), (30.0, 40.0)])
     for seed in range(12):
         power = render(reflectors, still(azimuths=400), TRAINING_SENSOR, seed, draw(seed)).astype(float)
-        assert power.shape == (400, 256)
+        assert power.shape == (400, 512)
         assert 1.0 < power.mean() < 90.0 and power.max() > 60.0
-        assert np.median(power[:, 150:]) < 60.0
-        around = power[:, 70:90]
+        assert np.median(power[:, 117:]) < 60.0
+        around = power[:, 55:71]
         assert np.abs(around[:10]).max() > np.quantile(around[180:220], 0.99)
