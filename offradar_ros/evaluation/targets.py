@@ -14,7 +14,7 @@ AUROC = 0.95
 SPEARMAN = 0.7
 SPEARMAN_WITHIN = 0.5
 STEPS = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5)
-UNSURE_METHODS = ('stun', 'mc_dropout', 'vae')
+UNSURE_METHODS = ('stun', 'stun_free', 'mc_dropout', 'vae')
 """Whose area under the Recall@RR curve ours has to exceed."""
 
 
