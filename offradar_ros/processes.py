@@ -6,6 +6,7 @@ import concurrent.futures
 import multiprocessing
 import os
 import signal
+import threading
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -25,7 +26,7 @@ def shared_out(
     """Call `function` with each of `tasks`, by so many `processes` (0: one a core); with one it is done here.
 
     `progress` is told (done, all) after each. The first error ends it and what has not begun is never done; DataError
-    for a process that was killed. Ctrl-C reaches this process alone, which ends the others.
+    for a process that was killed. Ctrl-C reaches this process alone, which ends the others; they also end when it dies.
     """
     processes = min(len(tasks), processes or len(os.sched_getaffinity(0)))
     if processes < 2:
@@ -54,3 +55,12 @@ def _start() -> None:
     cv2.setNumThreads(1)
     # A terminal's Ctrl-C reaches every process of it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """Workers wait for work on a pipe that they hold open for each other: of a dead parent they would hear nothing."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

@@ -4,6 +4,10 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -36,6 +40,33 @@ def test_errors_come_back(tmp_path: Path, processes: int) -> None:
 def test_a_killed_process_is_said_to_be_one() -> None:
     with pytest.raises(DataError, match='a process was killed'):
         shared_out(signal.raise_signal, [(signal.SIGKILL,), (signal.SIGKILL,)], 2)
+
+
+def test_no_process_outlives_the_one_that_started_it() -> None:
+    code = 'import time; from offradar_ros.processes import shared_out; shared_out(time.sleep, [(90,)] * 2, 2)'
+    parent = subprocess.Popen([sys.executable, '-c', code])
+    try:
+        assert within_s(30.0, lambda: len(workers_of(parent.pid)) == 2)
+        children = workers_of(parent.pid)
+    finally:
+        parent.kill()
+        parent.wait()
+    assert within_s(30.0, lambda: not any(Path(f'/proc/{pid}').exists() for pid in children))
+
+
+def workers_of(pid: int) -> list[int]:
+    """Processes that `pid` has started, but for the one that tracks its semaphores."""
+    listed = Path(f'/proc/{pid}/task/{pid}/children').read_text().split()
+    return [int(child) for child in listed if 'spawn_main' in Path(f'/proc/{child}/cmdline').read_text()]
+
+
+def within_s(seconds: float, holds: Callable[[], bool]) -> bool:
+    deadline_s = time.monotonic() + seconds
+    while not holds():
+        if time.monotonic() > deadline_s:
+            return False
+        time.sleep(0.05)
+    return True
 
 
 def test_nothing_to_do_is_done() -> None:

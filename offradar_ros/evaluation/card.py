@@ -23,7 +23,7 @@ INTENDED_USE = (
 )
 LIMITS = (
     'Learned and measured on simulated scans; recorded scans enter only where this card says so.',
-    'Every kind of fault that it is measured with it was also trained with.',
+    'Every kind of fault that it is measured with it was also trained with, and U was taught their severities.',
     'Where `validation.physics` of the training run is `held_out`, its checkpoint was chosen on other cities of that '
     'kind of radar: the kind is never trained on, but not unseen by the choice.',
     'U sees what is wrong with a scan (noise, blocked sectors, saturation), not that a place was never mapped or looks '
