@@ -51,13 +51,22 @@ def test_no_process_outlives_the_one_that_started_it() -> None:
     finally:
         parent.kill()
         parent.wait()
-    assert within_s(30.0, lambda: not any(Path(f'/proc/{pid}').exists() for pid in children))
+    assert within_s(30.0, lambda: not any(lives(pid) for pid in children))
 
 
 def workers_of(pid: int) -> list[int]:
     """Processes that `pid` has started, but for the one that tracks its semaphores."""
     listed = Path(f'/proc/{pid}/task/{pid}/children').read_text().split()
     return [int(child) for child in listed if 'spawn_main' in Path(f'/proc/{child}/cmdline').read_text()]
+
+
+def lives(pid: int) -> bool:
+    """Whether a process is there and more than an entry that nobody has asked for."""
+    try:
+        state = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()[0]
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+    return state not in 'ZX'
 
 
 def within_s(seconds: float, holds: Callable[[], bool]) -> bool:
