@@ -206,12 +206,12 @@ def test_a_missing_source_is_refused(refused: Callable[..., str], tmp_path: Path
 
 @pytest.fixture
 def long_folder(radiate_folder: Path) -> Path:
-    """A thousand scans: the conversion is under way for some seconds."""
+    """Twenty thousand scans: the conversion is under way for some seconds, also on a machine that is busy."""
     listing = radiate_folder / 'Navtech_Polar.txt'
     first = listing.read_text().splitlines()[0]
     seconds = int(first.rpartition(' ')[2].partition('.')[0])
     lines = []
-    for number in range(1, 1001):
+    for number in range(1, 20_001):
         target = radiate_folder / 'Navtech_Polar' / f'{number:06d}.png'
         if number > 5:
             os.link(radiate_folder / 'Navtech_Polar' / '000001.png', target)
