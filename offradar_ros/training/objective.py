@@ -45,6 +45,5 @@ class Objective(Protocol):
     def losses(self, views: Views, step: int) -> dict[str, torch.Tensor]:
         """Weighted scalar terms, named for the log, whose sum is minimised.
 
-        `step` counts
-        from 0 over the whole run. The loop calls this under autocast where mixed precision is asked for.
+        `step` counts from 0 over the whole run. The loop calls this under autocast where mixed precision is asked for.
         """

@@ -87,14 +87,13 @@ def run(config: TrainingConfig, out: Path, options: RunOptions) -> RunResult:
     _require_folder(out, options.resume)
     deadline_s = math.inf if options.minutes is None else time.monotonic() + 60.0 * options.minutes
     with joined_group(options.device) as group:
-        given = _given_teacher(config)
+        teacher = _given_teacher(config)
         data = _cached(config.network, config.data, options, group, 'training scans')
         if config.fit == 'rad_vlad':
             return RunResult(True, 0, fit_centres(config, data, out), math.nan)
         judged = _cached(config.network, config.validation, options, group, 'validation scans')
-        teacher: nn.Module | None = None
-        if config.method in NEED_TEACHER:
-            taught = given or _teacher(config, out, options, group, data, judged, deadline_s)
+        if config.method in NEED_TEACHER and teacher is None:
+            taught = _teacher(config, out, options, group, data, judged, deadline_s)
             if isinstance(taught, RunResult):
                 return taught
             teacher = taught
