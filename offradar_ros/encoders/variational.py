@@ -62,16 +62,24 @@ class VariationalNetwork(nn.Module):
         nn.init.normal_(self.log_variance.weight, std=1e-3 / flat**0.5)
         nn.init.zeros_(self.log_variance.bias)
 
-    def heads(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor, torch.Tensor]:
-        """Feature map (N, C, h, w) and Z_I, μ_V, log σ² (N, d) of images (N, H, W)."""
-        features = self.features(images)
-        flat = features.flatten(1)
-        log_variance = self.log_variance(flat).clamp(-LOG_VARIANCE_LIMIT, LOG_VARIANCE_LIMIT)
-        return features, self.z_i(flat), self.mu(flat), log_variance
+    def log_variance_of(self, flat: torch.Tensor) -> torch.Tensor:
+        """log σ² (N, d) of flattened feature maps (N, C · h · w)."""
+        log_variance: torch.Tensor = self.log_variance(flat)
+        return log_variance.clamp(-LOG_VARIANCE_LIMIT, LOG_VARIANCE_LIMIT)
+
+    def descriptor_of(self, flat: torch.Tensor) -> torch.Tensor:
+        """Unit descriptor (N, d) of flattened feature maps (N, C · h · w).
+
+        The losses compare angles, and so does a search among unit vectors.
+        """
+        z_i = self.z_i(flat)
+        return unit_length(z_i if self.config.descriptor == 'z_i' else z_i + self.mu(flat))
 
     def forward(self, images: torch.Tensor) -> NetworkOutput:
         """Everything that training needs, of images (N, H, W)."""
-        features, z_i, mu, log_variance = self.heads(images)
+        features = self.features(images)
+        flat = features.flatten(1)
+        z_i, mu, log_variance = self.z_i(flat), self.mu(flat), self.log_variance_of(flat)
         z = z_i + mu
         if self.training:
             z = z + torch.exp(0.5 * log_variance) * torch.randn_like(mu)
@@ -83,10 +91,11 @@ class VariationalNetwork(nn.Module):
             self.log_variance.bias.add_(math.log(factor))
 
     def embed(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Unit descriptor (N, d) and variance (N, d) of images (N, H, W); nothing is sampled.
+        """Unit descriptor (N, d) and variance (N, d) of images (N, H, W); nothing is sampled."""
+        flat = self.features(images).flatten(1)
+        return self.descriptor_of(flat), self.log_variance_of(flat).exp()
 
-        The losses compare angles, and so does a search among unit vectors.
-        """
-        _, z_i, mu, log_variance = self.heads(images)
-        descriptor = z_i if self.config.descriptor == 'z_i' else z_i + mu
-        return unit_length(descriptor), log_variance.exp()
+
+def uncertainty(log_variance: torch.Tensor) -> torch.Tensor:
+    """U (N,), the mean variance, of log σ² (N, d)."""
+    return log_variance.exp().mean(dim=1)

@@ -162,6 +162,27 @@ class TeacherConfig:
 
 
 @dataclasses.dataclass(frozen=True)
+class RefinementConfig:
+    """A second stage of ours: searches through whole maps teach the variance head, and nothing else, what is found."""
+
+    steps: int = parameter(0, 'steps of the second stage; 0 leaves it out', minimum=0, maximum=10**9)
+    weights: str = parameter('', 'weights of a first stage trained before; empty trains it')
+    data: DataConfig = dataclasses.field(default_factory=DataConfig)
+    scans: int = parameter(512, 'scans in a batch', minimum=2, maximum=10**6)
+    wrong_weight: float = parameter(
+        0.5, 'of ranking U by how often a scan is answered wrongly', minimum=0.0, maximum=1e9
+    )
+    margin_weight: float = parameter(
+        0.5, 'of ranking U by how near scans come to being answered wrongly', minimum=0.0, maximum=1e9
+    )
+    severity_weight: float = parameter(0.5, 'of ranking U by severity', minimum=0.0, maximum=1e9)
+    kl_weight: float = parameter(0.003, 'as loss.kl_weight', minimum=0.0, maximum=1e9)
+    margin: float = parameter(0.1, 'as loss.severity.margin', minimum=1e-6, maximum=1e6)
+    learning_rate: float = parameter(2e-4, 'its first value; it falls to 0', minimum=0.0, maximum=100.0)
+    weight_decay: float = parameter(0.05, 'of the weights', minimum=0.0, maximum=100.0)
+
+
+@dataclasses.dataclass(frozen=True)
 class TrainingConfig:
     """A training run."""
 
@@ -175,6 +196,7 @@ class TrainingConfig:
     loss: LossConfig = dataclasses.field(default_factory=LossConfig)
     teacher: TeacherConfig = dataclasses.field(default_factory=TeacherConfig)
     optimiser: OptimiserConfig = dataclasses.field(default_factory=OptimiserConfig)
+    refinement: RefinementConfig = dataclasses.field(default_factory=RefinementConfig)
     steps: int = parameter(5000, 'batches to learn from', minimum=1, maximum=10**9)
     seed: int = parameter(1, 'of the initial weights, the batches and the samples', minimum=0, maximum=2**31)
     precision: str = parameter(

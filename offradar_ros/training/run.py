@@ -13,7 +13,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import cv2
 import numpy as np
@@ -23,23 +23,28 @@ from torch import nn
 from offradar_ros import __version__
 from offradar_ros.encoders.network_config import NetworkConfig
 from offradar_ros.encoders.network_files import load_network
+from offradar_ros.encoders.variational import VariationalNetwork
 from offradar_ros.errors import ConfigError, DataError
 from offradar_ros.processes import Progress
 from offradar_ros.training.baselines.rad_vlad_codebook import fit_centres
 from offradar_ros.training.batches import BatchSampler
 from offradar_ros.training.cache import CachedDrive, Reduction, cached_drives
 from offradar_ros.training.checkpoint import read_progress
-from offradar_ros.training.config import DataConfig, TrainingConfig, ValidationConfig
+from offradar_ros.training.config import DataConfig, RefinementConfig, TrainingConfig, ValidationConfig
 from offradar_ros.training.config_file import to_yaml
 from offradar_ros.training.drive import Drive
 from offradar_ros.training.loop import BEST, CHECKPOINT, LAST, Loop
 from offradar_ros.training.objectives import NEED_TEACHER, make_objective
 from offradar_ros.training.parallel import Group, joined_group
 from offradar_ros.training.recorded_drives import recorded_drives
+from offradar_ros.training.refinement import lessons, refine
 from offradar_ros.training.simulated_drives import simulated_drives
 from offradar_ros.training.validation import validation_drives
 
 TEACHER = 'teacher'
+FIRST = 'first'
+"""Folder of a first stage, within that of the run whose second stage goes on from it."""
+
 FREE_TO_CHANGE = ('validation', 'threads', 'log_steps', 'checkpoint_steps')
 """What may differ between a run and its resumption: it changes nothing that is learnt."""
 
@@ -87,17 +92,23 @@ def run(config: TrainingConfig, out: Path, options: RunOptions) -> RunResult:
     _require_folder(out, options.resume)
     deadline_s = math.inf if options.minutes is None else time.monotonic() + 60.0 * options.minutes
     with joined_group(options.device) as group:
-        teacher = _given_teacher(config)
-        data = _cached(config.network, config.data, options, group, 'training scans')
-        if config.fit == 'rad_vlad':
-            return RunResult(True, 0, fit_centres(config, data, out), math.nan)
-        judged = _cached(config.network, config.validation, options, group, 'validation scans')
-        if config.method in NEED_TEACHER and teacher is None:
-            taught = _teacher(config, out, options, group, data, judged, deadline_s)
-            if isinstance(taught, RunResult):
-                return taught
-            teacher = taught
-        return _train(config, out, options, group, data, judged, deadline_s, teacher)
+        stage = _refined if config.refinement.steps else _learnt
+        return stage(config, out, options, group, deadline_s)
+
+
+def _learnt(config: TrainingConfig, out: Path, options: RunOptions, group: Group, deadline_s: float) -> RunResult:
+    """All but the second stage."""
+    teacher = _given_teacher(config)
+    data = _cached(config.network, config.data, options, group, 'training scans')
+    if config.fit == 'rad_vlad':
+        return RunResult(True, 0, fit_centres(config, data, out), math.nan)
+    judged = _cached(config.network, config.validation, options, group, 'validation scans')
+    if config.method in NEED_TEACHER and teacher is None:
+        taught = _teacher(config, out, options, group, data, judged, deadline_s)
+        if isinstance(taught, RunResult):
+            return taught
+        teacher = taught
+    return _train(config, out, options, group, data, judged, deadline_s, teacher)
 
 
 def _given_teacher(config: TrainingConfig) -> nn.Module | None:
@@ -143,7 +154,7 @@ def _train(
     torch.manual_seed(config.seed)
     objective = make_objective(config, teacher)
     if group.rank == 0:
-        _describe(config, out, group, objective.network, sampler)
+        _describe(config, out, group, objective.network, data)
     drives = validation_drives(judged, config.network, config.threads) if judged and group.rank == 0 else ()
     loop = Loop(config, objective, sampler, drives, out, group, resume)
     with _shown(
@@ -154,8 +165,38 @@ def _train(
     return RunResult(finished, loop.step, out / (BEST if step >= 0 else LAST), score if step >= 0 else math.nan)
 
 
+def _refined(config: TrainingConfig, out: Path, options: RunOptions, group: Group, deadline_s: float) -> RunResult:
+    """The second stage, after the first where that is not given. It is short, and not resumed: it is begun anew."""
+    refinement = config.refinement
+    if config.fit != 'network' or config.method != 'variational':
+        raise ConfigError(f'key refinement.steps: expected 0, as {config.method} has no second stage')
+    weights = Path(refinement.weights)
+    if not refinement.weights:
+        first = dataclasses.replace(config, refinement=RefinementConfig())
+        result = _learnt(first, out / FIRST, options, group, deadline_s)
+        if not result.finished:
+            return result
+        weights = result.best
+    network = cast(VariationalNetwork, load_network(weights)[0])
+    if network.config != config.network:
+        raise ConfigError(f'{weights}: expected weights of the configured network, {config.network}')
+    data = _cached(config.network, refinement.data, options, group, 'scans to search for')
+    judged = _cached(config.network, config.validation, options, group, 'validation scans')
+    score = -1.0
+    if group.rank == 0:
+        _describe(config, out, group, network, data)
+        drives = validation_drives(judged, config.network, config.threads) if judged else ()
+        with _shown(options, 'searching') as progress:
+            taught = lessons(network.to(group.device), data, group.device, config.threads, progress, options.check)
+        score = refine(config, network, taught, drives, out, options.check)
+    (score,) = group.first_says((score,))
+    return RunResult(True, refinement.steps, out / BEST, score if judged else math.nan)
+
+
 def _require_folder(out: Path, resume: bool) -> None:
-    there = (out / CHECKPOINT).is_file() or (out / TEACHER / CHECKPOINT).is_file()
+    there = any(
+        (out / file).is_file() for file in (BEST, CHECKPOINT, f'{TEACHER}/{CHECKPOINT}', f'{FIRST}/{CHECKPOINT}')
+    )
     if there and not resume:
         raise DataError(f'{out}: a training run is there: expected --resume to go on with it, or another folder')
     if resume and not there:
@@ -202,7 +243,7 @@ def _shown(options: RunOptions, text: str) -> Iterator[Progress | None]:
         yield progress
 
 
-def _describe(config: TrainingConfig, out: Path, group: Group, network: nn.Module, sampler: BatchSampler) -> None:
+def _describe(config: TrainingConfig, out: Path, group: Group, network: nn.Module, data: Sequence[CachedDrive]) -> None:
     """Write what the run is made from; a resumed run adds a line of where it went on."""
     out.mkdir(parents=True, exist_ok=True)
     (out / 'config.yaml').write_text(to_yaml(config), encoding='utf-8')
@@ -220,9 +261,9 @@ def _describe(config: TrainingConfig, out: Path, group: Group, network: nn.Modul
         'processes': group.size,
         'command': sys.argv,
         'parameters': sum(parameter.numel() for parameter in network.parameters()),
-        'scans': len(sampler.row_of),
-        'degraded_scans': sum(kind != '' for kind in sampler.kinds),
-        'drives': len(sampler.drives),
+        'scans': sum(len(drive.power) for drive in data),
+        'degraded_scans': sum(kind != '' for drive in data for kind in drive.kinds),
+        'drives': len(data),
     }
     with (out / 'run.jsonl').open('a', encoding='utf-8') as file:
         file.write(json.dumps(said) + '\n')

@@ -20,8 +20,8 @@ from offradar_ros.simulation.world import World
 from offradar_ros.training.config import DataConfig, ValidationConfig
 from offradar_ros.training.drive import OpenDrive
 
-LANES_M = (0.0, 3.5, -1.5, 1.5, -3.0, 2.5)
-"""Lane offsets of the drives of a city, in turn: up to two lanes apart."""
+LANES_M = (0.0, 3.5, -1.5, 1.5, -6.0, -6.0)
+"""Lane offsets of the drives of a city, in turn; the last two are the outer lanes of either direction, 12 m apart."""
 
 _SHORT_SIGHTED = 1.0 / 3.0
 _LEAST_REACH = 0.6

@@ -13,13 +13,12 @@ from offradar_ros.encoders.network_config import NetworkConfig
 from offradar_ros.errors import DataError
 from offradar_ros.evaluation.metrics.auroc import auroc
 from offradar_ros.evaluation.metrics.spearman import spearman
-from offradar_ros.evaluation.spacing import one_a_cell
 from offradar_ros.training.cache import CachedDrive
 from offradar_ros.training.config import ValidationConfig
 from offradar_ros.training.images import images_of
 from offradar_ros.training.objective import EmbeddingNetwork
+from offradar_ros.training.searches import searches
 
-TOLERANCE_M = 25.0
 _IMAGES_AT_ONCE = 64
 
 
@@ -28,20 +27,6 @@ class ValidationDrive(NamedTuple):
 
     drive: CachedDrive
     images: NDArray[np.uint8]
-
-
-class Answers(NamedTuple):
-    """One drive searched for in the map of another; Q queries that have a place within the tolerance.
-
-    Attributes:
-        right: (Q,) whether the nearest place is within the tolerance.
-        uncertainties: (Q,) U of each query.
-        severities: (Q,) how badly each is degraded, NaN where not known.
-    """
-
-    right: NDArray[np.bool_]
-    uncertainties: NDArray[np.float64]
-    severities: NDArray[np.float64]
 
 
 def validation_drives(
@@ -64,15 +49,12 @@ def validate(
     all wrong, there is no AUROC, and the recall takes its place in the score.
     """
     embedded = [_embed(network, drive.images, device) for drive in drives]
-    answers = [
-        _search(drives[i].drive, embedded[i], drives[j].drive, embedded[j], config.map_spacing_m)
-        for i in range(len(drives))
-        for j in range(len(drives))
-        if i != j and drives[i].drive.world == drives[j].drive.world
-    ]
-    right, uncertainties, severities = (np.concatenate(part) for part in zip(*answers, strict=True))
-    if not len(right):
+    searched = searches([drive.drive for drive in drives], [means for means, _ in embedded], config.map_spacing_m)
+    if not sum(len(search.queries) for search in searched):
         raise DataError('validation: no scan has a place of another drive within the tolerance')
+    right = np.concatenate([search.margins > 0.0 for search in searched])
+    uncertainties = np.concatenate([embedded[search.driven][1][search.queries] for search in searched])
+    severities = np.concatenate([drives[search.driven].drive.severities[search.queries] for search in searched])
     clean = severities == 0.0
     known = ~np.isnan(severities)
     finite = np.isfinite(uncertainties)
@@ -100,22 +82,3 @@ def _embed(
             means.append(mean.double().cpu().numpy())
             uncertainties.append(variance.double().mean(dim=1).cpu().numpy())
     return np.concatenate(means), np.concatenate(uncertainties)
-
-
-def _search(
-    mapped: CachedDrive,
-    map_embedding: tuple[NDArray[np.float64], NDArray[np.float64]],
-    driven: CachedDrive,
-    embedding: tuple[NDArray[np.float64], NDArray[np.float64]],
-    spacing_m: float,
-) -> Answers:
-    driven_m = np.cumsum(np.hypot(*np.diff(mapped.poses[:, :2], axis=0, prepend=mapped.poses[:1, :2]).T))
-    places = one_a_cell(driven_m, spacing_m)
-    away_m = np.linalg.norm(driven.poses[:, None, :2] - mapped.poses[None, places, :2], axis=-1)
-    queries = np.flatnonzero(away_m.min(axis=1) <= TOLERANCE_M)
-    means, uncertainties = embedding
-    candidates = map_embedding[0][places]
-    # |a − b|² without the term of the query alone, which orders nothing.
-    distances = np.sum(candidates**2, axis=1) - 2.0 * means[queries] @ candidates.T
-    right = away_m[queries, distances.argmin(axis=1)] <= TOLERANCE_M
-    return Answers(right, uncertainties[queries], driven.severities[queries].astype(np.float64))

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import torch
 
-from offradar_ros.encoders.variational import NetworkOutput, VariationalNetwork
+from offradar_ros.encoders.variational import NetworkOutput, VariationalNetwork, uncertainty
 from offradar_ros.training.config import ContrastConfig, TrainingConfig
 from offradar_ros.training.losses.batch_contrast import batch_contrast
 from offradar_ros.training.losses.hedged_contrast import hedged_contrast
 from offradar_ros.training.losses.prior_divergence import prior_divergence
+from offradar_ros.training.losses.ranking import ranking
 from offradar_ros.training.losses.reconstruction import reconstruction_error
-from offradar_ros.training.losses.severity_ranking import severity_ranking
 from offradar_ros.training.losses.temperature_contrast import temperature_contrast
 from offradar_ros.training.objective import Views
 
@@ -36,9 +36,8 @@ class VariationalObjective:
                 if contrast.weight:
                     terms[name] = contrast.weight * _contrast(contrast, output)
             if config.severity.weight:
-                uncertainties = output.log_variance.exp().mean(dim=1)
-                ranking = severity_ranking(uncertainties, views.severities, config.severity.margin)
-                terms['severity'] = config.severity.weight * ranking
+                order = ranking(uncertainty(output.log_variance), views.severities, config.severity.margin)
+                terms['severity'] = config.severity.weight * order
             if config.kl_weight:
                 risen = min(1.0, (step + 1) / config.kl_warmup_steps) if config.kl_warmup_steps else 1.0
                 divergence = prior_divergence(output.mu, output.log_variance, config.free_nats)
@@ -56,4 +55,4 @@ def _contrast(config: ContrastConfig, output: NetworkOutput) -> torch.Tensor:
     points = {'z_i': output.z_i, 'mean': output.z_i + output.mu, 'z': output.z}[config.on]
     if config.criterion == 'batch':
         return batch_contrast(points, config.temperature, config.negative_weight)
-    return temperature_contrast(points, output.log_variance.exp().mean(dim=1), config.temperature, config.answers)
+    return temperature_contrast(points, uncertainty(output.log_variance), config.temperature, config.answers)

@@ -18,9 +18,11 @@ pytest.importorskip('torch')
 from offradar_ros.cli.main import app
 from offradar_ros.config import EncoderConfig
 from offradar_ros.encoders.registry import make_encoder
+from offradar_ros.encoders.weights import read_header
 from offradar_ros.errors import ConfigError, DataError, ModelError
 from offradar_ros.training.config_file import read_config
 from offradar_ros.training.run import RunOptions, run
+from offradar_ros.training.run_log import read_log
 from offradar_ros.training.simulated_drives import SimulatedDrive
 
 PROJECT = Path(__file__).resolve().parents[2]
@@ -108,6 +110,46 @@ def test_a_student_learns_from_its_teacher(tmp_path: Path, cache: Path, stop_tea
     given = read_config(SMOKE, ['network.method=stun', f'teacher.weights={teacher}', 'steps=1'])
     assert run(given, tmp_path / 'given', options).finished
     assert not (tmp_path / 'given' / 'teacher').exists()
+
+
+REFINED = [
+    f'refinement.{setting}'
+    for setting in ('steps=3', 'scans=8', 'data.worlds=1', 'data.drives=2', 'data.scans=10', 'data.spacing_m=20')
+]
+
+
+@pytest.mark.parametrize('stop_first', [True, False])
+def test_a_second_stage_follows_the_first(tmp_path: Path, cache: Path, stop_first: bool) -> None:
+    config, options = read_config(SMOKE, REFINED), RunOptions(cache, device='cpu')
+    if stop_first:
+        assert not run(config, tmp_path / 'out', options._replace(minutes=0.0)).finished
+        assert not (tmp_path / 'out' / 'best.safetensors').exists()
+    done = run(config, tmp_path / 'out', options._replace(resume=stop_first))
+    assert (done.finished, done.step, done.best) == (True, 3, tmp_path / 'out' / 'best.safetensors')
+    assert [line['step'] for line in read_log(tmp_path / 'out' / 'validation.jsonl')] == [0, 3]
+    assert [line['step'] for line in read_log(tmp_path / 'out' / 'log.jsonl')] == [2, 3]
+    first = tmp_path / 'out' / 'first' / 'best.safetensors'
+    with pytest.raises(DataError, match='a training run is there'):
+        run(config, tmp_path / 'out', options)
+
+    given = read_config(SMOKE, [*REFINED, f'refinement.weights={first}'])
+    again = run(given, tmp_path / 'given', options)
+    assert again.score == done.score
+    assert not (tmp_path / 'given' / 'first').exists()
+    assert read_header(again.best).fingerprint == read_header(done.best).fingerprint
+
+
+def test_what_cannot_be_refined_is_refused(tmp_path: Path, cache: Path) -> None:
+    options = RunOptions(cache, device='cpu')
+    with pytest.raises(ConfigError, match=r'key refinement\.steps: expected 0, as bc_radar has no second stage'):
+        run(read_config(SMOKE, [*REFINED, 'network.method=bc_radar']), tmp_path / 'bc_radar', options)
+    first = run(read_config(SMOKE, ['validation.worlds=0']), tmp_path / 'first', options).best
+    settings = [*REFINED, f'refinement.weights={first}', 'network.dimension=8']
+    with pytest.raises(ConfigError, match='expected weights of the configured network'):
+        run(read_config(SMOKE, settings), tmp_path / 'refined', options)
+    alone = [*REFINED, f'refinement.weights={first}', 'refinement.data.drives=1']
+    with pytest.raises(DataError, match='refinement: no scan has a place of another drive'):
+        run(read_config(SMOKE, alone), tmp_path / 'alone', options)
 
 
 def test_without_validation_the_last_weights_are_the_result(tmp_path: Path, cache: Path) -> None:
