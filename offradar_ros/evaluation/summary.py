@@ -17,14 +17,20 @@ from numpy.typing import NDArray
 
 from offradar_ros.evaluation.answers import Answers
 from offradar_ros.evaluation.metrics.auroc import auroc
+from offradar_ros.evaluation.metrics.binned_calibration import binned_calibration
 from offradar_ros.evaluation.metrics.bootstrap import bootstrap_interval
+from offradar_ros.evaluation.metrics.precision_recall import PrecisionRecallCurve, precision_recall
 from offradar_ros.evaluation.metrics.recall_at_n import recall_at_n
 from offradar_ros.evaluation.metrics.recall_at_rejection import rejection_curve
+from offradar_ros.evaluation.metrics.sparsification import sparsification_area, sparsification_error
 from offradar_ros.evaluation.metrics.spearman import spearman
 from offradar_ros.evaluation.protocol import Protocol
 
 SEVERITIES = (0.0, 0.25, 0.5, 0.75, 1.0)
 """Edges of the bins that recall is told by; a severity on an edge is of the bin below."""
+
+BETAS = (0.5, 1.0, 2.0)
+"""Of F_β, over thresholds on the distance of the nearest place."""
 
 Json = dict[str, Any]
 Statistic = Callable[['_Pooled', NDArray[np.float64] | None], float]
@@ -37,6 +43,7 @@ class _Pooled:
         self.pair = np.repeat(np.arange(len(several)), [len(a.ranks) for a in several])
         self.uncertainties = np.concatenate([a.uncertainties for a in several])
         self.ranks: NDArray[np.int64] = np.concatenate([a.ranks for a in several])
+        self.distances = np.concatenate([a.distances for a in several])
         self.positive = np.concatenate([a.positive for a in several])
         self.kinds = np.concatenate([a.kinds for a in several])
         self.severities = np.concatenate([a.severities for a in several])
@@ -82,6 +89,11 @@ def summarise(several: Sequence[Answers], protocol: Protocol) -> Json:
         'recall_at_rejection': [[rejected, curve.recall_at(rejected)] for rejected in protocol.rejections],
         'auc_recall_at_rejection': figure(_whole_area),
         'auc_recall_at_rejection_to_half': figure(_half_area),
+        'average_precision': figure(_average_precision),
+        'max_f_beta': _max_f_beta(rows),
+        'ausc': sparsification_area(rows.uncertainties, rows.correct),
+        'ause': sparsification_error(rows.uncertainties, rows.correct),
+        'ece': binned_calibration(rows.uncertainties, rows.correct).error,
     }
 
 
@@ -136,6 +148,23 @@ def _whole_area(rows: _Pooled, weights: NDArray[np.float64] | None) -> float:
 
 def _half_area(rows: _Pooled, weights: NDArray[np.float64] | None) -> float:
     return rejection_curve(rows.uncertainties, rows.correct, weights).mean_recall(0.5)
+
+
+def _average_precision(rows: _Pooled, weights: NDArray[np.float64] | None) -> float:
+    return _accepted_by_distance(rows, weights).average_precision
+
+
+def _accepted_by_distance(rows: _Pooled, weights: NDArray[np.float64] | None = None) -> PrecisionRecallCurve:
+    """One answer a query, its nearest place, accepted when near enough; every query here has a place to be found."""
+    relevant = float(len(rows.ranks) if weights is None else weights.sum())
+    distances = np.where(np.isfinite(rows.uncertainties), rows.distances, np.inf)
+    return precision_recall(distances, rows.correct, relevant, weights)
+
+
+def _max_f_beta(rows: _Pooled) -> Json:
+    curve = _accepted_by_distance(rows)
+    found = {f'{beta:g}': curve.max_f_beta(beta) for beta in BETAS}
+    return {beta: {'value': value, 'distance': distance} for beta, (value, distance) in found.items()}
 
 
 def _by_severity(rows: _Pooled) -> list[Json]:

@@ -97,6 +97,21 @@ def test_figures_against_a_loop(embedded_street: Callable[..., EmbeddedDrive], s
         'queries': len(worst),
         'recall_at_1': pytest.approx(np.mean(worst)),
     }
+    nearest = [
+        (answers.distances[i], answers.ranks[i] == 0) for answers in several for i in range(50) if answers.positive[i]
+    ]
+    before, area = 0, 0.0
+    for threshold in sorted({distance for distance, _ in nearest}):
+        accepted = [correct for distance, correct in nearest if distance <= threshold]
+        area += (sum(accepted) - before) / len(nearest) * float(np.mean(accepted))
+        before = sum(accepted)
+    assert told['average_precision']['value'] == pytest.approx(area)
+    for beta, best in told['max_f_beta'].items():
+        accepted = [correct for distance, correct in nearest if distance <= best['distance']]
+        precision, recall, square = np.mean(accepted), sum(accepted) / len(nearest), float(beta) ** 2
+        assert best['value'] == pytest.approx((1 + square) * precision * recall / (square * precision + recall))
+    assert 0.0 <= told['ause'] <= told['ausc'] <= 1.0
+    assert 0.0 <= told['ece'] <= 1.0
     assert told['recall_at_1']['low'] <= told['recall_at_1']['value'] <= told['recall_at_1']['high']
     assert told['recall_at_1']['pairs'] == pytest.approx(
         np.mean([np.mean(a.correct[a.positive]) for a in several]),
