@@ -17,7 +17,7 @@ from offradar_ros.evaluation.scan_cache import CachedDrive
 from offradar_ros.radar.cartesian import PolarToCartesian
 
 SHOWN = 10
-_IMAGE = CartesianConfig(side_px=256, resolution_m=0.5)
+_IMAGE = CartesianConfig(side_px=256, resolution_m=1.28)
 _RINGS = 128
 
 
@@ -28,7 +28,7 @@ class _Extreme(NamedTuple):
 
 
 def draw_extremes(several: Sequence[Answers], worlds: Worlds, path: Path) -> None:
-    """Ten most uncertain scans (top) and ten least uncertain ones, each as an image above its ring key.
+    """Ten most uncertain scans (top) and ten least uncertain ones, each as an image to 164 m above its ring key.
 
     A ring key is the mean power against range, in the recorded bytes. Titles say U and what the simulation spoiled.
     """

@@ -50,35 +50,39 @@ class Lessons(NamedTuple):
     severities: torch.Tensor
 
 
-def lessons(
+def feature_maps(
     network: VariationalNetwork,
     drives: Sequence[CachedDrive],
-    device: torch.device,
     threads: int = 0,
     progress: Progress | None = None,
     check: Callable[[], None] | None = None,
-) -> Lessons:
-    """Search for every scan in every other drive through its world, mapped every 5 m and every 15 m.
+) -> list[torch.Tensor]:
+    """(N, C · h · w) float16 flattened feature maps of each drive's scans, on the CPU.
 
-    The network is in evaluation mode, on `device`. `check` is called between drives and may raise KeyboardInterrupt.
-    DataError where no drive meets another.
+    The network is in evaluation mode, wherever it is. `check` is called between drives and may raise KeyboardInterrupt.
     """
-    features, descriptors = [], []
+    device = network.log_variance.weight.device
+    found = []
     for number, drive in enumerate(drives):
-        images = images_of(drive, network.config, threads)
+        images = torch.from_numpy(images_of(drive, network.config, threads))
         with torch.inference_mode():
-            flat = torch.cat(
-                [
-                    network.features(torch.from_numpy(images[start : start + _IMAGES_AT_ONCE]).to(device)).flatten(1)
-                    for start in range(0, len(images), _IMAGES_AT_ONCE)
-                ]
-            )
-            descriptors.append(network.descriptor_of(flat).cpu().numpy())
-            features.append(flat.half().cpu())
+            parts = [
+                network.features(part.to(device)).flatten(1).half() for part in torch.split(images, _IMAGES_AT_ONCE)
+            ]
+        found.append(torch.cat(parts).cpu())
         if progress:
             progress(number + 1, len(drives))
         if check:
             check()
+    return found
+
+
+def lessons(network: VariationalNetwork, drives: Sequence[CachedDrive], features: Sequence[torch.Tensor]) -> Lessons:
+    """Search for every scan in every other drive through its world, mapped every 5 m and every 15 m.
+
+    `features` are the drives' by `feature_maps`. DataError where no drive meets another.
+    """
+    descriptors = [descriptors_of(network, flat) for flat in features]
     first = np.cumsum([0, *(len(part) for part in descriptors)])
     times, wrong, margins = np.zeros((3, first[-1]))
     for spacing_m in MAP_SPACINGS_M:
@@ -92,11 +96,18 @@ def lessons(
         raise DataError('refinement: no scan has a place of another drive within the tolerance')
     severities = np.concatenate([drive.severities for drive in drives])
     return Lessons(
-        torch.cat(features)[torch.from_numpy(searched)],
+        torch.cat(list(features))[torch.from_numpy(searched)],
         _tensor(wrong[searched] / times[searched]),
         _tensor(margins[searched] / times[searched]),
         _tensor(severities[searched]),
     )
+
+
+def descriptors_of(network: VariationalNetwork, flat: torch.Tensor) -> NDArray[np.float32]:
+    """(N, d) unit descriptors of (N, C · h · w) feature maps."""
+    with torch.inference_mode():
+        found: NDArray[np.float32] = network.descriptor_of(flat.to(network.z_i.weight.device).float()).cpu().numpy()
+    return found
 
 
 def refine(
@@ -113,11 +124,11 @@ def refine(
     where there is nothing to judge it by, and then the later one is kept. `check` is called between steps.
     """
     log, validation_log = RunLog(out / 'log.jsonl', 0), RunLog(out / 'validation.jsonl', 0)
-    device = next(network.parameters()).device
+    device = network.log_variance.weight.device
     steps, best = config.refinement.steps, -math.inf
     for step in (0, steps):
         if step:
-            for number, terms in enumerate(_learn(network, taught, config.refinement, config.seed), start=1):
+            for number, terms in enumerate(learn(network, taught, config.refinement, config.seed), start=1):
                 if number % config.log_steps == 0 or number == steps:
                     log.add(number, {name: float(term) for name, term in terms.items()})
                 if check:
@@ -133,10 +144,10 @@ def refine(
     return best if judged else math.nan
 
 
-def _learn(
+def learn(
     network: VariationalNetwork, taught: Lessons, config: RefinementConfig, seed: int
 ) -> Iterator[dict[str, torch.Tensor]]:
-    """The loss and its terms, after every step.
+    """Teach the variance head by `config`, a step each time that this is asked for its loss and the loss's terms.
 
     L = w₁ ranking(U, wrong) + w₂ ranking(U, −margin) + w₃ ranking(U, severity) + w₄ KL.
     """

@@ -37,7 +37,7 @@ from offradar_ros.training.loop import BEST, CHECKPOINT, LAST, Loop
 from offradar_ros.training.objectives import NEED_TEACHER, make_objective
 from offradar_ros.training.parallel import Group, joined_group
 from offradar_ros.training.recorded_drives import recorded_drives
-from offradar_ros.training.refinement import lessons, refine
+from offradar_ros.training.refinement import feature_maps, lessons, refine
 from offradar_ros.training.simulated_drives import simulated_drives
 from offradar_ros.training.validation import validation_drives
 
@@ -186,9 +186,9 @@ def _refined(config: TrainingConfig, out: Path, options: RunOptions, group: Grou
     if group.rank == 0:
         _describe(config, out, group, network, data)
         drives = validation_drives(judged, config.network, config.threads) if judged else ()
-        with _shown(options, 'searching') as progress:
-            taught = lessons(network.to(group.device), data, group.device, config.threads, progress, options.check)
-        score = refine(config, network, taught, drives, out, options.check)
+        with _shown(options, 'encoding scans to search for') as progress:
+            features = feature_maps(network.to(group.device), data, config.threads, progress, options.check)
+        score = refine(config, network, lessons(network, data, features), drives, out, options.check)
     (score,) = group.first_says((score,))
     return RunResult(True, refinement.steps, out / BEST, score if judged else math.nan)
 

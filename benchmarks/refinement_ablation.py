@@ -1,0 +1,127 @@
+"""What the second stage makes of U: one line a variant of it, as README.md beside this file explains."""
+
+from __future__ import annotations
+
+import argparse
+import collections
+import copy
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from offradar_ros.cli.progress import progress_bar
+from offradar_ros.encoders.network_files import load_network
+from offradar_ros.encoders.variational import VariationalNetwork, uncertainty
+from offradar_ros.evaluation.metrics.auroc import auroc
+from offradar_ros.evaluation.metrics.spearman import spearman
+from offradar_ros.training.cache import CachedDrive, Reduction, cached_drives
+from offradar_ros.training.config import DataConfig, RefinementConfig, TrainingConfig, ValidationConfig
+from offradar_ros.training.config_file import read_config
+from offradar_ros.training.refinement import (
+    MAP_SPACINGS_M,
+    Lessons,
+    descriptors_of,
+    feature_maps,
+    learn,
+    lessons,
+)
+from offradar_ros.training.searches import Search, searches
+from offradar_ros.training.simulated_drives import simulated_drives
+
+WEIGHTS = {
+    'wrong': (1.0, 0.0, 0.0),
+    'margin': (0.0, 1.0, 0.0),
+    'severity': (0.0, 0.0, 1.0),
+    'wrong and margin': (0.5, 0.5, 0.0),
+    'all': (0.5, 0.5, 0.5),
+    'all, twice the severity': (0.5, 0.5, 1.0),
+}
+"""Of ranking U by wrong answers, by margins and by severity."""
+
+
+def main() -> None:
+    """Print a Markdown table of U over the validation worlds of a training configuration."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('config', type=Path, help='training configuration with a second stage')
+    parser.add_argument('weights', type=Path, help='weights of its first stage')
+    parser.add_argument('--cache', type=Path, required=True, help='folder of cached scans, kept')
+    arguments = parser.parse_args()
+    config = read_config(arguments.config)
+    network = cast(VariationalNetwork, load_network(arguments.weights)[0])
+    judged = _Judged(network, _drives(config, config.validation, arguments.cache, 'validation scans'))
+    searched = config.refinement.data
+    trained_on = dataclasses.replace(searched, first_seed=config.data.first_seed)
+    fresh, seen = (_drives(config, data, arguments.cache, 'scans to search for') for data in (searched, trained_on))
+    heads = [f'AUROC, {spacing_m:g} m' for spacing_m in MAP_SPACINGS_M]
+    print('| second stage | ' + ' | '.join([*heads, 'Spearman U–severity', 'least within a kind', 'U']) + ' |')
+    print('|---' * (len(heads) + 4) + '|')
+    print(judged.row('none', network))
+    taught = _lessons(network, fresh)
+    for name, (wrong, margin, severity) in WEIGHTS.items():
+        changed = dataclasses.replace(
+            config.refinement, wrong_weight=wrong, margin_weight=margin, severity_weight=severity
+        )
+        print(judged.row(name, _refined(network, taught, changed, config.seed)))
+    print(judged.row('as configured', _refined(network, taught, config.refinement, config.seed)))
+    same = _refined(network, _lessons(network, seen), config.refinement, config.seed)
+    print(judged.row('as configured, over worlds that the network was trained on', same))
+
+
+def _drives(config: TrainingConfig, data: DataConfig | ValidationConfig, cache: Path, text: str) -> list[CachedDrive]:
+    with progress_bar(text) as progress:
+        return cached_drives(
+            cache, simulated_drives(data), Reduction.for_image(config.network), config.threads, progress
+        )
+
+
+def _features(network: VariationalNetwork, drives: Sequence[CachedDrive]) -> list[torch.Tensor]:
+    with progress_bar('encoding') as progress:
+        return feature_maps(network, drives, progress=progress)
+
+
+def _lessons(network: VariationalNetwork, drives: Sequence[CachedDrive]) -> Lessons:
+    return lessons(network, drives, _features(network, drives))
+
+
+def _refined(network: VariationalNetwork, taught: Lessons, config: RefinementConfig, seed: int) -> VariationalNetwork:
+    changed = copy.deepcopy(network)
+    collections.deque(learn(changed, taught, config, seed), maxlen=0)
+    return changed
+
+
+class _Judged:
+    """Drives that nothing was trained on, searched for once: no second stage changes what is found."""
+
+    def __init__(self, network: VariationalNetwork, drives: Sequence[CachedDrive]) -> None:
+        self._features = _features(network, drives)
+        self._first = np.cumsum([0, *(len(flat) for flat in self._features)])
+        self._severities = np.concatenate([drive.severities for drive in drives])
+        self._kinds = np.array([kind for drive in drives for kind in drive.kinds])
+        descriptors = [descriptors_of(network, flat) for flat in self._features]
+        self._searches = [searches(drives, descriptors, spacing_m) for spacing_m in MAP_SPACINGS_M]
+
+    def row(self, name: str, network: VariationalNetwork) -> str:
+        """A line of Markdown for this network's U."""
+        with torch.inference_mode():
+            parts = [uncertainty(network.log_variance_of(flat.float())) for flat in self._features]
+        u = torch.cat(parts).double().numpy()
+        within = [
+            spearman(u[self._kinds == kind], self._severities[self._kinds == kind])
+            for kind in sorted(set(self._kinds.tolist()) - {''})
+        ]
+        cells = [f'{self._auroc(u, searched):.3f}' for searched in self._searches]
+        cells += [f'{spearman(u, self._severities):.3f}', f'{min(within):.3f}', f'{u.min():.3g}–{u.max():.3g}']
+        return f'| {name} | ' + ' | '.join(cells) + ' |'
+
+    def _auroc(self, u: NDArray[np.float64], searched: Sequence[Search]) -> float:
+        asked = np.concatenate([u[self._first[search.driven] + search.queries] for search in searched])
+        return auroc(asked, np.concatenate([search.margins <= 0.0 for search in searched]))
+
+
+if __name__ == '__main__':
+    main()
