@@ -16,14 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros.evaluation.answers import Answers
-from offradar_ros.evaluation.metrics.auroc import auroc
+from offradar_ros.evaluation.metrics.auroc import auroc, auroc_of
 from offradar_ros.evaluation.metrics.binned_calibration import binned_calibration
 from offradar_ros.evaluation.metrics.bootstrap import bootstrap_interval
-from offradar_ros.evaluation.metrics.precision_recall import PrecisionRecallCurve, precision_recall
+from offradar_ros.evaluation.metrics.precision_recall import PrecisionRecallCurve, precision_recall_of
 from offradar_ros.evaluation.metrics.recall_at_n import recall_at_n
-from offradar_ros.evaluation.metrics.recall_at_rejection import rejection_curve
+from offradar_ros.evaluation.metrics.recall_at_rejection import rejection_curve, rejection_curve_of
 from offradar_ros.evaluation.metrics.sparsification import sparsification_area, sparsification_error
 from offradar_ros.evaluation.metrics.spearman import spearman
+from offradar_ros.evaluation.metrics.tally import Tallier
 from offradar_ros.evaluation.protocol import Protocol
 
 SEVERITIES = (0.0, 0.25, 0.5, 0.75, 1.0)
@@ -33,7 +34,11 @@ BETAS = (0.5, 1.0, 2.0)
 """Of F_β, over thresholds on the distance of the nearest place."""
 
 Json = dict[str, Any]
-Statistic = Callable[['_Pooled', NDArray[np.float64] | None], float]
+Weighted = Callable[[NDArray[np.float64] | None], float]
+"""A figure of some rows, given their weights."""
+
+Statistic = Callable[['_Pooled'], Weighted]
+"""Sorts rows once, for many weightings of them."""
 
 
 class _Pooled:
@@ -125,44 +130,51 @@ def _finite_mean(rows: _Pooled, kind: str) -> float:
 
 
 def _figure(statistic: Statistic, rows: _Pooled, protocol: Protocol) -> Json:
-    low, high = bootstrap_interval(
-        rows.pair, lambda weights: statistic(rows, weights), resamples=protocol.resamples, seed=protocol.seed
-    )
-    of_pairs = np.array([statistic(rows.where(rows.pair == pair), None) for pair in np.unique(rows.pair)])
+    whole = statistic(rows)
+    low, high = bootstrap_interval(rows.pair, whole, resamples=protocol.resamples, seed=protocol.seed)
+    of_pairs = np.array([statistic(rows.where(rows.pair == pair))(None) for pair in np.unique(rows.pair)])
     known = of_pairs[np.isfinite(of_pairs)]
     mean = float(known.mean()) if len(known) else math.nan
-    return {'value': statistic(rows, None), 'low': low, 'high': high, 'pairs': mean}
+    return {'value': whole(None), 'low': low, 'high': high, 'pairs': mean}
 
 
-def _recall(rows: _Pooled, weights: NDArray[np.float64] | None) -> float:
-    return recall_at_n(rows.ranks, 1, weights)
+def _recall(rows: _Pooled) -> Weighted:
+    return lambda weights: recall_at_n(rows.ranks, 1, weights)
 
 
-def _auroc_wrong(rows: _Pooled, weights: NDArray[np.float64] | None) -> float:
-    return auroc(rows.uncertainties, ~rows.correct, weights)
+def _auroc_wrong(rows: _Pooled) -> Weighted:
+    tally = Tallier(rows.uncertainties, ~rows.correct)
+    return lambda weights: auroc_of(tally(weights))
 
 
-def _whole_area(rows: _Pooled, weights: NDArray[np.float64] | None) -> float:
-    return rejection_curve(rows.uncertainties, rows.correct, weights).mean_recall(1.0)
+def _whole_area(rows: _Pooled) -> Weighted:
+    tally = Tallier(rows.uncertainties, rows.correct)
+    return lambda weights: rejection_curve_of(tally(weights)).mean_recall(1.0)
 
 
-def _half_area(rows: _Pooled, weights: NDArray[np.float64] | None) -> float:
-    return rejection_curve(rows.uncertainties, rows.correct, weights).mean_recall(0.5)
+def _half_area(rows: _Pooled) -> Weighted:
+    tally = Tallier(rows.uncertainties, rows.correct)
+    return lambda weights: rejection_curve_of(tally(weights)).mean_recall(0.5)
 
 
-def _average_precision(rows: _Pooled, weights: NDArray[np.float64] | None) -> float:
-    return _accepted_by_distance(rows, weights).average_precision
+def _average_precision(rows: _Pooled) -> Weighted:
+    curve = _accepted_by_distance(rows)
+    return lambda weights: curve(weights).average_precision
 
 
-def _accepted_by_distance(rows: _Pooled, weights: NDArray[np.float64] | None = None) -> PrecisionRecallCurve:
+def _accepted_by_distance(rows: _Pooled) -> Callable[[NDArray[np.float64] | None], PrecisionRecallCurve]:
     """One answer a query, its nearest place, accepted when near enough; every query here has a place to be found."""
-    relevant = float(len(rows.ranks) if weights is None else weights.sum())
-    distances = np.where(np.isfinite(rows.uncertainties), rows.distances, np.inf)
-    return precision_recall(distances, rows.correct, relevant, weights)
+    tally = Tallier(np.where(np.isfinite(rows.uncertainties), rows.distances, np.inf), rows.correct)
+
+    def curve(weights: NDArray[np.float64] | None) -> PrecisionRecallCurve:
+        tallied = tally(weights)
+        return precision_recall_of(tallied, float(tallied.every.sum()))
+
+    return curve
 
 
 def _max_f_beta(rows: _Pooled) -> Json:
-    curve = _accepted_by_distance(rows)
+    curve = _accepted_by_distance(rows)(None)
     found = {f'{beta:g}': curve.max_f_beta(beta) for beta in BETAS}
     return {beta: {'value': value, 'distance': distance} for beta, (value, distance) in found.items()}
 

@@ -7,6 +7,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
+from offradar_ros.evaluation.metrics.tally import Tallier, Tally
+
 
 def auroc(scores: ArrayLike, positive: ArrayLike, weights: ArrayLike | None = None) -> float:
     """P(score of a positive > score of a negative) + ½ P(they are equal), each drawn at random.
@@ -19,14 +21,12 @@ def auroc(scores: ArrayLike, positive: ArrayLike, weights: ArrayLike | None = No
     Returns:
         0 to 1; NaN where one of the classes has no weight.
     """
-    values, labels = np.asarray(scores, np.float64), np.asarray(positive, np.bool_)
-    mass = np.ones(len(values)) if weights is None else np.asarray(weights, np.float64)
-    if np.isnan(values).any():
-        raise ValueError('NaN has no place among scores')
-    _, inverse = np.unique(values, return_inverse=True)
-    inverse = inverse.reshape(-1)
-    hits = np.bincount(inverse, mass * labels)
-    misses = np.bincount(inverse, mass * ~labels)
+    return auroc_of(Tallier(scores, positive)(weights))
+
+
+def auroc_of(tally: Tally) -> float:
+    """The same of what is already tallied."""
+    hits, misses = tally.so, tally.every - tally.so
     total = float(hits.sum()) * float(misses.sum())
     if not total > 0.0:
         return math.nan

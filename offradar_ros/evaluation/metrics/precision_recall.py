@@ -8,6 +8,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from offradar_ros.evaluation.metrics.tally import Tallier, Tally
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PrecisionRecallCurve:
@@ -84,15 +86,12 @@ def precision_recall(
 
     ValueError for a score that is NaN.
     """
-    values, labels = np.asarray(scores, np.float64), np.asarray(right, np.bool_)
-    mass = np.ones(len(values)) if weights is None else np.asarray(weights, np.float64)
-    if np.isnan(values).any():
-        raise ValueError('NaN is no score')
-    total = float(mass @ labels) if relevant is None else relevant
-    finite = np.isfinite(values)
-    thresholds, inverse = np.unique(values[finite], return_inverse=True)
-    inverse = inverse.reshape(-1)
-    accepted = np.bincount(inverse, mass[finite], len(thresholds))
-    hits = np.bincount(inverse, (mass * labels)[finite], len(thresholds))
-    weighty = accepted > 0.0
-    return PrecisionRecallCurve(thresholds[weighty], np.cumsum(accepted[weighty]), np.cumsum(hits[weighty]), total)
+    tally = Tallier(scores, right)(weights)
+    return precision_recall_of(tally, float(tally.so.sum()) if relevant is None else relevant)
+
+
+def precision_recall_of(tally: Tally, relevant: float) -> PrecisionRecallCurve:
+    """The curve of scores and whether what is accepted is right, already tallied."""
+    possible = np.isfinite(tally.scores) & (tally.every > 0.0)
+    accepted, right = (np.cumsum(part[possible]) for part in (tally.every, tally.so))
+    return PrecisionRecallCurve(tally.scores[possible], accepted, right, relevant)

@@ -13,6 +13,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from offradar_ros.evaluation.metrics.tally import Tallier, Tally
+
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class RejectionCurve:
@@ -53,15 +55,11 @@ class RejectionCurve:
 
 def rejection_curve(uncertainties: ArrayLike, correct: ArrayLike, weights: ArrayLike | None = None) -> RejectionCurve:
     """The curve of (Q,) uncertainties (infinite ones are rejected first) and (Q,) booleans, weighted by (Q,) ≥ 0."""
-    values = np.asarray(uncertainties, np.float64)
-    mass = np.ones(len(values)) if weights is None else np.asarray(weights, np.float64)
-    if np.isnan(values).any():
-        raise ValueError('NaN is no uncertainty')
-    _, inverse = np.unique(values, return_inverse=True)
-    inverse = inverse.reshape(-1)
-    kept = np.bincount(inverse, mass)
-    right = np.bincount(inverse, mass * np.asarray(correct, np.bool_))
-    weighty = kept > 0.0
-    return RejectionCurve(
-        np.concatenate([[0.0], np.cumsum(kept[weighty])]), np.concatenate([[0.0], np.cumsum(right[weighty])])
-    )
+    return rejection_curve_of(Tallier(uncertainties, correct)(weights))
+
+
+def rejection_curve_of(tally: Tally) -> RejectionCurve:
+    """The curve of uncertainties and whether answers are right, already tallied."""
+    weighty = tally.every > 0.0
+    kept, right = (np.concatenate([[0.0], np.cumsum(part[weighty])]) for part in (tally.every, tally.so))
+    return RejectionCurve(kept, right)
