@@ -209,10 +209,12 @@ def _require_folder(out: Path, resume: bool) -> None:
 
 def _require_same(config: TrainingConfig, before: dict[str, Any], out: Path) -> None:
     # Through JSON, as the checkpoint's was: tuples become lists.
-    now = json.loads(json.dumps(dataclasses.asdict(config)))
+    now, default = (json.loads(json.dumps(dataclasses.asdict(values))) for values in (config, TrainingConfig()))
     for key in now:
-        if key not in FREE_TO_CHANGE and now[key] != before.get(key):
-            raise ConfigError(f'{out}: its run was started with another {key}: expected {before.get(key)!r}')
+        # A key that there was not yet left things as they are by default.
+        started = before.get(key, default[key])
+        if key not in FREE_TO_CHANGE and now[key] != started:
+            raise ConfigError(f'{out}: its run was started with another {key}: expected {started!r}')
 
 
 def _cached(

@@ -15,6 +15,9 @@ from typer.testing import CliRunner
 
 pytest.importorskip('torch')
 
+from safetensors import safe_open
+from safetensors.torch import save_file
+
 from offradar_ros.cli.main import app
 from offradar_ros.config import EncoderConfig
 from offradar_ros.encoders.registry import make_encoder
@@ -95,6 +98,18 @@ def test_a_run_that_was_stopped_goes_on(tmp_path: Path, cache: Path) -> None:
     assert (resumed.finished, resumed.step) == (True, 6)
     with pytest.raises(DataError, match='no checkpoint to resume from'):
         run(config, tmp_path / 'other', options._replace(resume=True))
+
+
+def test_a_checkpoint_of_before_there_was_a_key_goes_on(tmp_path: Path, cache: Path) -> None:
+    options = RunOptions(cache, device='cpu')
+    run(read_config(SMOKE), tmp_path / 'out', options._replace(minutes=0.0))
+    checkpoint = tmp_path / 'out' / 'checkpoint.safetensors'
+    with safe_open(checkpoint, framework='pt') as opened:
+        tensors, metadata = {name: opened.get_tensor(name) for name in list(opened.keys())}, opened.metadata()
+    state = json.loads(metadata['offradar.training'])
+    del state['config']['refinement']
+    save_file(tensors, checkpoint, metadata={'offradar.training': json.dumps(state)})
+    assert run(read_config(SMOKE), tmp_path / 'out', options._replace(resume=True)).finished
 
 
 @pytest.mark.parametrize('stop_teacher', [True, False])
