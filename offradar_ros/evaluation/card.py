@@ -135,12 +135,13 @@ def _figures(results: Json) -> Iterator[str]:
                     with_interval(figures['recall_at_1_clean']),
                     with_interval(figures['auroc_wrong']),
                     number(figures['auroc_wrong_by_severity']),
+                    number(figures['auroc_wrong_by_other_maps']),
                     with_interval(figures['auc_recall_at_rejection']),
                     ' '.join(number(recall) for _, recall in figures['recall_at_rejection'][:6]),
                 ]
                 for method, figures in methods.items()
             ]
-            head = ['method', 'Recall@1', 'of clean scans', 'AUROC of U', 'of the true severity']
+            head = ['method', 'Recall@1', 'of clean scans', 'AUROC of U', 'of the true severity', 'of the other maps']
             head += ['area under Recall@RR', 'Recall@RR 0 to .5']
             yield f'### {group}, a map every {spacing} m\n\n' + _table(head, rows)
     rows = [

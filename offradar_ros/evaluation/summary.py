@@ -90,6 +90,7 @@ def summarise(several: Sequence[Answers], protocol: Protocol) -> Json:
         'recall_at_1_by_severity': _by_severity(rows),
         'auroc_wrong': figure(_auroc_wrong),
         'auroc_wrong_by_severity': auroc(rows.severities, ~rows.correct),
+        'auroc_wrong_by_other_maps': _by_other_maps(several),
         'spearman_correct': spearman(rows.uncertainties, rows.correct),
         'recall_at_rejection': [[rejected, curve.recall_at(rejected)] for rejected in protocol.rejections],
         'auc_recall_at_rejection': figure(_whole_area),
@@ -104,7 +105,7 @@ def summarise(several: Sequence[Answers], protocol: Protocol) -> Json:
 
 def describe_uncertainty(several: Sequence[Answers]) -> Json:
     """U over the scans of the queries, each scan once, and how it follows the severity of what is wrong with them."""
-    once = {(a.pair.group, a.pair.world, a.pair.query_index): a for a in reversed(several)}
+    once = {_asked(a): a for a in reversed(several)}
     rows = _Pooled(list(once.values()))
     finite = rows.uncertainties[np.isfinite(rows.uncertainties)]
     kinds = sorted(set(rows.kinds.tolist()) - {''})
@@ -177,6 +178,26 @@ def _max_f_beta(rows: _Pooled) -> Json:
     curve = _accepted_by_distance(rows)(None)
     found = {f'{beta:g}': curve.max_f_beta(beta) for beta in BETAS}
     return {beta: {'value': value, 'distance': distance} for beta, (value, distance) in found.items()}
+
+
+def _by_other_maps(several: Sequence[Answers]) -> float:
+    """AUROC of how often the same scan is answered wrongly in the other maps of its world; NaN where there are none.
+
+    A yardstick for what a scan alone can tell: how much of being wrong is the scan's doing, whichever map is searched.
+    """
+    scores, wrong = [], []
+    for answers in several:
+        elsewhere = [other for other in several if other is not answers and _asked(other) == _asked(answers)]
+        times = np.sum([other.positive for other in elsewhere], axis=0) * answers.positive
+        failed = np.sum([other.positive & ~other.correct for other in elsewhere], axis=0)
+        known = times > 0
+        scores.append((failed / np.maximum(times, 1))[known])
+        wrong.append(~answers.correct[known])
+    return auroc(np.concatenate(scores), np.concatenate(wrong))
+
+
+def _asked(answers: Answers) -> tuple[str, str, int]:
+    return answers.pair.group, answers.pair.world, answers.pair.query_index
 
 
 def _by_severity(rows: _Pooled) -> list[Json]:

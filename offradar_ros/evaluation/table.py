@@ -42,6 +42,7 @@ def _methods_table(title: str, methods: Json) -> Table:
         'Recall@5, @10': lambda f: f'{number(f["recall_at_5"])}, {number(f["recall_at_10"])}',
         'AUROC of U for wrong answers': lambda f: with_interval(f['auroc_wrong']),
         'AUROC of the true severity': lambda f: number(f['auroc_wrong_by_severity']),
+        'AUROC of the other maps': lambda f: number(f['auroc_wrong_by_other_maps']),
         'Recall@RR .1 .2 .3 .4 .5': lambda f: ' '.join(number(r) for share, r in f['recall_at_rejection'][1:6]),
         'area under Recall@RR': lambda f: with_interval(f['auc_recall_at_rejection']),
         'queries, places': lambda f: f'{f["with_positive"]} of {f["queries"]}, {f["places"]:.0f}',

@@ -88,6 +88,22 @@ def test_figures_against_a_loop(embedded_street: Callable[..., EmbeddedDrive], s
         of_wrong, of_right = [row[column] for row in rows if not row[1]], [row[column] for row in rows if row[1]]
         higher = sum((w > r) + 0.5 * (w == r) for w in of_wrong for r in of_right)
         assert found == pytest.approx(higher / len(of_wrong) / len(of_right))
+    elsewhere = [
+        (sum(other.ranks[i] != 0 for other in others) / len(others), bool(answers.ranks[i] != 0))
+        for answers in several
+        for i in range(50)
+        if answers.positive[i]
+        and (
+            others := [
+                other
+                for other in several
+                if other is not answers and other.pair.query_index == answers.pair.query_index and other.positive[i]
+            ]
+        )
+    ]
+    of_wrong, of_right = ([share for share, wrong in elsewhere if wrong is so] for so in (True, False))
+    higher = sum((w > r) + 0.5 * (w == r) for w in of_wrong for r in of_right)
+    assert told['auroc_wrong_by_other_maps'] == pytest.approx(higher / len(of_wrong) / len(of_right))
     kept = sorted(rows)[: len(rows) // 2]
     assert dict(map(tuple, told['recall_at_rejection']))[0.5] == pytest.approx(np.mean([c for _, c, _, _ in kept]))
     worst = [correct for _, correct, _, severity in rows if severity > 0.75]
