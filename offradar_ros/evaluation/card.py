@@ -26,8 +26,8 @@ LIMITS = (
     'Every kind of fault that it is measured with it was also trained with, and U was taught their severities.',
     'Where `validation.physics` of the training run is `held_out`, its checkpoint was chosen on other cities of that '
     'kind of radar: the kind is never trained on, but not unseen by the choice.',
-    'U sees what is wrong with a scan (noise, blocked sectors, saturation), not that a place was never mapped or looks '
-    'like another: a certain scan of an unmapped place is not rejected for its U.',
+    'U sees what is wrong with a scan (noise, blocked sectors, saturation) and has learned what scenes are hard to '
+    'find, not that a place was never mapped: a certain scan of an unmapped place is not rejected for its U.',
     'Calibrate (`offradar calibrate`) on an ordinary drive of the vehicle before using a threshold.',
     'No part of a safety function may rest on it.',
 )
@@ -135,7 +135,7 @@ def _figures(results: Json) -> Iterator[str]:
                     with_interval(figures['recall_at_1_clean']),
                     with_interval(figures['auroc_wrong']),
                     number(figures['auroc_wrong_by_severity']),
-                    number(figures['auroc_wrong_by_other_maps']),
+                    number(figures.get('auroc_wrong_by_other_maps')),
                     with_interval(figures['auc_recall_at_rejection']),
                     ' '.join(number(recall) for _, recall in figures['recall_at_rejection'][:6]),
                 ]

@@ -183,7 +183,7 @@ def _max_f_beta(rows: _Pooled) -> Json:
 def _by_other_maps(several: Sequence[Answers]) -> float:
     """AUROC of how often the same scan is answered wrongly in the other maps of its world; NaN where there are none.
 
-    A yardstick for what a scan alone can tell: how much of being wrong is the scan's doing, whichever map is searched.
+    A yardstick: how far being wrong follows the scan from map to map.
     """
     scores, wrong = [], []
     for answers in several:

@@ -167,7 +167,7 @@ class RefinementConfig:
 
     steps: int = parameter(0, 'steps of the second stage; 0 leaves it out', minimum=0, maximum=10**9)
     weights: str = parameter('', 'weights of a first stage trained before; empty trains it')
-    data: DataConfig = dataclasses.field(default_factory=DataConfig)
+    data: DataConfig = dataclasses.field(default_factory=lambda: DataConfig(worlds=20, first_seed=20_000))
     scans: int = parameter(512, 'scans in a batch', minimum=2, maximum=10**6)
     wrong_weight: float = parameter(
         0.5, 'of ranking U by how often a scan is answered wrongly', minimum=0.0, maximum=1e9

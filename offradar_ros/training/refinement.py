@@ -2,7 +2,8 @@
 
 In a batch a scan competes with a few dozen places, in a map with hundreds, so that many errors never show while the
 network learns. Here everything but the variance head is frozen, drives are searched for in the maps of one another,
-and U learns to rank their scans by how often and how nearly they are answered wrongly. Descriptors do not change.
+and U learns to rank their scans by how often and how nearly they are answered wrongly, and by severity. Descriptors
+do not change.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 
 from offradar_ros.encoders.network_files import save_network
 from offradar_ros.encoders.variational import VariationalNetwork, uncertainty
-from offradar_ros.errors import DataError
+from offradar_ros.errors import DataError, ModelError
 from offradar_ros.processes import Progress
 from offradar_ros.training.cache import CachedDrive
 from offradar_ros.training.config import RefinementConfig, TrainingConfig
@@ -95,8 +96,9 @@ def lessons(network: VariationalNetwork, drives: Sequence[CachedDrive], features
     if not len(searched):
         raise DataError('refinement: no scan has a place of another drive within the tolerance')
     severities = np.concatenate([drive.severities for drive in drives])
+    asked = np.split(times > 0.0, first[1:-1])
     return Lessons(
-        torch.cat(list(features))[torch.from_numpy(searched)],
+        torch.cat([flat[torch.from_numpy(rows)] for flat, rows in zip(features, asked, strict=True)]),
         _tensor(wrong[searched] / times[searched]),
         _tensor(margins[searched] / times[searched]),
         _tensor(severities[searched]),
@@ -130,13 +132,20 @@ def refine(
         if step:
             for number, terms in enumerate(learn(network, taught, config.refinement, config.seed), start=1):
                 if number % config.log_steps == 0 or number == steps:
-                    log.add(number, {name: float(term) for name, term in terms.items()})
+                    figures = {name: float(term) for name, term in terms.items()}
+                    if not math.isfinite(figures['loss']):
+                        raise ModelError(
+                            f'{out}: the loss is no longer finite at step {number}: '
+                            f'expected a lower refinement.learning_rate than {config.refinement.learning_rate:g}'
+                        )
+                    log.add(number, figures)
                 if check:
                     check()
         figures = validate(network, judged, config.validation, device) if judged else {}
         if judged:
             validation_log.add(step, figures)
-        if figures.get('score', step) > best:
+        # Not lower is better: where recall alone is the score, the second stage does not change it.
+        if figures.get('score', step) >= best:
             best = figures.get('score', step)
             said = ', '.join(f'{name} {value:.3f}' for name, value in figures.items())
             save_network(out / BEST, network, f'second stage, step {step}: {said or "not judged"}')

@@ -98,6 +98,8 @@ def run(config: TrainingConfig, out: Path, options: RunOptions) -> RunResult:
 
 def _learnt(config: TrainingConfig, out: Path, options: RunOptions, group: Group, deadline_s: float) -> RunResult:
     """All but the second stage."""
+    if (out / FIRST / CHECKPOINT).is_file():
+        raise ConfigError(f'{out}: its run was started with a second stage: expected refinement.steps above 0')
     teacher = _given_teacher(config)
     data = _cached(config.network, config.data, options, group, 'training scans')
     if config.fit == 'rad_vlad':
@@ -169,13 +171,19 @@ def _refined(config: TrainingConfig, out: Path, options: RunOptions, group: Grou
     """The second stage, after the first where that is not given. It is short, and not resumed: it is begun anew."""
     refinement = config.refinement
     if config.fit != 'network' or config.method != 'variational':
-        raise ConfigError(f'key refinement.steps: expected 0, as {config.method} has no second stage')
+        what = config.method if config.fit == 'network' else config.fit
+        raise ConfigError(f'key refinement.steps: expected 0, as {what} has no second stage')
+    if (out / CHECKPOINT).is_file():
+        raise ConfigError(f'{out}: its run was started without a second stage: expected refinement.steps of 0')
+    worlds = [drive.world for drive in _drives(refinement.data)]
+    if len(set(worlds)) == len(worlds):
+        raise ConfigError('key refinement.data: expected two drives or more through at least one world')
     weights = Path(refinement.weights)
     if not refinement.weights:
         first = dataclasses.replace(config, refinement=RefinementConfig())
         result = _learnt(first, out / FIRST, options, group, deadline_s)
-        if not result.finished:
-            return result
+        if not result.finished or group.any(time.monotonic() >= deadline_s):
+            return result._replace(finished=False)
         weights = result.best
     network = cast(VariationalNetwork, load_network(weights)[0])
     if network.config != config.network:
@@ -187,8 +195,9 @@ def _refined(config: TrainingConfig, out: Path, options: RunOptions, group: Grou
         _describe(config, out, group, network, data)
         drives = validation_drives(judged, config.network, config.threads) if judged else ()
         with _shown(options, 'encoding scans to search for') as progress:
-            features = feature_maps(network.to(group.device), data, config.threads, progress, options.check)
-        score = refine(config, network, lessons(network, data, features), drives, out, options.check)
+            network = network.to(group.device)
+            taught = lessons(network, data, feature_maps(network, data, config.threads, progress, options.check))
+        score = refine(config, network, taught, drives, out, options.check)
     (score,) = group.first_says((score,))
     return RunResult(True, refinement.steps, out / BEST, score if judged else math.nan)
 
@@ -220,7 +229,7 @@ def _require_same(config: TrainingConfig, before: dict[str, Any], out: Path) -> 
 def _cached(
     network: NetworkConfig, config: DataConfig | ValidationConfig, options: RunOptions, group: Group, text: str
 ) -> list[CachedDrive]:
-    drives: list[Drive] = [*simulated_drives(config), *recorded_drives(config.sequences, config.sequence_spacing_m)]
+    drives = _drives(config)
     reduction = Reduction.for_image(network)
     if group.rank == 0:
         with _shown(options, text) as progress:
@@ -234,6 +243,10 @@ def _cached(
             cached_drives(options.cache, drives, reduction, progress=tell)
     group.first_says((0.0,))
     return cached_drives(options.cache, drives, reduction)
+
+
+def _drives(config: DataConfig | ValidationConfig) -> list[Drive]:
+    return [*simulated_drives(config), *recorded_drives(config.sequences, config.sequence_spacing_m)]
 
 
 @contextlib.contextmanager

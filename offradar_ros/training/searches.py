@@ -12,6 +12,8 @@ from offradar_ros.evaluation.spacing import one_a_cell
 from offradar_ros.training.cache import CachedDrive
 
 TOLERANCE_M = 25.0
+NO_OTHER_PLACE = 2.0
+"""As of a unit descriptor that is found exactly, beside a place that is its opposite."""
 
 
 class Search(NamedTuple):
@@ -22,6 +24,7 @@ class Search(NamedTuple):
         queries: (Q,) its scans that have a place within the tolerance.
         margins: (Q,) how much nearer the nearest place within the tolerance is than the nearest one beyond it, as half
             the difference of squared distances (of cosines, for unit descriptors): above 0 where the answer is right.
+            Where there is no place beyond it, `NO_OTHER_PLACE`.
     """
 
     driven: int
@@ -57,6 +60,6 @@ def _search(
     # −|a − b|² / 2 without the term of the query alone, which orders nothing.
     likeness = descriptors[queries] @ candidates.T - 0.5 * np.sum(candidates**2, axis=1)
     found = np.where(right, likeness, -np.inf).max(axis=1, initial=-np.inf)
-    # Where there is no other place, as if there were one opposite of a unit descriptor.
-    mistaken = np.where(right, -np.inf, likeness).max(axis=1, initial=-1.5)
-    return Search(number, queries, np.asarray(found - mistaken, np.float64))
+    mistaken = np.where(right, -np.inf, likeness).max(axis=1, initial=-np.inf)
+    margins = np.where(right.all(axis=1), NO_OTHER_PLACE, found - mistaken)
+    return Search(number, queries, np.asarray(margins, np.float64))

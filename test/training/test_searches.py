@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from offradar_ros.training.cache import CachedDrive
-from offradar_ros.training.searches import TOLERANCE_M, searches
+from offradar_ros.training.searches import NO_OTHER_PLACE, TOLERANCE_M, searches
 
 MakeLine = Callable[..., CachedDrive]
 
@@ -52,4 +52,10 @@ def test_a_margin_is_of_the_nearest_place_and_the_nearest_mistake(make_line: Mak
 def test_where_there_is_no_other_place_every_answer_is_right(make_line: MakeLine) -> None:
     drives = [line(make_line, name, 'w', [0.0]) for name in 'ab']
     (search, _) = searches(drives, [np.array([[1.0, 0.0]]), np.array([[0.0, 1.0]])], 5.0)
-    assert search.margins == pytest.approx(1.0)
+    assert search.margins.tolist() == [NO_OTHER_PLACE]
+
+
+def test_descriptors_far_from_all_places_are_found_too(make_line: MakeLine) -> None:
+    drives = [line(make_line, name, 'w', [0.0, 100.0]) for name in 'ab']
+    search, _ = searches(drives, [np.array([[3.0, 0.0], [10.0, 0.0]]), np.array([[0.0, 0.0], [12.0, 0.0]])], 5.0)
+    assert search.margins.tolist() == [(100.0 - 9.0) / 2.0, (81.0 - 4.0) / 2.0]

@@ -163,8 +163,31 @@ def test_what_cannot_be_refined_is_refused(tmp_path: Path, cache: Path) -> None:
     with pytest.raises(ConfigError, match='expected weights of the configured network'):
         run(read_config(SMOKE, settings), tmp_path / 'refined', options)
     alone = [*REFINED, f'refinement.weights={first}', 'refinement.data.drives=1']
-    with pytest.raises(DataError, match='refinement: no scan has a place of another drive'):
+    with pytest.raises(
+        ConfigError, match=r'key refinement\.data: expected two drives or more through'
+    ):
         run(read_config(SMOKE, alone), tmp_path / 'alone', options)
+    with pytest.raises(ConfigError, match=r'expected 0, as rad_vlad has no second stage'):
+        run(read_config(SMOKE, [*REFINED, 'fit=rad_vlad']), tmp_path / 'rad_vlad', options)
+
+
+def test_a_run_keeps_the_stages_that_it_was_started_with(tmp_path: Path, cache: Path) -> None:
+    options = RunOptions(cache, device='cpu', minutes=0.0)
+    one, two = read_config(SMOKE), read_config(SMOKE, REFINED)
+    run(one, tmp_path / 'one', options)
+    run(two, tmp_path / 'two', options)
+    for out, other, said in (('one', two, 'without'), ('two', one, 'with')):
+        with pytest.raises(ConfigError, match=f'its run was started {said} a second stage'):
+            run(other, tmp_path / out, options._replace(resume=True))
+
+
+def test_a_run_may_stop_between_its_stages(tmp_path: Path, cache: Path) -> None:
+    options = RunOptions(cache, device='cpu', minutes=0.0)
+    config = read_config(SMOKE, [*REFINED, 'steps=1', 'checkpoint_steps=1'])
+    stopped = run(config, tmp_path / 'out', options)
+    assert not stopped.finished
+    assert not (tmp_path / 'out' / 'best.safetensors').exists()
+    assert run(config, tmp_path / 'out', options._replace(resume=True, minutes=None)).finished
 
 
 def test_without_validation_the_last_weights_are_the_result(tmp_path: Path, cache: Path) -> None:
