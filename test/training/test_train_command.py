@@ -163,9 +163,7 @@ def test_what_cannot_be_refined_is_refused(tmp_path: Path, cache: Path) -> None:
     with pytest.raises(ConfigError, match='expected weights of the configured network'):
         run(read_config(SMOKE, settings), tmp_path / 'refined', options)
     alone = [*REFINED, f'refinement.weights={first}', 'refinement.data.drives=1']
-    with pytest.raises(
-        ConfigError, match=r'key refinement\.data: expected two drives or more through'
-    ):
+    with pytest.raises(ConfigError, match=r'key refinement\.data: expected two drives or more through'):
         run(read_config(SMOKE, alone), tmp_path / 'alone', options)
     with pytest.raises(ConfigError, match=r'expected 0, as rad_vlad has no second stage'):
         run(read_config(SMOKE, [*REFINED, 'fit=rad_vlad']), tmp_path / 'rad_vlad', options)
