@@ -26,6 +26,8 @@ LIMITS = (
     'Every kind of fault that it is measured with it was also trained with, and U was taught their severities.',
     'Where `validation.physics` of the training run is `held_out`, its checkpoint was chosen on other cities of that '
     'kind of radar: the kind is never trained on, but not unseen by the choice.',
+    'The lanes that training drives were widened after searches on the real streets of the held-out protocol had '
+    'failed across wide roads: nothing is trained on these streets, but they are not unseen by that choice.',
     'U sees what is wrong with a scan (noise, blocked sectors, saturation) and has learned what scenes are hard to '
     'find, not that a place was never mapped: a certain scan of an unmapped place is not rejected for its U.',
     'Calibrate (`offradar calibrate`) on an ordinary drive of the vehicle before using a threshold.',

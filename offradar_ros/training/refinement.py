@@ -172,11 +172,11 @@ def learn(
         flat, wrong, margins, severities = (part[drawn].to(device) for part in taught)
         flat = flat.float()
         log_variance = network.log_variance_of(flat)
-        found = uncertainty(log_variance)
+        uncertainties = uncertainty(log_variance)
         with torch.no_grad():
             mu = network.mu(flat)
         terms = {
-            name: weight * ranking(found, badness, config.margin)
+            name: weight * ranking(uncertainties, badness, config.margin)
             for name, weight, badness in (
                 ('wrong', config.wrong_weight, wrong),
                 ('margin', config.margin_weight, -margins),
