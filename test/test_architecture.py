@@ -29,6 +29,8 @@ ORDER = (
     'types',
     'geometry',
     'config',
+    'yaml_record',
+    'shipped',
     'processes',
     'radar',
     'datasets',

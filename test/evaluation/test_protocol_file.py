@@ -78,7 +78,7 @@ def test_one_line_says_what_is_wrong(tmp_path: Path, change: str, said: str) -> 
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match='no such protocol file'):
+    with pytest.raises(ConfigError, match='no such file'):
         read_protocol(tmp_path / 'none.yaml')
 
 
