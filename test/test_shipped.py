@@ -18,7 +18,7 @@ def test_a_path_is_taken_as_it_is() -> None:
 
 
 def test_an_unknown_name_lists_the_known_ones() -> None:
-    with pytest.raises(ConfigError, match='expected a YAML file or one of the protocols .* held_out, '):
+    with pytest.raises(ConfigError, match=r'expected a YAML file or one of the protocols .* held_out, '):
         shipped_file('protocols', 'helt_out')
 
 
