@@ -8,33 +8,35 @@ import os
 import signal
 import threading
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 import cv2
 
 from offradar_ros.errors import DataError
 
 Progress = Callable[[int, int], None]
+ResultT = TypeVar('ResultT')
 
 
 def shared_out(
-    function: Callable[..., None],
+    function: Callable[..., ResultT],
     tasks: Sequence[tuple[Any, ...]],
     processes: int = 0,
     progress: Progress | None = None,
-) -> None:
-    """Call `function` with each of `tasks`, by so many `processes` (0: one a core); with one it is done here.
+) -> list[ResultT]:
+    """What `function` returns for each of `tasks`, by so many `processes` (0: one a core); with one it is done here.
 
     `progress` is told (done, all) after each. The first error ends it and what has not begun is never done; DataError
     for a process that was killed. Ctrl-C reaches this process alone, which ends the others; they also end when it dies.
     """
     processes = min(len(tasks), processes or len(os.sched_getaffinity(0)))
     if processes < 2:
+        results = []
         for done, task in enumerate(tasks, start=1):
-            function(*task)
+            results.append(function(*task))
             if progress:
                 progress(done, len(tasks))
-        return
+        return results
     # Fresh processes: a fork of one that runs threads, as learned encoders do, may hang.
     context = multiprocessing.get_context('spawn')
     with concurrent.futures.ProcessPoolExecutor(processes, context, initializer=_start) as pool:
@@ -49,6 +51,7 @@ def shared_out(
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
+        return [future.result() for future in futures]
 
 
 def _start() -> None:

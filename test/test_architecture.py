@@ -64,6 +64,7 @@ LAZY = {
     ('cli.session', 'ros.sessions'),
     ('cli.train', 'training.config_file'),
     ('cli.train', 'training.run'),
+    ('cli.train', 'training.split_drives'),
 }
 BACKENDS = {
     f'encoders.{name}'

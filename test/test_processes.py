@@ -25,6 +25,11 @@ def test_each_task_is_done_and_told_of(tmp_path: Path, processes: int) -> None:
     assert [path.read_text() for path, _ in tasks] == ['a', 'b', 'c']
 
 
+@pytest.mark.parametrize('processes', [1, 2])
+def test_results_are_in_the_order_of_the_tasks(processes: int) -> None:
+    assert shared_out(divmod, [(7, 2), (9, 4), (5, 5)], processes) == [(3, 1), (2, 1), (1, 0)]
+
+
 def test_what_several_processes_do_leaves_this_one_as_it_is(tmp_path: Path) -> None:
     before = Path.cwd()
     shared_out(os.chdir, [(tmp_path,), (tmp_path,)], 2)

@@ -38,12 +38,21 @@ def train(
     try:
         from offradar_ros.training.config_file import read_config  # noqa: PLC0415
         from offradar_ros.training.run import RunOptions, run  # noqa: PLC0415
+        from offradar_ros.training.split_drives import training_sequences  # noqa: PLC0415
     except ModuleNotFoundError as error:
         if error.name not in ('torch', 'safetensors'):
             raise
         raise ConfigError(f'training needs the Python package {error.name}: {pip_hint("torch")}') from error
 
     read = read_config(config, settings or ())
+    sequences = training_sequences(read.data)
+    if sequences and sequences.missing and os.environ.get('RANK', '0') == '0':
+        wanted = len(sequences.missing) + len(sequences.found)
+        typer.echo(
+            f'warning: {read.data.root}: {len(sequences.missing)} of {wanted} training sequences of split '
+            f'{sequences.split.name} are not there: {", ".join(sequences.missing)}',
+            err=True,
+        )
     with held_interrupt() as check:
         options = RunOptions(cache or out / 'cache', resume, minutes, device, progress_bar, check)
         result = run(read, out, options)

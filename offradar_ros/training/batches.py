@@ -30,7 +30,7 @@ class BatchSampler:
     def __init__(self, drives: Sequence[CachedDrive], config: BatchConfig, seed: int, rank: int = 0) -> None:
         """`rank` says which of several processes this is; each draws batches of its own. DataError for no scans."""
         if not drives:
-            raise DataError('nothing to train on: expected data.worlds or data.sequences')
+            raise DataError('nothing to train on: expected data.worlds, data.sequences or data.split')
         self.config = config
         self._seed = [seed, rank]
         lengths = [len(drive.power) for drive in drives]

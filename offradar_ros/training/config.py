@@ -23,6 +23,8 @@ class DataConfig:
     )
     bad_weather: float = parameter(0.2, 'share of drives in rain, snow or fog', minimum=0.0, maximum=1.0)
     sequences: tuple[str, ...] = parameter((), 'folders of recorded drives with positions')
+    split: str = parameter('', 'a split (name or YAML file) whose training sequences are learnt from; empty for none')
+    root: str = parameter('', 'folder that holds the sequences of the split')
     sequence_spacing_m: float = parameter(
         1.0, 'recorded scans nearer than this to the last one kept are passed over', unit='m', minimum=0.0, maximum=100
     )

@@ -39,6 +39,7 @@ from offradar_ros.training.parallel import Group, joined_group
 from offradar_ros.training.recorded_drives import recorded_drives
 from offradar_ros.training.refinement import feature_maps, lessons, refine
 from offradar_ros.training.simulated_drives import simulated_drives
+from offradar_ros.training.split_drives import split_drives
 from offradar_ros.training.validation import validation_drives
 
 TEACHER = 'teacher'
@@ -219,11 +220,16 @@ def _require_folder(out: Path, resume: bool) -> None:
 def _require_same(config: TrainingConfig, before: dict[str, Any], out: Path) -> None:
     # Through JSON, as the checkpoint's was: tuples become lists.
     now, default = (json.loads(json.dumps(dataclasses.asdict(values))) for values in (config, TrainingConfig()))
+    started = _completed(before, default)
     for key in now:
-        # A key that there was not yet left things as they are by default.
-        started = before.get(key, default[key])
-        if key not in FREE_TO_CHANGE and now[key] != started:
-            raise ConfigError(f'{out}: its run was started with another {key}: expected {started!r}')
+        if key not in FREE_TO_CHANGE and now[key] != started[key]:
+            raise ConfigError(f'{out}: its run was started with another {key}: expected {started[key]!r}')
+
+
+def _completed(values: dict[str, Any], default: dict[str, Any]) -> dict[str, Any]:
+    """`values` with the keys that there were not yet when they were written: by default, nothing has changed."""
+    given = {key: values.get(key, default[key]) for key in default}
+    return {key: _completed(value, default[key]) if isinstance(value, dict) else value for key, value in given.items()}
 
 
 def _cached(
@@ -246,7 +252,8 @@ def _cached(
 
 
 def _drives(config: DataConfig | ValidationConfig) -> list[Drive]:
-    return [*simulated_drives(config), *recorded_drives(config.sequences, config.sequence_spacing_m)]
+    named = recorded_drives(config.sequences, config.sequence_spacing_m)
+    return [*simulated_drives(config), *named, *(split_drives(config) if isinstance(config, DataConfig) else ())]
 
 
 @contextlib.contextmanager

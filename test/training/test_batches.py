@@ -95,7 +95,7 @@ def test_too_little_room_is_said(make_line: MakeLine) -> None:
     drive = make_line('a', 'w', np.column_stack([np.linspace(0, 120, 30), np.zeros(30)]), np.zeros(30, bool))
     with pytest.raises(DataError, match=r'30 scans of 1 worlds: expected fewer batch.places or more data'):
         BatchSampler([drive], BatchConfig(places=4), 1).batch(0)
-    with pytest.raises(DataError, match=r'expected data.worlds or data.sequences'):
+    with pytest.raises(DataError, match=r'expected data.worlds, data.sequences or data.split'):
         BatchSampler([], BatchConfig(), 1)
 
 

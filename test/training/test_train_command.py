@@ -198,7 +198,7 @@ def test_without_validation_the_last_weights_are_the_result(tmp_path: Path, cach
 @pytest.mark.parametrize(
     ('setting', 'said'),
     [
-        ('data.worlds=0', 'nothing to train on: expected data.worlds or data.sequences'),
+        ('data.worlds=0', 'nothing to train on: expected data.worlds, data.sequences or data.split'),
         ('batch.places=400', 'expected fewer batch.places or more data'),
         ('validation.drives=1', 'validation: expected two drives or more through at least one world'),
     ],
