@@ -141,7 +141,7 @@ class StreetDrive:
         return digest.hexdigest()
 
 
-Drive = CityDrive | StreetDrive
+SimulatedDrive = CityDrive | StreetDrive
 
 
 def _taken(sequence: SimulatedSequence, spacing_m: float, scans: int) -> Simulated:
@@ -151,7 +151,7 @@ def _taken(sequence: SimulatedSequence, spacing_m: float, scans: int) -> Simulat
     return Simulated(sequence, indices, driven_m[indices])
 
 
-def drives_of(protocol: Protocol, real_worlds: Path | None) -> Iterator[Drive]:
+def drives_of(protocol: Protocol, real_worlds: Path | None) -> Iterator[SimulatedDrive]:
     """Every drive of every group, and the validation drives; those of streets only where a folder of them is given."""
     for group in protocol.groups:
         for seed in group.cities:

@@ -19,7 +19,7 @@ from offradar_ros.encoders.encode import encode_all
 from offradar_ros.encoders.image_encoder import ImageEncoder
 from offradar_ros.encoders.protocol import Encoder
 from offradar_ros.errors import DataError, RefusedInput
-from offradar_ros.evaluation.scan_cache import CachedDrive
+from offradar_ros.evaluation.evaluated_drive import EvaluatedDrive
 from offradar_ros.processes import Progress
 from offradar_ros.types import Embedding
 
@@ -31,7 +31,7 @@ LONG = 4096
 class EmbeddedDrive:
     """A drive and what an encoder made of it: `means` (N, d) float32, `uncertainties` (N,) float64."""
 
-    drive: CachedDrive
+    drive: EvaluatedDrive
     means: NDArray[np.float32]
     uncertainties: NDArray[np.float64]
 
@@ -41,7 +41,7 @@ class EmbeddedDrive:
         return np.isfinite(self.uncertainties)
 
 
-def embedded(encoder: Encoder, drive: CachedDrive, folder: Path, progress: Progress) -> EmbeddedDrive:
+def embedded(encoder: Encoder, drive: EvaluatedDrive, folder: Path, progress: Progress) -> EmbeddedDrive:
     """The drive's embeddings, from `folder` or made and kept there."""
     place = folder / encoder.info.fingerprint[:16]
     means_path, uncertainty_path = (place / f'{drive.key}.{part}.npy' for part in ('means', 'uncertainty'))
@@ -61,7 +61,7 @@ def embedded(encoder: Encoder, drive: CachedDrive, folder: Path, progress: Progr
     return dataclasses.replace(made, means=kept.astype(np.float32))
 
 
-def encode(encoder: Encoder, drive: CachedDrive, progress: Progress) -> EmbeddedDrive:
+def encode(encoder: Encoder, drive: EvaluatedDrive, progress: Progress) -> EmbeddedDrive:
     """Every scan of a drive; those that the encoder refuses, or gives anything but finite numbers for, are unusable."""
     if isinstance(encoder, ImageEncoder):
         means, variances = encode_all(encoder, drive, progress)
@@ -74,7 +74,7 @@ def encode(encoder: Encoder, drive: CachedDrive, progress: Progress) -> Embedded
 
 
 def _at_once(
-    encoder: Encoder, drive: CachedDrive, progress: Progress
+    encoder: Encoder, drive: EvaluatedDrive, progress: Progress
 ) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
     """A scan a core: encoders without a network have no batches."""
     means = np.full((len(drive), encoder.info.dimension), np.nan, np.float32)

@@ -3,28 +3,36 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from offradar_ros.errors import DataError
-from offradar_ros.evaluation.answers import Answers
-from offradar_ros.evaluation.drives import drives_of
+from offradar_ros.errors import ConfigError, DataError
+from offradar_ros.evaluation.drives import VALIDATION, drives_of
 from offradar_ros.evaluation.extremes import draw_extremes
+from offradar_ros.evaluation.failures import draw_failures
 from offradar_ros.evaluation.figures import draw_rejection_curves, draw_severity
 from offradar_ros.evaluation.methods import OURS, open_method
 from offradar_ros.evaluation.protocol import Protocol
 from offradar_ros.evaluation.recorded import measure_recorded, require_recorded
-from offradar_ros.evaluation.results import assemble, scan_rows, write_results
-from offradar_ros.evaluation.runner import Bar, Worlds, measure, simulated_worlds
+from offradar_ros.evaluation.recorded_drives import RecordedSource, recorded_drives
+from offradar_ros.evaluation.results import assemble, map_arrays, scan_rows, write_results
+from offradar_ros.evaluation.runner import Bar, Measured, Worlds, measure, opened_worlds, searched
 from offradar_ros.evaluation.summary import Json
 from offradar_ros.evaluation.targets import recorded_targets, targets
+
+RESULTS, SCANS, MAPS = 'results.json', 'scans.npy', 'maps.npz'
+"""Files of an evaluation's folder."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Options:
-    """Where things are and how much of the machine is used; as `offradar evaluate` explains them."""
+    """Where things are and how much of the machine is used; as `offradar evaluate` explains them.
+
+    `threshold` is the one in use, NaN to take it from the protocol's validation.
+    """
 
     out: Path
     cache: Path
@@ -32,13 +40,15 @@ class Options:
     bar: Bar
     real_worlds: Path | None = None
     real_scans: Path | None = None
+    recorded: RecordedSource = dataclasses.field(default_factory=RecordedSource)
+    threshold: float = math.nan
     processes: int = 0
     threads: int = 0
     pictures: bool = True
 
 
 def evaluate(protocol: Protocol, methods: Sequence[str], options: Options) -> Json:
-    """Measure ``NAME=WEIGHTS`` methods; writes results.json, scans.npy and pictures into `options.out`.
+    """Measure ``NAME=WEIGHTS`` methods; writes results.json, scans.npy, maps.npz and pictures into `options.out`.
 
     What an interrupted evaluation simulated and encoded is in the cache, and is not done again.
     """
@@ -53,11 +63,15 @@ def evaluate(protocol: Protocol, methods: Sequence[str], options: Options) -> Js
         open_method(text, options.cache, seed=protocol.seed, spacing_m=spacing_m, threads=options.threads)
         for text in methods
     ]
-    drives = list(drives_of(protocol, options.real_worlds))
-    worlds = simulated_worlds(drives, options.cache, options.bar, options.processes)
-    measured = [measure(method, worlds, protocol, options.cache, options.bar) for method in opened]
-    results = assemble(measured, protocol, options.command, skipped_streets(protocol, options.real_worlds))
-    results['targets'] = targets(results)
+    worlds, lacking = open_worlds(protocol, options)
+    if not any(pairs_of(worlds, protocol)):
+        raise ConfigError(
+            f'protocol {protocol.name}: expected two drives of a road or more, found none'
+            + ''.join(f'; {text}' for text in lacking)
+        )
+    measured = [measure(method, worlds, protocol, options.cache, options.bar, options.threshold) for method in opened]
+    results = assemble(measured, worlds, protocol, options.command, [*lacking, *_unaligned(measured[0], worlds)])
+    results['targets'] = targets(results) if protocol.targets else []
     if options.real_scans:
         first = next(iter(worlds.values()))[0]
         results['recorded'] = {
@@ -65,26 +79,53 @@ def evaluate(protocol: Protocol, methods: Sequence[str], options: Options) -> Js
             for method in opened
         }
         results['targets'] += recorded_targets(results['recorded'])
-    found = [answers for m in measured for answers in m.answers]
-    rows, results['pairs'], results['kinds'] = scan_rows(found)
-    np.save(options.out / 'scans.npy', rows, allow_pickle=False)
-    write_results(options.out / 'results.json', results)
+    rows, results['pairs'], results['kinds'] = scan_rows(measured, worlds)
+    np.save(options.out / SCANS, rows, allow_pickle=False)
+    arrays, results['maps'] = map_arrays(measured)
+    np.savez_compressed(options.out / MAPS, allow_pickle=False, **arrays)
+    write_results(options.out / RESULTS, results)
     if options.pictures:
-        _draw(found, worlds, protocol, options.out)
+        _draw(measured, worlds, protocol, options.out)
     return results
 
 
-def skipped_streets(protocol: Protocol, real_worlds: Path | None) -> list[str]:
-    """What the protocol asks for and cannot be driven without a folder of real worlds."""
+def open_worlds(protocol: Protocol, options: Options) -> tuple[Worlds, list[str]]:
+    """Every drive of the protocol that there is, and in words what there is not."""
+    simulated = list(drives_of(protocol, options.real_worlds))
+    recorded = recorded_drives(protocol, options.recorded)
+    worlds = opened_worlds(simulated, recorded.drives, options.cache, options.bar, options.processes)
+    return worlds, [*_skipped_streets(protocol, options.real_worlds), *recorded.lacking]
+
+
+def pairs_of(worlds: Worlds, protocol: Protocol) -> Iterator[tuple[str, str]]:
+    """Names of the mapped and of the searched drive, for each search of the protocol."""
+    for (group, _), drives in worlds.items():
+        if group != VALIDATION:
+            yield from ((m.name, q.name) for m in drives for q in drives if searched(m, q, protocol))
+
+
+def _skipped_streets(protocol: Protocol, real_worlds: Path | None) -> list[str]:
     if real_worlds:
         return []
     names = [street.name for group in protocol.groups for street in group.streets]
     return [f'{", ".join(names)}: maps and traversals are not given (--real-worlds)'] if names else []
 
 
-def _draw(found: Sequence[Answers], worlds: Worlds, protocol: Protocol, out: Path) -> None:
+def _unaligned(measured: Measured, worlds: Worlds) -> Iterator[str]:
+    """Pairs of drives that never come near each other: another road, or positions of another frame."""
+    told = {(a.pair.group, a.pair.world, a.pair.map_index, a.pair.query_index): a for a in measured.answers}
+    for (group, world, mapped, query), answers in told.items():
+        if not answers.positive.any():
+            drives = {drive.index: drive.name for drive in worlds[group, world]}
+            yield f'{drives[query]}: no scan is near {drives[mapped]}: other roads, or positions that do not agree'
+
+
+def _draw(measured: Sequence[Measured], worlds: Worlds, protocol: Protocol, out: Path) -> None:
+    found = [answers for m in measured for answers in m.answers]
     draw_rejection_curves(found, protocol, out / 'recall_at_rejection.png')
-    for method in sorted({a.pair.method for a in found} & {OURS} or {found[0].pair.method}):
+    for method in sorted({m.method for m in measured} & {OURS} or {measured[0].method}):
         own = [a for a in found if a.pair.method == method]
-        draw_severity(own, out / f'severity_{method}.png')
         draw_extremes(own, worlds, out / f'extremes_{method}.png')
+        draw_failures(own, worlds, out / f'failures_{method}.png')
+        if any(np.isfinite(a.severities).any() for a in own):
+            draw_severity(own, out / f'severity_{method}.png')

@@ -11,38 +11,43 @@ import numpy as np
 from offradar_ros.config import CartesianConfig
 from offradar_ros.encoders.rings import ring_power
 from offradar_ros.evaluation.answers import Answers
+from offradar_ros.evaluation.evaluated_drive import EvaluatedDrive
 from offradar_ros.evaluation.figures import new_figure
 from offradar_ros.evaluation.runner import Worlds
-from offradar_ros.evaluation.scan_cache import CachedDrive
 from offradar_ros.radar.cartesian import PolarToCartesian
 
 SHOWN = 10
-_IMAGE = CartesianConfig(side_px=256, resolution_m=1.28)
+IMAGE = CartesianConfig(side_px=256, resolution_m=1.28)
+"""To 164 m, as far as the networks that ship see."""
+
 _RINGS = 128
 
 
 class _Extreme(NamedTuple):
     uncertainty: float
-    drive: CachedDrive
+    drive: EvaluatedDrive
     row: int
 
 
 def draw_extremes(several: Sequence[Answers], worlds: Worlds, path: Path) -> None:
     """Ten most uncertain scans (top) and ten least uncertain ones, each as an image to 164 m above its ring key.
 
-    A ring key is the mean power against range, in the recorded bytes. Titles say U and what the simulation spoiled.
+    A ring key is the mean power against range, in the recorded bytes. Titles say U and what the simulation spoiled, or
+    which recording it is of. Scans that the encoder refuses are left out.
     """
     scans = _sorted(several, worlds)
     picked = [scans[::-1][:SHOWN], scans[:SHOWN]]
     columns = max(len(row) for row in picked)
     figure = new_figure(2.0 * columns, 6.4)
     axes = figure.subplots(4, columns, squeeze=False, height_ratios=(2.0, 1.0, 2.0, 1.0))
-    to_image = PolarToCartesian(_IMAGE)
+    to_image = PolarToCartesian(IMAGE)
     for number, row in enumerate(picked):
         for column, extreme in enumerate(row):
             _draw(axes[2 * number][column], axes[2 * number + 1][column], extreme, to_image)
+    simulated = all(extreme.drive.layout == 'simulation' for extreme in scans)
+    told = ', simulated' if simulated else ''
     figure.suptitle(
-        f'Most (top) and least uncertain scans of {several[0].pair.method}, simulated, with their ring keys',
+        f'Most (top) and least uncertain scans of {several[0].pair.method}{told}, with their ring keys',
         fontsize='medium',
     )
     figure.savefig(path)
@@ -53,7 +58,8 @@ def _sorted(several: Sequence[Answers], worlds: Worlds) -> list[_Extreme]:
     for answers in {(a.pair.group, a.pair.world, a.pair.query_index): a for a in several}.values():
         drives = worlds[answers.pair.group, answers.pair.world]
         drive = next(drive for drive in drives if drive.index == answers.pair.query_index)
-        found += [_Extreme(float(u), drive, index) for index, u in enumerate(answers.uncertainties)]
+        usable = np.flatnonzero(np.isfinite(answers.uncertainties))
+        found += [_Extreme(float(answers.uncertainties[row]), drive, row) for row in usable.tolist()]
     return sorted(found, key=lambda extreme: extreme.uncertainty)
 
 
@@ -63,10 +69,10 @@ def _draw(image_axis: Any, key_axis: Any, extreme: _Extreme, to_image: PolarToCa
     image_axis.imshow(to_image(scan), cmap='gray', vmin=0, vmax=160)
     image_axis.set_axis_off()
     kind = str(drive.kinds[row])
-    spoiled = f'{kind} {drive.severities[row]:.2f}' if kind else 'clean'
+    spoiled = f'{kind} {drive.severities[row]:.2f}' if kind else 'clean' if drive.severities[row] == 0.0 else drive.name
     image_axis.set_title(f'U {uncertainty:.4g}\n{spoiled}', fontsize='x-small')
-    reach_m = min(scan.max_range_m, _IMAGE.side_px * _IMAGE.resolution_m / 2)
-    key = ring_power(scan, _RINGS, reach_m, _IMAGE.min_range_m).mean(axis=0)
+    reach_m = min(scan.max_range_m, IMAGE.side_px * IMAGE.resolution_m / 2)
+    key = ring_power(scan, _RINGS, reach_m, IMAGE.min_range_m).mean(axis=0)
     key_axis.plot((np.arange(_RINGS) + 0.5) * reach_m / _RINGS, key, linewidth=0.8)
     key_axis.set_ylim(0, 120)
     key_axis.tick_params(labelsize='xx-small')

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from offradar_ros.evaluation.answers import Answers
 from offradar_ros.evaluation.maintenance import Ablation
 from offradar_ros.evaluation.metrics.recall_at_n import recall_at_n
-from offradar_ros.evaluation.summary import Json
+from offradar_ros.evaluation.summary import Json, recognition
 
 
 def summarise_ablation(several: Sequence[Ablation], threshold: float) -> Json:
@@ -32,10 +32,11 @@ def summarise_ablation(several: Sequence[Ablation], threshold: float) -> Json:
         'QM': _recall(after, some),
         'threshold': threshold,
         'rejected': 1.0 - float(np.concatenate(some).sum()) / max(1, int(np.concatenate(keep).sum())),
-        'rotations': len(several),
+        'ordered_pairs': len(several),
         'queries': int(np.concatenate(keep).sum()),
         'opportunities': sum(a.opportunities for a in several),
         'replaced': sum(a.replaced for a in several),
+        'figures': {'O': recognition(before), 'M': recognition(after)},
     }
 
 

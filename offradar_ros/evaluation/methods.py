@@ -16,7 +16,7 @@ from offradar_ros.encoders.rad_vlad_codebook import load_codebook
 from offradar_ros.encoders.rad_vlad_fit import fit_rad_vlad
 from offradar_ros.encoders.registry import make_encoder
 from offradar_ros.errors import ConfigError
-from offradar_ros.evaluation.scan_cache import CachedDrive
+from offradar_ros.evaluation.evaluated_drive import EvaluatedDrive
 from offradar_ros.evaluation.spacing import one_a_cell
 
 METHODS = ('ours', 'bc_radar', 'vae', 'mc_dropout', 'stun', 'ring_key', 'rad_vlad')
@@ -39,7 +39,7 @@ class Method(Protocol):
     fitted: bool
     """Whether each map has an encoder of its own."""
 
-    def encoder_for(self, mapped: CachedDrive) -> Encoder:
+    def encoder_for(self, mapped: EvaluatedDrive) -> Encoder:
         """The encoder for the map made of this drive, and for what searches it."""
 
 
@@ -51,7 +51,7 @@ class OneEncoder:
     def __init__(self, name: str, encoder: Encoder, weights: str = '') -> None:
         self.name, self.weights, self._encoder = name, weights, encoder
 
-    def encoder_for(self, mapped: CachedDrive) -> Encoder:
+    def encoder_for(self, mapped: EvaluatedDrive) -> Encoder:
         """As in `Method`."""
         del mapped
         return self._encoder
@@ -65,7 +65,7 @@ class RadVladOfMap:
     def __init__(self, folder: Path, seed: int, spacing_m: float) -> None:
         self._folder, self._seed, self._spacing_m = folder, seed, spacing_m
 
-    def encoder_for(self, mapped: CachedDrive) -> Encoder:
+    def encoder_for(self, mapped: EvaluatedDrive) -> Encoder:
         """As in `Method`."""
         path = self._folder / f'{mapped.key}_{self._seed}_{self._spacing_m:g}.safetensors'
         if not path.is_file():

@@ -8,30 +8,28 @@ from numpy.typing import NDArray
 _BLOCK = 256
 
 
-def nearest(
-    queries: NDArray[np.float32], places: NDArray[np.float32], k: int
-) -> tuple[NDArray[np.intp], NDArray[np.float64]]:
-    """Rows of the k nearest of (P, d) places to each of (Q, d) queries, nearest first, and their distances.
+def squared_distances(queries: NDArray[np.float32], places: NDArray[np.float32]) -> NDArray[np.float64]:
+    """(Q, P) squared distances of (Q, d) queries, some hundred at a time, and (P, d) places; rounding may leave −ε.
 
-    Both are (Q, min(k, P)); of equally near places the first comes first. A query with a NaN finds places in their
-    order at a NaN distance. Products are of double precision: |x|² + |q|² − 2 x·q cancels badly in single precision.
+    Products are of double precision: |x|² + |q|² − 2 x·q cancels badly in single precision.
     """
-    k = min(k, len(places))
-    rows = np.empty((len(queries), k), np.intp)
-    distances = np.empty((len(queries), k), np.float64)
-    for start in range(0, len(queries), _BLOCK):
-        part = slice(start, start + _BLOCK)
-        squares = _squares(queries[part].astype(np.float64), places)
-        rows[part] = np.argsort(squares, axis=1, kind='stable')[:, :k]
-        distances[part] = np.sqrt(np.maximum(np.take_along_axis(squares, rows[part], axis=1), 0.0))
-    return rows, distances
-
-
-def _squares(queries: NDArray[np.float64], places: NDArray[np.float32]) -> NDArray[np.float64]:
-    squares = np.empty((len(queries), len(places)), np.float64)
-    lengths = np.einsum('qd,qd->q', queries, queries)
+    asked = queries.astype(np.float64)
+    squares = np.empty((len(asked), len(places)), np.float64)
+    lengths = np.einsum('qd,qd->q', asked, asked)
     for start in range(0, len(places), _BLOCK):
         block = places[start : start + _BLOCK].astype(np.float64)
         own = np.einsum('pd,pd->p', block, block)
-        squares[:, start : start + _BLOCK] = lengths[:, None] + own - 2.0 * (queries @ block.T)
+        squares[:, start : start + _BLOCK] = lengths[:, None] + own - 2.0 * (asked @ block.T)
     return squares
+
+
+def k_least(values: NDArray[np.float64], k: int) -> NDArray[np.intp]:
+    """(Q, k) columns of the k least of (Q, P) values, k ≤ P, ascending; of equal ones the first, NaN last."""
+    picked = np.argpartition(values, k - 1, axis=1)[:, :k]
+    order = np.lexsort((picked, np.take_along_axis(values, picked, 1)), axis=1)
+    rows = np.take_along_axis(picked, order, 1)
+    # Where others tie with the k-th, or nothing can be compared, a partition picks any of them.
+    bound = np.take_along_axis(values, rows[:, -1:], 1)
+    unclear = (values <= bound).sum(axis=1) != k
+    rows[unclear] = np.argsort(values[unclear], axis=1, kind='stable')[:, :k]
+    return rows

@@ -52,6 +52,32 @@ class RealStreets:
 
 
 @dataclasses.dataclass(frozen=True)
+class Recorded:
+    """Recorded traversals of one road, data-set folders or bags in the folder that is given on the command line.
+
+    Attributes:
+        name: of the world that they share.
+        split: name or file of a split: the test sequences of it, within its test region.
+        sequences: folders that are mapped and searched for, beside those of the split.
+        maps: folders that are only mapped.
+        queries: folders that are only searched for.
+    """
+
+    name: str
+    split: str = ''
+    sequences: tuple[str, ...] = ()
+    maps: tuple[str, ...] = ()
+    queries: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        named = [*self.sequences, *self.maps, *self.queries]
+        if len(set(named)) < len(named):
+            raise ConfigError(f'recorded {self.name}: expected each folder once, got {named}')
+        if not self.split and not (self.maps or self.sequences):
+            raise ConfigError(f'recorded {self.name}: expected a split, sequences or maps')
+
+
+@dataclasses.dataclass(frozen=True)
 class Group:
     """Worlds whose figures are told together.
 
@@ -61,42 +87,57 @@ class Group:
         physics: ``nominal``, ``drawn`` (each world's radar is drawn as in training) or ``held_out`` (never trained on).
         cities: seeds of procedural worlds, of their physics and sessions.
         streets: worlds of real streets.
+        recorded: recorded roads; nothing is simulated.
+        paper: number of the table of the paper whose data set this is, 0 for none.
     """
 
     name: str
     title: str
-    physics: str
+    physics: str = 'drawn'
     cities: tuple[int, ...] = ()
     streets: tuple[RealStreets, ...] = ()
+    recorded: tuple[Recorded, ...] = ()
+    paper: int = 0
 
     def __post_init__(self) -> None:
         if self.physics not in PHYSICS:
             raise ConfigError(f'group {self.name}: physics: expected one of {", ".join(PHYSICS)}, got {self.physics!r}')
-        if not self.cities and not self.streets:
-            raise ConfigError(f'group {self.name}: expected cities or streets')
+        if not self.cities and not self.streets and not self.recorded:
+            raise ConfigError(f'group {self.name}: expected cities, streets or recorded')
+        if self.paper not in (0, 1, 2):
+            raise ConfigError(f'group {self.name}: paper: expected 0, 1 or 2, got {self.paper}')
+
+    @property
+    def simulated(self) -> bool:
+        """Whether any of its scans are."""
+        return bool(self.cities or self.streets)
 
 
 @dataclasses.dataclass(frozen=True)
 class Validation:
-    """Clean drives, in worlds of no group, whose U gives the static threshold of introspective querying.
+    """Clean drives, in worlds of no group, whose U gives the static thresholds of introspective querying.
 
     Attributes:
         cities: seeds of worlds.
+        sequences: recorded folders, ordinary drives.
         physics: as in a group.
         scans: scans of each.
         quantile: the threshold is this quantile of U over all their scans.
+        levels: N; Δ is the largest |U − 1| over all their scans.
     """
 
-    cities: tuple[int, ...]
+    cities: tuple[int, ...] = ()
+    sequences: tuple[str, ...] = ()
     physics: str = 'drawn'
     scans: int = 100
     quantile: float = 0.99
+    levels: int = 20
 
     def __post_init__(self) -> None:
         if self.physics not in PHYSICS:
             raise ConfigError(f'validation: physics: expected one of {", ".join(PHYSICS)}, got {self.physics!r}')
-        if not self.cities or self.scans < 1 or not 0.0 < self.quantile <= 1.0:
-            raise ConfigError('validation: expected cities, at least one scan and a quantile in (0, 1]')
+        if self.scans < 1 or self.levels < 1 or not 0.0 < self.quantile <= 1.0:
+            raise ConfigError('validation: expected at least one scan and level, and a quantile in (0, 1]')
 
 
 @dataclasses.dataclass(frozen=True)
@@ -122,40 +163,53 @@ class Protocol:
         groups: what is driven.
         lanes: one drive each through every procedural world.
         scans: scans of each such drive.
-        drive_spacing_m: way between two scans of a drive, on average.
+        drive_spacing_m: way between two scans of a drive, on average; 0 takes every scan of a recorded one.
         degraded: share of the scans that are degraded.
-        map_spacings_m: way between two scans of a map, on average; the first is the one of the headlines.
+        map_spacings_m: way between two scans of a map, on average; the first is the one of the headlines; 0 maps all.
         tolerance_m: a place nearer than this is the right one.
+        negative_m: a place farther than this is a wrong one; those between count neither way in figures of pairs.
+        exclusion_s: above 0 every drive is also searched for in its own map, less the places of so many seconds
+            before and after each scan.
         rejections: shares at which Recall@RR is told.
         validation: where the static threshold comes from.
         maintenance: how maps are maintained.
         resamples: draws of the bootstrap over pairs.
         seed: of everything that the evaluation draws itself.
+        targets: whether the results are held to the targets of the weights that ship.
     """
 
     name: str
     title: str
     groups: tuple[Group, ...]
-    lanes: tuple[Lane, ...]
-    validation: Validation
+    lanes: tuple[Lane, ...] = ()
+    validation: Validation = dataclasses.field(default_factory=Validation)
     maintenance: Maintenance = dataclasses.field(default_factory=Maintenance)
     scans: int = 300
     drive_spacing_m: float = 5.0
     degraded: float = 0.35
     map_spacings_m: tuple[float, ...] = (5.0, 15.0)
     tolerance_m: float = 25.0
+    negative_m: float = 50.0
+    exclusion_s: float = 0.0
     rejections: tuple[float, ...] = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
     resamples: int = 200
     seed: int = 0
+    targets: bool = False
 
     def __post_init__(self) -> None:
         names = [group.name for group in self.groups]
-        if not names or len(set(names)) < len(names) or ALL in names:
-            raise ConfigError(f'groups: expected at least one, each of a name of its own and none {ALL!r}, got {names}')
-        if len(self.lanes) < 2:
+        if len(set(names)) < len(names) or ALL in names:
+            raise ConfigError(f'groups: expected each of a name of its own and none {ALL!r}, got {names}')
+        if any(group.cities for group in self.groups) and len(self.lanes) < 2:
             raise ConfigError(f'lanes: expected at least two, got {len(self.lanes)}')
-        if not self.map_spacings_m or min(*self.map_spacings_m, self.drive_spacing_m, self.tolerance_m) <= 0.0:
-            raise ConfigError('map_spacings_m, drive_spacing_m, tolerance_m: expected metres above 0')
+        if self.validation.cities and not self.lanes:
+            raise ConfigError('lanes: expected at least one, for the cities of validation')
+        if any(group.simulated for group in self.groups) and not self.drive_spacing_m > 0.0:
+            raise ConfigError('drive_spacing_m: expected metres above 0 for simulated drives')
+        if not self.map_spacings_m or min(*self.map_spacings_m, self.drive_spacing_m, self.exclusion_s) < 0.0:
+            raise ConfigError('map_spacings_m, drive_spacing_m, exclusion_s: expected numbers from 0')
+        if not 0.0 < self.tolerance_m <= self.negative_m:
+            raise ConfigError('tolerance_m, negative_m: expected metres above 0, the second not below the first')
         if not 0.0 <= self.degraded <= 1.0 or not all(0.0 <= r < 1.0 for r in self.rejections):
             raise ConfigError('degraded, rejections: expected shares from 0, and below 1 for rejections')
         if self.scans < 1 or self.resamples < 1:

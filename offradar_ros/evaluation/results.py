@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import datetime
 import importlib.metadata
+import itertools
 import json
 import math
 import platform
@@ -21,10 +22,10 @@ from offradar_ros.errors import DataError
 from offradar_ros.evaluation.answers import Answers
 from offradar_ros.evaluation.introspection import summarise_ablation
 from offradar_ros.evaluation.protocol import ALL, Protocol
-from offradar_ros.evaluation.runner import Measured
+from offradar_ros.evaluation.runner import Measured, Worlds, query_of
 from offradar_ros.evaluation.summary import Json, describe_uncertainty, summarise
 
-FORMAT = 'offradar-evaluation-1'
+FORMAT = 'offradar-evaluation-2'
 PACKAGES = ('numpy', 'opencv-python-headless', 'torch', 'onnxruntime', 'safetensors')
 
 SCANS = np.dtype(
@@ -38,9 +39,12 @@ SCANS = np.dtype(
         ('kind', '<i1'),
         ('error_m', '<f4'),
         ('distance', '<f4'),
+        ('x_m', '<f8'),
+        ('y_m', '<f8'),
     ]
 )
-"""Row of ``scans.npy``: `pair` counts into the results' `pairs`, `kind` into their `kinds`; the rest as `Answers`."""
+"""Row of ``scans.npy``: `pair` counts into the results' `pairs`, `kind` into their `kinds`, x and y are where the scan
+was taken; the rest as `Answers`."""
 
 
 def spacing_key(spacing_m: float) -> str:
@@ -48,17 +52,20 @@ def spacing_key(spacing_m: float) -> str:
     return f'{spacing_m:g}'
 
 
-def assemble(measured: Sequence[Measured], protocol: Protocol, command: str, skipped: Sequence[str]) -> Json:
+def assemble(
+    measured: Sequence[Measured], worlds: Worlds, protocol: Protocol, command: str, skipped: Sequence[str]
+) -> Json:
     """Everything but the targets and the recorded scans; NaN becomes null when it is written."""
     groups = [g.name for g in protocol.groups if any(a.pair.group == g.name for m in measured for a in m.answers)]
-    worlds = sorted({a.pair.world for m in measured for a in m.answers})
     return {
         'format': FORMAT,
         'created': datetime.datetime.now(datetime.timezone.utc).isoformat(timespec='seconds'),
         'command': command,
         'versions': versions(),
         'protocol': dataclasses.asdict(protocol),
-        'worlds': worlds,
+        'worlds': sorted({a.pair.world for m in measured for a in m.answers}),
+        'simulated': {g.name: g.simulated and not g.recorded for g in protocol.groups},
+        'drives': {f'{group}/{world}': [d.name for d in drives] for (group, world), drives in worlds.items()},
         'seeds': _seeds(protocol),
         'skipped': list(skipped),
         'methods': {m.method: _method(m) for m in measured},
@@ -82,18 +89,46 @@ def versions() -> dict[str, str]:
     return found
 
 
-def scan_rows(several: Sequence[Answers]) -> tuple[NDArray[Any], list[Json], list[str]]:
-    """One row of `SCANS` for every query scan, and the pairs and kinds that they count into."""
-    kinds = sorted({kind for answers in several for kind in answers.kinds.tolist()})
+def scan_rows(measured: Sequence[Measured], worlds: Worlds) -> tuple[NDArray[Any], list[Json], list[str]]:
+    """One row of `SCANS` for every query scan, and the pairs and kinds that they count into.
+
+    Of maps as they were made, and then of maintained ones, whose pairs say so.
+    """
+    several = [(answers, False) for m in measured for answers in m.answers]
+    several += [(a.maintained, True) for m in measured for told in m.ablations.values() for a in told]
+    kinds = sorted({kind for answers, _ in several for kind in answers.kinds.tolist()})
     parts = []
-    for number, answers in enumerate(several):
+    for number, (answers, _) in enumerate(several):
         part = np.zeros(len(answers.ranks), SCANS)
         part['pair'], part['scan'] = number, np.arange(len(part))
         part['uncertainty'], part['rank'], part['positive'] = answers.uncertainties, answers.ranks, answers.positive
         part['severity'], part['kind'] = answers.severities, np.searchsorted(kinds, answers.kinds)
         part['error_m'], part['distance'] = answers.errors_m, answers.distances
+        poses = query_of(answers.pair, worlds).poses
+        part['x_m'], part['y_m'] = poses[:, 0], poses[:, 1]
         parts.append(part)
-    return np.concatenate(parts), [dataclasses.asdict(answers.pair) for answers in several], kinds
+    pairs = [{**dataclasses.asdict(answers.pair), 'maintained': maintained} for answers, maintained in several]
+    return np.concatenate(parts), pairs, kinds
+
+
+def map_arrays(measured: Sequence[Measured]) -> tuple[dict[str, NDArray[np.float64]], list[Json]]:
+    """The first ordered pair of each world, before and after its map was maintained, as `Ablation` has it.
+
+    Arrays ``before_K`` and ``after_K``, (P, 3) x, y, U, of the K-th pair in the list.
+    """
+    arrays: dict[str, NDArray[np.float64]] = {}
+    listed: list[Json] = []
+    seen = set()
+    for m in measured:
+        for ablation in itertools.chain.from_iterable(m.ablations.values()):
+            pair = ablation.unmaintained.pair
+            if (pair.method, pair.group, pair.world, pair.spacing_m) in seen:
+                continue
+            seen.add((pair.method, pair.group, pair.world, pair.spacing_m))
+            arrays[f'before_{len(listed)}'], arrays[f'after_{len(listed)}'] = ablation.before, ablation.after
+            counts = {'opportunities': ablation.opportunities, 'replaced': ablation.replaced}
+            listed.append(dataclasses.asdict(pair) | counts)
+    return arrays, listed
 
 
 def write_results(path: Path, results: Json) -> None:
@@ -121,6 +156,8 @@ def _method(measured: Measured) -> Json:
         'weights': Path(measured.weights).name,
         'settings': dict(info.metadata),
         'fitted_to_each_map': measured.fitted,
+        'thresholds': measured.thresholds._asdict(),
+        'cost': measured.cost,
     }
 
 
@@ -131,7 +168,9 @@ def _of_group(group: str) -> Callable[[Answers], bool]:
 def _by_spacing(measured: Sequence[Measured], protocol: Protocol, chosen: Callable[[Answers], bool]) -> Json:
     return {
         spacing_key(spacing_m): {
-            m.method: summarise([a for a in m.answers if chosen(a) and a.pair.spacing_m == spacing_m], protocol)
+            m.method: summarise(
+                [a for a in m.answers if chosen(a) and a.pair.spacing_m == spacing_m], protocol, m.thresholds
+            )
             for m in measured
         }
         for spacing_m in protocol.map_spacings_m
@@ -146,8 +185,7 @@ def _maintenance(measured: Sequence[Measured], protocol: Protocol, group: str) -
             keys = [key for key in m.ablations if group in (ALL, key[0]) and key[1] == spacing_m]
             several = [ablation for key in keys for ablation in m.ablations[key]]
             if several:
-                threshold = float(np.quantile(m.validation, protocol.validation.quantile))
-                told[m.method] = summarise_ablation(several, threshold)
+                told[m.method] = summarise_ablation(several, m.thresholds.deployed)
     return found
 
 

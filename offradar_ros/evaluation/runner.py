@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
+import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -11,18 +12,21 @@ from pathlib import Path
 import numpy as np
 
 from offradar_ros.encoders.protocol import Encoder, ModelInfo
-from offradar_ros.evaluation.answers import Answers, Pair, answers_from
-from offradar_ros.evaluation.drives import VALIDATION, Drive
+from offradar_ros.evaluation.answers import Answers, Pair, Rules, answers_from
+from offradar_ros.evaluation.cost import measure_cost
+from offradar_ros.evaluation.drives import VALIDATION, SimulatedDrive
 from offradar_ros.evaluation.embedding_cache import EmbeddedDrive, embedded
-from offradar_ros.evaluation.maintenance import Ablation, ablate, rotations
+from offradar_ros.evaluation.evaluated_drive import EvaluatedDrive
+from offradar_ros.evaluation.maintenance import Ablation, ablate, merges
 from offradar_ros.evaluation.methods import Method
 from offradar_ros.evaluation.protocol import Protocol
-from offradar_ros.evaluation.scan_cache import CachedDrive, cached_drives
+from offradar_ros.evaluation.scan_cache import cached_drives
+from offradar_ros.evaluation.thresholds import Thresholds, thresholds_from
 
 Bar = Callable[[str], AbstractContextManager[Callable[[int, int], None]]]
 """Opens a progress bar of this text, told of what is done and of how much there is."""
 
-Worlds = dict[tuple[str, str], list[CachedDrive]]
+Worlds = dict[tuple[str, str], list[EvaluatedDrive]]
 """Drives by group and world."""
 
 
@@ -37,7 +41,8 @@ class Measured:
         model: the encoder; of one of the maps for one that is fitted to each.
         answers: of all ordered pairs of drives of each world, for each map spacing.
         ablations: by group and map spacing; none for a method that is fitted to each map.
-        validation: (V,) U of the clean validation scans, sorted; none likewise.
+        thresholds: from U of the clean validation scans; none likewise.
+        cost: of encoding and of searching, as `measure_cost` tells.
     """
 
     method: str
@@ -46,21 +51,40 @@ class Measured:
     model: ModelInfo
     answers: list[Answers]
     ablations: dict[tuple[str, float], list[Ablation]]
-    validation: list[float]
+    thresholds: Thresholds
+    cost: dict[str, float]
 
 
-def simulated_worlds(drives: Sequence[Drive], cache: Path, bar: Bar, processes: int = 0) -> Worlds:
-    """Every drive with its scans, rendered now or earlier."""
-    with bar('simulating drives') as progress:
-        found = cached_drives(drives, cache / 'scans', progress, processes)
+def opened_worlds(
+    simulated: Sequence[SimulatedDrive],
+    recorded: Sequence[EvaluatedDrive],
+    cache: Path,
+    bar: Bar,
+    processes: int = 0,
+) -> Worlds:
+    """Every drive with its scans; simulated ones are rendered now or were earlier."""
+    found: list[EvaluatedDrive] = []
+    if simulated:
+        with bar('simulating drives') as progress:
+            found = cached_drives(simulated, cache / 'scans', progress, processes)
     worlds: Worlds = {}
-    for drive in found:
+    for drive in (*found, *recorded):
         worlds.setdefault((drive.group, drive.world), []).append(drive)
     return worlds
 
 
-def measure(method: Method, worlds: Worlds, protocol: Protocol, cache: Path, bar: Bar) -> Measured:
-    """Encode all drives, search every drive's map for every other drive of its world, and maintain maps."""
+def query_of(pair: Pair, worlds: Worlds) -> EvaluatedDrive:
+    """The drive that was searched for."""
+    return next(drive for drive in worlds[pair.group, pair.world] if drive.index == pair.query_index)
+
+
+def measure(
+    method: Method, worlds: Worlds, protocol: Protocol, cache: Path, bar: Bar, threshold: float = math.nan
+) -> Measured:
+    """Encode all drives, search every drive's map for every other drive of its world, and maintain maps.
+
+    `threshold` is the one in use, where it is not to come from the validation drives.
+    """
     evaluated = {key: drives for key, drives in worlds.items() if key[0] != VALIDATION}
     clean = [drive for (group, _), drives in worlds.items() if group == VALIDATION for drive in drives]
     found: list[Answers] = []
@@ -76,16 +100,31 @@ def measure(method: Method, worlds: Worlds, protocol: Protocol, cache: Path, bar
                 found += _search_fitted(method, drives, embed, protocol)
                 continue
             made = [embed(method.encoder_for(drive), drive) for drive in drives]
-            for mapped, query in itertools.permutations(made, 2):
-                found += _search(method.name, mapped, query, protocol)
+            for mapped, query in itertools.product(made, repeat=2):
+                if searched(mapped.drive, query.drive, protocol):
+                    found += _search(method.name, mapped, query, protocol)
             for spacing_m in protocol.map_spacings_m:
                 key = (drives[0].group, spacing_m)
                 ablations.setdefault(key, []).extend(_ablations(method.name, made, spacing_m, protocol))
         if not method.fitted:
             made = [embed(method.encoder_for(drive), drive) for drive in clean]
-            validation = np.sort(np.concatenate([m.uncertainties for m in made])).tolist()
-    info = method.encoder_for(next(iter(evaluated.values()))[-1]).info
-    return Measured(method.name, method.weights, method.fitted, info, found, ablations, validation)
+            validation = [u for m in made for u in m.uncertainties.tolist()]
+    encoder = method.encoder_for(next(iter(evaluated.values()))[-1])
+    return Measured(
+        method.name,
+        method.weights,
+        method.fitted,
+        encoder.info,
+        found,
+        ablations,
+        thresholds_from(validation, protocol.validation, threshold),
+        measure_cost(encoder, next(iter(evaluated.values()))[-1], round(np.mean([a.places for a in found]))),
+    )
+
+
+def searched(mapped: EvaluatedDrive, query: EvaluatedDrive, protocol: Protocol) -> bool:
+    """Whether one drive's scans are searched for in the map of another, or of its own."""
+    return mapped.mapped and query.queried and (mapped is not query or protocol.exclusion_s > 0.0)
 
 
 class _Embedder:
@@ -94,7 +133,7 @@ class _Embedder:
     def __init__(self, folder: Path, progress: Callable[[int, int], None], total: int) -> None:
         self._folder, self._progress, self._total, self._done = folder, progress, total, 0
 
-    def __call__(self, encoder: Encoder, drive: CachedDrive) -> EmbeddedDrive:
+    def __call__(self, encoder: Encoder, drive: EvaluatedDrive) -> EmbeddedDrive:
         made = embedded(encoder, drive, self._folder, lambda done, _: self._progress(self._done + done, self._total))
         self._done += len(drive)
         self._progress(self._done, self._total)
@@ -102,29 +141,37 @@ class _Embedder:
 
 
 def _search_fitted(
-    method: Method, drives: Sequence[CachedDrive], embed: _Embedder, protocol: Protocol
+    method: Method, drives: Sequence[EvaluatedDrive], embed: _Embedder, protocol: Protocol
 ) -> Iterator[Answers]:
     for mapped in drives:
+        if not mapped.mapped:
+            continue
         encoder = method.encoder_for(mapped)
         made = embed(encoder, mapped)
         for query in drives:
-            if query is not mapped:
-                yield from _search(method.name, made, embed(encoder, query), protocol)
+            if searched(mapped, query, protocol):
+                asked = made if query is mapped else embed(encoder, query)
+                yield from _search(method.name, made, asked, protocol)
 
 
 def _search(method: str, mapped: EmbeddedDrive, query: EmbeddedDrive, protocol: Protocol) -> Iterator[Answers]:
     for spacing_m in protocol.map_spacings_m:
-        drive = mapped.drive
-        pair = Pair(method, drive.group, drive.world, drive.index, query.drive.index, spacing_m)
-        yield answers_from(pair, mapped, query, protocol.tolerance_m)
+        yield answers_from(_pair(method, mapped, query, spacing_m), mapped, query, _rules(protocol, mapped is query))
+
+
+def _pair(method: str, mapped: EmbeddedDrive, query: EmbeddedDrive, spacing_m: float) -> Pair:
+    drive = mapped.drive
+    return Pair(method, drive.group, drive.world, drive.index, query.drive.index, spacing_m)
+
+
+def _rules(protocol: Protocol, own: bool = False) -> Rules:
+    """Of a search through a drive's `own` map, or another's."""
+    return Rules(protocol.tolerance_m, protocol.negative_m, round(protocol.exclusion_s * 1e9) if own else 0)
 
 
 def _ablations(
     method: str, drives: Sequence[EmbeddedDrive], spacing_m: float, protocol: Protocol
 ) -> Iterator[Ablation]:
-    if len(drives) < 3:
-        return
-    for mapped, merged, query in rotations(drives):
-        drive = mapped.drive
-        pair = Pair(method, drive.group, drive.world, drive.index, query.drive.index, spacing_m)
-        yield ablate(pair, mapped, merged, query, protocol.maintenance, protocol.tolerance_m, protocol.seed)
+    for mapped, merged, query in merges(drives):
+        pair = _pair(method, mapped, query, spacing_m)
+        yield ablate(pair, mapped, merged, query, protocol.maintenance, _rules(protocol), protocol.seed)

@@ -7,20 +7,26 @@ from collections.abc import Callable, Iterator
 
 from rich.table import Table
 
+from offradar_ros.evaluation.protocol import ALL
 from offradar_ros.evaluation.summary import Json
 
 
 def tables(results: Json) -> Iterator[Table]:
     """One table for each group and map spacing, one of the ablation of the system, and one of the targets."""
     titles = {group['name']: group['title'] for group in results['protocol']['groups']} | {'all': 'All groups'}
-    for group, spacings in results['groups'].items():
+    for group, spacings in told_apart(results['groups']).items():
         for spacing, methods in spacings.items():
             yield _methods_table(f'{titles[group]}: a map every {spacing} m', methods)
-    yield _maintenance_table(results['maintenance'])
+    yield _maintenance_table(told_apart(results['maintenance']))
     if results.get('recorded'):
         yield _recorded_table(results['recorded'])
     if results.get('targets'):
         yield _targets_table(results['targets'])
+
+
+def told_apart(groups: Json) -> Json:
+    """Without the figures of all groups together where there is but one."""
+    return groups if len(groups) > 2 else {name: told for name, told in groups.items() if name != ALL}
 
 
 def number(value: float | None) -> str:

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from offradar_ros.evaluation.embedding_cache import EmbeddedDrive
+from offradar_ros.evaluation.evaluated_drive import EvaluatedDrive
 from offradar_ros.evaluation.protocol import Group, Lane, Protocol, Validation
-from offradar_ros.evaluation.scan_cache import CachedDrive
+from offradar_ros.types import PolarScan
 
 
 def street_drive(index: int, count: int, *, seed: int = 0, spoiled: float = 0.4, noise: float = 0.4) -> EmbeddedDrive:
@@ -23,19 +24,19 @@ def street_drive(index: int, count: int, *, seed: int = 0, spoiled: float = 0.4,
     places = np.cos(driven_m[:, None] * waves)
     means = places + rng.normal(0.0, 1.0, places.shape) * (0.05 + noise * severities[:, None] * 4.0)
     poses = np.column_stack([driven_m, np.full(count, 1.0 * index), np.zeros(count)])
-    drive = CachedDrive(
+    power = np.random.default_rng(index).integers(0, 90, (count, 40, 64), np.uint8)
+    azimuths_rad = np.arange(40) / 40 * 2 * np.pi
+    drive = EvaluatedDrive(
         group='streets',
         world='street',
         index=index,
         key=f'street_{index}_{seed}',
-        power=np.random.default_rng(index).integers(0, 90, (count, 40, 64), np.uint8),
-        azimuths_rad=np.arange(40) / 40 * 2 * np.pi,
-        range_resolution_m=1.0,
         stamps_ns=np.arange(count, dtype=np.int64) * 10**9 + index * 10**14,
         poses=poses,
         driven_m=driven_m,
         kinds=kinds,
         severities=severities,
+        read_scan=lambda row: PolarScan(row * 10**9 + index * 10**14, power[row], azimuths_rad, 1.0),
     )
     uncertainties = 0.3 + severities + rng.normal(0.0, 0.05, count)
     return EmbeddedDrive(drive, means.astype(np.float32), uncertainties)

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 
 import numpy as np
 import pytest
 
-from offradar_ros.evaluation.answers import Pair, answers, map_rows
+from offradar_ros.evaluation.answers import Pair, Rules, answers, map_rows, places_of
 from offradar_ros.evaluation.embedding_cache import EmbeddedDrive
 from offradar_ros.evaluation.introspection import summarise_ablation
-from offradar_ros.evaluation.maintenance import Ablation, ablate, rotations
+from offradar_ros.evaluation.maintenance import Ablation, ablate, merges
 from offradar_ros.evaluation.protocol import Maintenance
 
 PLAN = Maintenance(match_distance_m=5.0, random_repeats=3)
@@ -24,12 +25,20 @@ def drives(embedded_street: Callable[..., EmbeddedDrive]) -> list[EmbeddedDrive]
 
 @pytest.fixture(scope='module')
 def ablation(drives: list[EmbeddedDrive]) -> Ablation:
-    return ablate(PAIR, drives[0], [drives[1]], drives[2], PLAN, 25.0, seed=1)
+    return ablate(PAIR, drives[0], [drives[1]], drives[2], PLAN, Rules(), seed=1)
 
 
-def test_every_drive_is_searched_for_once(drives: list[EmbeddedDrive]) -> None:
-    turns = [(m.drive.index, [d.drive.index for d in between], q.drive.index) for m, between, q in rotations(drives)]
-    assert turns == [(0, [1], 2), (1, [2], 0), (2, [0], 1)]
+def test_every_ordered_pair_has_the_others_merged(drives: list[EmbeddedDrive]) -> None:
+    turns = [(m.drive.index, [d.drive.index for d in between], q.drive.index) for m, between, q in merges(drives)]
+    assert turns == [(0, [2], 1), (0, [1], 2), (1, [2], 0), (1, [0], 2), (2, [1], 0), (2, [0], 1)]
+    assert not list(merges(drives[:2]))
+
+
+def test_what_is_only_searched_for_is_never_mapped(drives: list[EmbeddedDrive]) -> None:
+    asked = [dataclasses.replace(d, drive=dataclasses.replace(d.drive, mapped=False)) for d in drives[2:]]
+    kept = [dataclasses.replace(d, drive=dataclasses.replace(d.drive, queried=False)) for d in drives[:2]]
+    turns = [(m.drive.index, [d.drive.index for d in between], q.drive.index) for m, between, q in merges(kept + asked)]
+    assert turns == [(0, [1], 2), (1, [0], 2)]
 
 
 def test_the_maintained_map_is_that_of_a_loop(drives: list[EmbeddedDrive], ablation: Ablation) -> None:
@@ -46,9 +55,17 @@ def test_the_maintained_map_is_that_of_a_loop(drives: list[EmbeddedDrive], ablat
             if second.uncertainties[row] < drive.uncertainties[at]:
                 places[best] = (second, row)
                 replaced += 1
-    means = np.array([drive.means[row] for drive, row in places])
-    positions = np.array([drive.drive.poses[row, :2] for drive, row in places])
-    expected = answers(PAIR, means, positions, query, 25.0)
+    rows = np.array([row for _, row in places])
+    table = dataclasses.replace(
+        places_of(first, rows),
+        means=np.array([drive.means[row] for drive, row in places]),
+        positions_m=np.array([[*drive.drive.poses[row, :2], 0.0] for drive, row in places]),
+    )
+    expected = answers(PAIR, table, query, Rules())
+    before = np.column_stack([anchors, first.uncertainties[map_rows(first, 12.0)]])
+    np.testing.assert_allclose(ablation.before, before, rtol=1e-6)
+    held = [[*drive.drive.poses[row, :2], drive.uncertainties[row]] for drive, row in places]
+    np.testing.assert_allclose(ablation.after, held, rtol=1e-6)
     assert (ablation.opportunities, ablation.replaced) == (opportunities, replaced)
     assert 0 < replaced < opportunities
     np.testing.assert_array_equal(ablation.maintained.ranks, expected.ranks)
@@ -68,7 +85,7 @@ def test_all_maps_are_of_one_size_and_maintenance_helps(ablation: Ablation) -> N
 def test_the_control_draws_anew_each_time_but_the_same_for_a_seed(
     drives: list[EmbeddedDrive], ablation: Ablation
 ) -> None:
-    again = ablate(PAIR, drives[0], [drives[1]], drives[2], PLAN, 25.0, seed=1)
+    again = ablate(PAIR, drives[0], [drives[1]], drives[2], PLAN, Rules(), seed=1)
     for a, b in zip(again.random, ablation.random, strict=True):
         np.testing.assert_array_equal(a.distances, b.distances)
     assert len({tuple(a.distances.tolist()) for a in ablation.random}) > 1

@@ -30,7 +30,7 @@ def test_shipped_protocols_are_read_and_share_no_world_with_training(path: Path)
     seeds = [seed for group in protocol.groups for seed in group.cities] + list(protocol.validation.cities)
     seeds += [street.seed for group in protocol.groups for street in group.streets]
     # Training counts up from 10,000 and its validation from 900,000.
-    assert min(seeds) >= 2_000_000
+    assert min(seeds, default=2_000_000) >= 2_000_000
     assert len(set(seeds)) == len(seeds)
 
 
@@ -55,16 +55,20 @@ def test_whole_numbers_are_metres_too(tmp_path: Path) -> None:
         ('scans: many', 'key scans: expected a whole number'),
         ('scans: true', 'key scans: expected a whole number'),
         ('tolerance_m: .nan', 'key tolerance_m: expected a finite number'),
-        ('groups: []', 'groups: expected at least one'),
+        ('groups: [{name: a, title: A, recorded: [{name: r}]}]', 'recorded r: expected a split, sequences or maps'),
+        ('groups: [{name: a, title: A, recorded: [{name: r, maps: [x, x]}]}]', 'recorded r: expected each folder once'),
+        ('groups: [{name: a, title: A, paper: 3, cities: [1]}]', 'paper: expected 0, 1 or 2'),
         ('groups: [{name: a, title: A, physics: odd, cities: [1]}]', 'physics: expected one of nominal'),
-        ('groups: [{name: a, title: A, physics: drawn}]', 'expected cities or streets'),
+        ('groups: [{name: a, title: A, physics: drawn}]', 'expected cities, streets or recorded'),
         ('groups: [{name: a, physics: drawn, cities: [1]}]', r'key groups\[0\].title is missing'),
         ('groups: [{name: all, title: A, physics: drawn, cities: [1]}]', "none 'all'"),
         ('lanes: [{}]', 'lanes: expected at least two'),
         ('lanes: {}', 'key lanes: expected a list'),
-        ('map_spacings_m: [0]', 'expected metres above 0'),
+        ('map_spacings_m: [-1]', 'expected numbers from 0'),
+        ('drive_spacing_m: 0', 'expected metres above 0 for simulated'),
+        ('negative_m: 20', 'the second not below the first'),
         ('rejections: [1.0]', 'expected shares'),
-        ('validation: {cities: []}', 'validation: expected cities'),
+        ('validation: {scans: 0}', 'validation: expected at least one scan'),
     ],
 )
 def test_one_line_says_what_is_wrong(tmp_path: Path, change: str, said: str) -> None:

@@ -14,18 +14,20 @@ import pytest
 
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.errors import DataError
-from offradar_ros.evaluation.answers import Answers, Pair, answers_from
+from offradar_ros.evaluation.answers import Pair, Rules, answers_from
 from offradar_ros.evaluation.card import card_json, card_markdown
 from offradar_ros.evaluation.embedding_cache import EmbeddedDrive
 from offradar_ros.evaluation.figures import draw_rejection_curves, draw_severity
-from offradar_ros.evaluation.maintenance import ablate, rotations
-from offradar_ros.evaluation.protocol import Protocol
+from offradar_ros.evaluation.maintenance import ablate, merges
+from offradar_ros.evaluation.protocol import Protocol, Validation
 from offradar_ros.evaluation.results import SCANS, assemble, read_results, scan_rows, write_results
 from offradar_ros.evaluation.runner import Measured
 from offradar_ros.evaluation.summary import describe_uncertainty, summarise
 from offradar_ros.evaluation.table import tables
 from offradar_ros.evaluation.targets import recorded_targets, targets
+from offradar_ros.evaluation.thresholds import thresholds_from
 
+THRESHOLDS = thresholds_from([0.3, 0.35, 0.4], Validation((8,), levels=7))
 CARD_KEYS = {
     'recall_at_1',
     'recall_at_1_clean',
@@ -45,13 +47,13 @@ def measured(name: str, drives: list[EmbeddedDrive], protocol: Protocol) -> Meas
     for spacing_m in protocol.map_spacings_m:
         for a, b in itertools.permutations(drives, 2):
             pair = Pair(name, 'streets', 'street', a.drive.index, b.drive.index, spacing_m)
-            found.append(answers_from(pair, a, b, protocol.tolerance_m))
+            found.append(answers_from(pair, a, b, Rules()))
         ablations['streets', spacing_m] = [
-            ablate(Pair(name, 'streets', 'street', 0, 0, spacing_m), *turn, protocol.maintenance, 25.0, 0)
-            for turn in rotations(drives)
+            ablate(Pair(name, 'streets', 'street', 0, 0, spacing_m), *turn, protocol.maintenance, Rules(), 0)
+            for turn in merges(drives)
         ]
     info = ModelInfo(name, name * 8, 24, {'settings': '{}'})
-    return Measured(name, f'runs/{name}.safetensors', False, info, found, ablations, [0.3, 0.35, 0.4])
+    return Measured(name, f'runs/{name}.safetensors', False, info, found, ablations, THRESHOLDS, {})
 
 
 @pytest.fixture(scope='module')
@@ -61,17 +63,19 @@ def results(embedded_street: Callable[..., EmbeddedDrive], small_protocol: Proto
     rng = np.random.default_rng(0)
     stun = [dataclasses.replace(drive, uncertainties=rng.random(60)) for drive in ours]
     several = [measured('ours', ours, small_protocol), measured('stun', stun, small_protocol)]
-    told = assemble(several, small_protocol, 'offradar evaluate …', ['kaist: not given'])
+    told = assemble(several, {}, small_protocol, 'offradar evaluate …', ['kaist: not given'])
     told['targets'] = targets(told)
     told['pairs'] = []
     told['answers'] = [answers for m in several for answers in m.answers]
+    told['measured'] = several
+    told['worlds_driven'] = {('streets', 'street'): [drive.drive for drive in ours]}
     return told
 
 
 def test_figures_against_a_loop(embedded_street: Callable[..., EmbeddedDrive], small_protocol: Protocol) -> None:
     several = measured('ours', [embedded_street(index, 50) for index in range(3)], small_protocol).answers
     several = [answers for answers in several if answers.pair.spacing_m == 15.0]
-    told = summarise(several, small_protocol)
+    told = summarise(several, small_protocol, THRESHOLDS)
     rows = [
         (answers.uncertainties[i], bool(answers.ranks[i] == 0), str(answers.kinds[i]), float(answers.severities[i]))
         for answers in several
@@ -170,7 +174,8 @@ def test_recorded_scans_have_to_be_more_uncertain_than_clean_ones() -> None:
 
 def test_results_are_read_as_written_and_cards_hold_their_numbers(results: dict, tmp_path: Path) -> None:
     path = tmp_path / 'results.json'
-    write_results(path, {key: value for key, value in results.items() if key != 'answers'} | {'odd': math.nan})
+    told = {key: value for key, value in results.items() if key not in ('answers', 'measured', 'worlds_driven')}
+    write_results(path, told | {'odd': math.nan})
     told = read_results(path)
     assert told['odd'] is None
     assert told['groups'] == results['groups']
@@ -209,17 +214,23 @@ def test_only_results_are_read(tmp_path: Path) -> None:
 
 
 def test_scan_rows_say_whose_they_are(results: dict) -> None:
-    several: list[Answers] = results['answers']
-    rows, pairs, kinds = scan_rows(several)
+    several: list[Measured] = results['measured']
+    rows, pairs, kinds = scan_rows(several, results['worlds_driven'])
     assert rows.dtype == SCANS
-    last = rows[rows['pair'] == len(several) - 1]
-    assert pairs[-1] == dataclasses.asdict(several[-1].pair)
-    assert [kinds[k] for k in last['kind']] == several[-1].kinds.tolist()
-    np.testing.assert_array_equal(last['rank'], several[-1].ranks)
+    expected = several[-1].ablations['streets', 15.0][-1].maintained
+    last = rows[rows['pair'] == len(pairs) - 1]
+    assert pairs[-1] == {**dataclasses.asdict(expected.pair), 'maintained': True}
+    assert [kinds[k] for k in last['kind']] == expected.kinds.tolist()
+    np.testing.assert_array_equal(last['rank'], expected.ranks)
+    first = rows[rows['pair'] == 0]
+    assert pairs[0] == {**dataclasses.asdict(several[0].answers[0].pair), 'maintained': False}
+    np.testing.assert_array_equal(first['distance'], several[0].answers[0].distances.astype(np.float32))
+    np.testing.assert_array_equal(first['x_m'], 4.0 * np.arange(60))
+    assert set(first['y_m']) == {1.0}
 
 
 def test_tables_and_pictures_can_be_drawn(results: dict, small_protocol: Protocol, tmp_path: Path) -> None:
-    assert len(list(tables(results))) == 2 * 2 + 2
+    assert len(list(tables(results))) == 2 + 2
     pytest.importorskip('matplotlib')
     draw_rejection_curves(results['answers'], small_protocol, tmp_path / 'curves.png')
     draw_severity(results['answers'][:6], tmp_path / 'severity.png')
