@@ -2,7 +2,8 @@
 
 ``MODEL/DRIVE.means.npy`` is (N, d) float32, or float16 for descriptors of more than 4096 numbers;
 ``MODEL/DRIVE.uncertainty.npy`` is (N,) float64 and written last. A scan that the encoder refuses has no descriptor
-(NaN) and the highest uncertainty there is (infinite).
+(NaN) and the highest uncertainty there is (infinite). A drive of more than `BLOCK` scans is kept in blocks until it is
+whole.
 """
 
 from __future__ import annotations
@@ -23,6 +24,9 @@ from offradar_ros.evaluation.evaluated_drive import EvaluatedDrive
 from offradar_ros.processes import Progress
 from offradar_ros.types import Embedding
 
+BLOCK = 1024
+"""So many scans at most are encoded anew when an encoding was interrupted."""
+
 LONG = 4096
 """Longer descriptors are kept in half precision: signed square roots of unit length lose nothing that matters."""
 
@@ -42,23 +46,73 @@ class EmbeddedDrive:
 
 
 def embedded(encoder: Encoder, drive: EvaluatedDrive, folder: Path, progress: Progress) -> EmbeddedDrive:
-    """The drive's embeddings, from `folder` or made and kept there."""
+    """The drive's embeddings, from `folder` or made and kept there; a long drive's block by block."""
     place = folder / encoder.info.fingerprint[:16]
-    means_path, uncertainty_path = (place / f'{drive.key}.{part}.npy' for part in ('means', 'uncertainty'))
-    if uncertainty_path.is_file():
-        try:
-            means = np.load(means_path, allow_pickle=False).astype(np.float32)
-            return EmbeddedDrive(drive, means, np.load(uncertainty_path, allow_pickle=False))
-        except (OSError, ValueError, EOFError) as error:
-            raise DataError(
-                f'{means_path}: damaged embeddings ({error}): remove them to have them made again'
-            ) from None
-    made = encode(encoder, drive, progress)
-    kept = made.means if encoder.info.dimension <= LONG else made.means.astype(np.float16)
+    kept = _load(drive, place, drive.key)
+    if kept:
+        return kept
     place.mkdir(parents=True, exist_ok=True)
-    _write(means_path, kept)
+    starts = range(0, len(drive), BLOCK)
+    blocks = [_block(encoder, drive, start, place, progress) for start in starts]
+    made = EmbeddedDrive(
+        drive,
+        np.concatenate([block.means for block in blocks]),
+        np.concatenate([block.uncertainties for block in blocks]),
+    )
+    _keep(made, place, drive.key)
+    for start in starts:
+        for path in _paths(place, _block_key(drive, start)):
+            path.unlink(missing_ok=True)
+    return _load(drive, place, drive.key) or made
+
+
+def _block(encoder: Encoder, drive: EvaluatedDrive, start: int, place: Path, progress: Progress) -> EmbeddedDrive:
+    part = _part_of(drive, start)
+    kept = _load(part, place, _block_key(drive, start))
+    if kept is None:
+        kept = encode(encoder, part, lambda done, _: progress(start + done, len(drive)))
+        if len(drive) > BLOCK:
+            _keep(kept, place, _block_key(drive, start))
+    progress(start + len(part), len(drive))
+    return kept
+
+
+def _part_of(drive: EvaluatedDrive, start: int) -> EvaluatedDrive:
+    rows = slice(start, start + BLOCK)
+    return dataclasses.replace(
+        drive,
+        stamps_ns=drive.stamps_ns[rows],
+        poses=drive.poses[rows],
+        driven_m=drive.driven_m[rows],
+        kinds=drive.kinds[rows],
+        severities=drive.severities[rows],
+        read_scan=lambda row: drive.read_scan(start + row),
+    )
+
+
+def _block_key(drive: EvaluatedDrive, start: int) -> str:
+    return f'{drive.key}.from_{start}'
+
+
+def _paths(place: Path, key: str) -> tuple[Path, Path]:
+    return place / f'{key}.means.npy', place / f'{key}.uncertainty.npy'
+
+
+def _load(drive: EvaluatedDrive, place: Path, key: str) -> EmbeddedDrive | None:
+    means_path, uncertainty_path = _paths(place, key)
+    if not uncertainty_path.is_file():
+        return None
+    try:
+        means = np.load(means_path, allow_pickle=False).astype(np.float32)
+        return EmbeddedDrive(drive, means, np.load(uncertainty_path, allow_pickle=False))
+    except (OSError, ValueError, EOFError) as error:
+        raise DataError(f'{means_path}: damaged embeddings ({error}): remove them to have them made again') from None
+
+
+def _keep(made: EmbeddedDrive, place: Path, key: str) -> None:
+    means_path, uncertainty_path = _paths(place, key)
+    _write(means_path, made.means if made.means.shape[1] <= LONG else made.means.astype(np.float16))
     _write(uncertainty_path, made.uncertainties)
-    return dataclasses.replace(made, means=kept.astype(np.float32))
 
 
 def encode(encoder: Encoder, drive: EvaluatedDrive, progress: Progress) -> EmbeddedDrive:

@@ -6,6 +6,7 @@ import dataclasses
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,17 +15,31 @@ from offradar_ros.evaluation.drives import VALIDATION, drives_of
 from offradar_ros.evaluation.extremes import draw_extremes
 from offradar_ros.evaluation.failures import draw_failures
 from offradar_ros.evaluation.figures import draw_rejection_curves, draw_severity
-from offradar_ros.evaluation.methods import OURS, open_method
+from offradar_ros.evaluation.methods import OURS, Method, open_method
 from offradar_ros.evaluation.protocol import Protocol
 from offradar_ros.evaluation.recorded import measure_recorded, require_recorded
 from offradar_ros.evaluation.recorded_drives import RecordedSource, recorded_drives
-from offradar_ros.evaluation.results import assemble, map_arrays, scan_rows, write_results
-from offradar_ros.evaluation.runner import Bar, Measured, Worlds, measure, opened_worlds, searched
+from offradar_ros.evaluation.results import (
+    MAPS_FILE,
+    RESULTS_FILE,
+    SCANS_FILE,
+    assemble,
+    map_arrays,
+    scan_rows,
+    write_results,
+)
+from offradar_ros.evaluation.runner import (
+    Bar,
+    Encodings,
+    Measured,
+    Worlds,
+    encode_all,
+    measure,
+    opened_worlds,
+    searched,
+)
 from offradar_ros.evaluation.summary import Json
 from offradar_ros.evaluation.targets import recorded_targets, targets
-
-RESULTS, SCANS, MAPS = 'results.json', 'scans.npy', 'maps.npz'
-"""Files of an evaluation's folder."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,17 +73,9 @@ def evaluate(protocol: Protocol, methods: Sequence[str], options: Options) -> Js
         raise DataError(f'{options.out}: expected a folder for results ({error.strerror})') from None
     if options.real_scans:
         require_recorded(options.real_scans)
-    spacing_m = protocol.map_spacings_m[0]
-    opened = [
-        open_method(text, options.cache, seed=protocol.seed, spacing_m=spacing_m, threads=options.threads)
-        for text in methods
-    ]
+    opened = _opened(protocol, methods, options)
     worlds, lacking = open_worlds(protocol, options)
-    if not any(pairs_of(worlds, protocol)):
-        raise ConfigError(
-            f'protocol {protocol.name}: expected two drives of a road or more, found none'
-            + ''.join(f'; {text}' for text in lacking)
-        )
+    _require_searches(worlds, protocol, lacking)
     measured = [measure(method, worlds, protocol, options.cache, options.bar, options.threshold) for method in opened]
     results = assemble(measured, worlds, protocol, options.command, [*lacking, *_unaligned(measured[0], worlds)])
     results['targets'] = targets(results) if protocol.targets else []
@@ -80,13 +87,50 @@ def evaluate(protocol: Protocol, methods: Sequence[str], options: Options) -> Js
         }
         results['targets'] += recorded_targets(results['recorded'])
     rows, results['pairs'], results['kinds'] = scan_rows(measured, worlds)
-    np.save(options.out / SCANS, rows, allow_pickle=False)
+    np.save(options.out / SCANS_FILE, rows, allow_pickle=False)
     arrays, results['maps'] = map_arrays(measured)
-    np.savez_compressed(options.out / MAPS, allow_pickle=False, **arrays)
-    write_results(options.out / RESULTS, results)
+    np.savez_compressed(options.out / MAPS_FILE, allow_pickle=False, **arrays)
+    write_results(options.out / RESULTS_FILE, results)
     if options.pictures:
         _draw(measured, worlds, protocol, options.out)
     return results
+
+
+class Encoded(NamedTuple):
+    """What of a protocol is in the cache, and in words what there is not."""
+
+    methods: list[Encodings]
+    lacking: list[str]
+
+
+def encode_drives(protocol: Protocol, methods: Sequence[str], options: Options) -> Encoded:
+    """Fill the cache with every embedding that `evaluate` would ask for."""
+    opened = _opened(protocol, methods, options)
+    worlds, lacking = open_worlds(protocol, options)
+    _require_searches(worlds, protocol, lacking)
+    return Encoded([encode_all(method, worlds, protocol, options.cache, options.bar) for method in opened], lacking)
+
+
+def _opened(protocol: Protocol, methods: Sequence[str], options: Options) -> list[Method]:
+    spacing_m = protocol.map_spacings_m[0]
+    return [
+        open_method(text, options.cache, seed=protocol.seed, spacing_m=spacing_m, threads=options.threads)
+        for text in methods
+    ]
+
+
+def _require_searches(worlds: Worlds, protocol: Protocol, lacking: Sequence[str]) -> None:
+    if not any(
+        searched(mapped, query, protocol)
+        for (group, _), drives in worlds.items()
+        if group != VALIDATION
+        for mapped in drives
+        for query in drives
+    ):
+        raise ConfigError(
+            f'protocol {protocol.name}: expected two drives of a road or more, found none'
+            + ''.join(f'; {text}' for text in lacking)
+        )
 
 
 def open_worlds(protocol: Protocol, options: Options) -> tuple[Worlds, list[str]]:
@@ -95,13 +139,6 @@ def open_worlds(protocol: Protocol, options: Options) -> tuple[Worlds, list[str]
     recorded = recorded_drives(protocol, options.recorded)
     worlds = opened_worlds(simulated, recorded.drives, options.cache, options.bar, options.processes)
     return worlds, [*_skipped_streets(protocol, options.real_worlds), *recorded.lacking]
-
-
-def pairs_of(worlds: Worlds, protocol: Protocol) -> Iterator[tuple[str, str]]:
-    """Names of the mapped and of the searched drive, for each search of the protocol."""
-    for (group, _), drives in worlds.items():
-        if group != VALIDATION:
-            yield from ((m.name, q.name) for m in drives for q in drives if searched(m, q, protocol))
 
 
 def _skipped_streets(protocol: Protocol, real_worlds: Path | None) -> list[str]:

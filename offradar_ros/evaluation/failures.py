@@ -41,10 +41,8 @@ def draw_failures(several: Sequence[Answers], worlds: Worlds, path: Path) -> Non
     to_image = PolarToCartesian(IMAGE)
     for row, (uncertainty, answers, at) in zip(axes, picked, strict=True):
         query, mapped = (_drive(answers, worlds, index) for index in (answers.pair.query_index, answers.pair.map_index))
-        kind = str(query.kinds[at])
-        spoiled = f', {kind} {query.severities[at]:.2f}' if kind else ''
         right_m = float(np.hypot(*(mapped.poses[answers.right[at], :2] - query.poses[at, :2])))
-        _show(row[0], query, at, f'{query.name} scan {at}\nU {uncertainty:.4g}{spoiled}', to_image)
+        _show(row[0], query, at, f'{query.name} scan {at}\nU {uncertainty:.4g}', to_image)
         _show(row[1], mapped, int(answers.found[at]), f'found: {answers.errors_m[at]:.0f} m away', to_image)
         _show(row[2], mapped, int(answers.right[at]), f'right: {right_m:.0f} m away', to_image)
     method = several[0].pair.method
@@ -81,6 +79,8 @@ def _drive(answers: Answers, worlds: Worlds, index: int) -> EvaluatedDrive:
 def _show(axis: Any, drive: EvaluatedDrive, row: int, title: str, to_image: PolarToCartesian) -> None:
     axis.set_axis_off()
     axis.set_title(title, fontsize='x-small')
+    if drive.kinds[row]:
+        axis.set_title(f'{title}, {drive.kinds[row]} {drive.severities[row]:.2f}', fontsize='x-small')
     try:
         axis.imshow(to_image(drive.scan(row)), cmap='gray', vmin=0, vmax=160)
     except RefusedInput as refusal:

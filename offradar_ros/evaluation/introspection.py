@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -17,7 +18,7 @@ def summarise_ablation(several: Sequence[Ablation], threshold: float) -> Json:
     """Recall@1 over the queries with a right place in the unmaintained map (in all cases the same queries).
 
     O, M and M_random answer every query; Q and QM those whose U is at most `threshold`, `rejected` is the share of the
-    others. M_random is the mean over its draws.
+    others; all three are NaN without a threshold. M_random is the mean over its draws.
     """
     keep = [a.unmaintained.positive for a in several]
     accepted = [a.unmaintained.uncertainties <= threshold for a in several]
@@ -31,13 +32,17 @@ def summarise_ablation(several: Sequence[Ablation], threshold: float) -> Json:
         'Q': _recall(before, some),
         'QM': _recall(after, some),
         'threshold': threshold,
-        'rejected': 1.0 - float(np.concatenate(some).sum()) / max(1, int(np.concatenate(keep).sum())),
+        'rejected': math.nan if math.isnan(threshold) else _share_left_out(some, keep),
         'ordered_pairs': len(several),
         'queries': int(np.concatenate(keep).sum()),
         'opportunities': sum(a.opportunities for a in several),
         'replaced': sum(a.replaced for a in several),
         'figures': {'O': recognition(before), 'M': recognition(after)},
     }
+
+
+def _share_left_out(some: Sequence[NDArray[np.bool_]], keep: Sequence[NDArray[np.bool_]]) -> float:
+    return 1.0 - float(np.concatenate(some).sum()) / max(1, int(np.concatenate(keep).sum()))
 
 
 def _recall(several: Sequence[Answers], chosen: Sequence[NDArray[np.bool_]]) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Protocol
 
@@ -15,9 +17,10 @@ from offradar_ros.encoders.rad_vlad import RadVladEncoder
 from offradar_ros.encoders.rad_vlad_codebook import load_codebook
 from offradar_ros.encoders.rad_vlad_fit import fit_rad_vlad
 from offradar_ros.encoders.registry import make_encoder
-from offradar_ros.errors import ConfigError
+from offradar_ros.errors import ConfigError, RefusedInput
 from offradar_ros.evaluation.evaluated_drive import EvaluatedDrive
 from offradar_ros.evaluation.spacing import one_a_cell
+from offradar_ros.types import PolarScan
 
 METHODS = ('ours', 'bc_radar', 'vae', 'mc_dropout', 'stun', 'ring_key', 'rad_vlad')
 """Those that a model card tells of."""
@@ -71,10 +74,16 @@ class RadVladOfMap:
         if not path.is_file():
             rows = one_a_cell(mapped.driven_m, self._spacing_m)
             per_scan = int(np.clip(_ROWS // len(rows), 1, 100))
-            fitted = fit_rad_vlad((mapped.scan(int(row)) for row in rows), self._seed, rows_per_scan=per_scan)
+            fitted = fit_rad_vlad(_readable(mapped, rows.tolist()), self._seed, rows_per_scan=per_scan)
             self._folder.mkdir(parents=True, exist_ok=True)
             fitted.save(path)
         return RadVladEncoder(load_codebook(path))
+
+
+def _readable(drive: EvaluatedDrive, rows: Iterable[int]) -> Iterator[PolarScan]:
+    for row in rows:
+        with contextlib.suppress(RefusedInput):
+            yield drive.scan(row)
 
 
 def open_method(text: str, folder: Path, *, seed: int, spacing_m: float, threads: int = 0) -> Method:
@@ -88,7 +97,7 @@ def open_method(text: str, folder: Path, *, seed: int, spacing_m: float, threads
         return RadVladOfMap(folder / 'rad_vlad', seed, spacing_m)
     if not name or (name != 'ring_key' and not weights):
         raise ConfigError(f'--method {text}: expected NAME=WEIGHTS; only ring_key and rad_vlad need no weights')
-    if Path(weights).is_dir():
+    if weights and Path(weights).is_dir():
         weights = str(Path(weights) / BEST)
     elif weights and name != 'rad_vlad':
         weights = str(find_weights(weights, ('.safetensors', '.onnx')))

@@ -26,6 +26,9 @@ from offradar_ros.evaluation.runner import Measured, Worlds, query_of
 from offradar_ros.evaluation.summary import Json, describe_uncertainty, summarise
 
 FORMAT = 'offradar-evaluation-2'
+RESULTS_FILE, SCANS_FILE, MAPS_FILE = 'results.json', 'scans.npy', 'maps.npz'
+"""What an evaluation leaves in its folder, beside pictures."""
+
 PACKAGES = ('numpy', 'opencv-python-headless', 'torch', 'onnxruntime', 'safetensors')
 
 SCANS = np.dtype(

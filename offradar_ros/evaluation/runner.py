@@ -8,6 +8,7 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -125,6 +126,37 @@ def measure(
 def searched(mapped: EvaluatedDrive, query: EvaluatedDrive, protocol: Protocol) -> bool:
     """Whether one drive's scans are searched for in the map of another, or of its own."""
     return mapped.mapped and query.queried and (mapped is not query or protocol.exclusion_s > 0.0)
+
+
+class Encodings(NamedTuple):
+    """How much one method encoded, now or earlier, and how many of the scans it refused."""
+
+    method: str
+    drives: int
+    scans: int
+    refused: int
+
+
+def encode_all(method: Method, worlds: Worlds, protocol: Protocol, cache: Path, bar: Bar) -> Encodings:
+    """Everything that `measure` would encode; for a method that is fitted to maps, once for each map."""
+    drives = [drive for drives in worlds.values() for drive in drives]
+    pairs = [(drive, drive) for drive in drives]
+    if method.fitted:
+        evaluated = [d for key, several in worlds.items() if key[0] != VALIDATION for d in several]
+        pairs = [(m, m) for m in evaluated if m.mapped] + [
+            (m, q)
+            for several in worlds.values()
+            for m, q in itertools.permutations(several, 2)
+            if searched(m, q, protocol)
+        ]
+    done = refused = 0
+    with bar(f'{method.name}: encoding') as progress:
+        embed = _Embedder(cache / 'embeddings', progress, sum(len(drive) for _, drive in pairs))
+        for mapped, drive in pairs:
+            made = embed(method.encoder_for(mapped), drive)
+            done += len(drive)
+            refused += int((~made.usable).sum())
+    return Encodings(method.name, len({drive.key for _, drive in pairs}), done, refused)
 
 
 class _Embedder:

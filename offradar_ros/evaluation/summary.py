@@ -124,6 +124,7 @@ def recognition(several: Sequence[Answers]) -> Json:
         'recall_at_10': recall_at_n(rows.ranks, 10),
         'max_f_beta': max_f_beta(rows),
         'average_precision': _average_precision(rows)(None),
+        'every_query': {'recall_at_1': recall_at_n(every.ranks, 1)},
     }
 
 

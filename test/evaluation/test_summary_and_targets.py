@@ -130,6 +130,23 @@ def test_figures_against_a_loop(embedded_street: Callable[..., EmbeddedDrive], s
         accepted = [correct for distance, correct in nearest if distance <= best['distance']]
         precision, recall, square = np.mean(accepted), sum(accepted) / len(nearest), float(beta) ** 2
         assert best['value'] == pytest.approx((1 + square) * precision * recall / (square * precision + recall))
+    # F1 is at most the harmonic mean of F0.5 and F2 where each has its own threshold, and just that at one threshold.
+    best = {beta: found['value'] for beta, found in told['max_f_beta'].items()}
+    assert 1.0 / best['1'] >= (1.0 / best['0.5'] + 1.0 / best['2']) / 2.0
+    deployed = told['at_deployed_threshold']
+    assert 1.0 / deployed['f_beta']['1'] == pytest.approx(
+        (1.0 / deployed['f_beta']['0.5'] + 1.0 / deployed['f_beta']['2']) / 2.0
+    )
+    answered = [correct for u, correct, _, _ in rows if u <= THRESHOLDS.deployed]
+    assert deployed['kept'] == len(answered)
+    assert deployed['recall_at_1'] == pytest.approx(np.mean(answered))
+    precision, recall = float(np.mean(answered)), sum(answered) / len(rows)
+    assert deployed['f_beta']['2'] == pytest.approx(5.0 * precision * recall / (4.0 * precision + recall))
+    for static, row in zip(THRESHOLDS.static, told['recall_at_threshold'], strict=True):
+        kept = [correct for u, correct, _, _ in rows if u <= static]
+        assert (row['threshold'], row['kept']) == (static, len(kept))
+        assert row['rejected'] == pytest.approx(1.0 - len(kept) / len(rows))
+        assert np.array_equal(row['recall_at_1'], np.mean(kept) if kept else math.nan, equal_nan=True)
     assert 0.0 <= told['ause'] <= told['ausc'] <= 1.0
     assert 0.0 <= told['ece'] <= 1.0
     assert told['recall_at_1']['low'] <= told['recall_at_1']['value'] <= told['recall_at_1']['high']

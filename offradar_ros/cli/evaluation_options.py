@@ -1,0 +1,51 @@
+"""What `offradar evaluate` and `offradar encode` are both told."""
+
+import dataclasses
+from pathlib import Path
+from typing import Annotated, Optional
+
+import typer
+
+from offradar_ros.errors import ConfigError
+from offradar_ros.evaluation.protocol import Group, Protocol, Recorded
+from offradar_ros.evaluation.protocol_file import read_protocol
+
+METHODS_HELP = (
+    'ours, bc_radar, vae, mc_dropout, stun with weights; ring_key; rad_vlad, fitted to each map unless weights are '
+    'given. Another NAME is a variant of ours. May be repeated; ours=compact and ring_key if not given.'
+)
+DEFAULT_METHODS = ('ring_key', 'ours=compact')
+
+ProtocolName = Annotated[str, typer.Argument(help='Protocol: a YAML file, or the name of one that comes with us.')]
+Methods = Annotated[Optional[list[str]], typer.Option('--method', metavar='NAME[=WEIGHTS]', help=METHODS_HELP)]
+Data = Annotated[Optional[Path], typer.Option(help='Folder of the recorded sequences that the protocol names.')]
+Maps = Annotated[
+    Optional[list[Path]],
+    typer.Option(
+        '--map',
+        help='A recording of your own, mapped, in place of what the protocol drives; for M the others given are merged '
+        'into it.',
+    ),
+]
+Queries = Annotated[
+    Optional[list[Path]], typer.Option('--query', help='A recording of your own, searched for in the maps.')
+]
+Params = Annotated[
+    Optional[Path],
+    typer.Option(help='Parameter file: how recordings are read, and the threshold in use where it has one.'),
+]
+RealWorlds = Annotated[Optional[Path], typer.Option(help='Folder of the maps and traversals that the protocol names.')]
+Processes = Annotated[int, typer.Option(min=0, help='Processes that simulate; 0 for one a core.')]
+Threads = Annotated[int, typer.Option(min=0, help='Threads of a learned encoder; 0 for one a core.')]
+
+
+def protocol_of(name: str, maps: Optional[list[Path]], queries: Optional[list[Path]]) -> Protocol:
+    """The protocol of a name, with recordings of one's own in place of its groups where any are given."""
+    protocol = read_protocol(name)
+    if not maps and not queries:
+        return protocol
+    if not maps or not queries:
+        raise ConfigError('--map and --query: expected at least one of each')
+    named = [tuple(str(path.resolve()) for path in paths) for paths in (maps, queries)]
+    road = Recorded('own', maps=named[0], queries=named[1])
+    return dataclasses.replace(protocol, groups=(Group('own', 'Own recordings', recorded=(road,)),))

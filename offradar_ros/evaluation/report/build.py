@@ -1,0 +1,82 @@
+"""A report from an evaluation's folder."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from offradar_ros.evaluation.report.curves import precision_recall_figures, rejection_figures
+from offradar_ros.evaluation.report.places import map_figures, trajectory_figures
+from offradar_ros.evaluation.report.sections import FigureSection, Report
+from offradar_ros.evaluation.report.source import Source
+from offradar_ros.evaluation.report.tables import all_tables
+
+PICTURES = {
+    'extremes': (
+        'Most and least uncertain scans',
+        'Ten most (top) and ten least uncertain scans of {method}, to 164 m, each above its ring key: mean power '
+        'against range; {word}.',
+        'Twenty radar scans with their ring keys',
+    ),
+    'failures': (
+        'Failures',
+        'Wrong answers that {method} was surest of, one a stretch of road: the query, the place that it found, and the '
+        'right place nearest to it; {word}.',
+        'Radar scans of queries beside the wrong and the right places',
+    ),
+    'severity': (
+        'U against severity',
+        'U of every scan of {method} against how badly the simulation degraded it; {word}.',
+        'Scatter of U against severity for each kind of degradation',
+    ),
+}
+"""What evaluations draw of scans, which are not in their folder: title, caption, what they show."""
+
+
+def build_report(source: Source) -> Report:
+    """Every table and figure; those of scans where the evaluation drew pictures."""
+    results = source.results
+    versions = ', '.join(f'{name} {version}' for name, version in results['versions'].items())
+    figures = [
+        *rejection_figures(source),
+        *precision_recall_figures(source),
+        *map_figures(source),
+        *trajectory_figures(source),
+        *_pictures(source),
+    ]
+    return Report(
+        title=f'{results["protocol"]["title"]}',
+        remarks=tuple(_remarks(source)),
+        tables=tuple(all_tables(source)),
+        figures=tuple(figures),
+        command=results['command'],
+        versions=f'{results["created"]}: {versions}',
+    )
+
+
+def _remarks(source: Source) -> Iterator[str]:
+    results, protocol = source.results, source.results['protocol']
+    words = {source.data_word(group) for group in source.groups}
+    if words == {'simulated scans'}:
+        yield 'Everything here is simulated: no figure is of a recorded scan unless its caption says so.'
+    for group in protocol['groups']:
+        worlds = [key.split('/', 1)[1] for key in results['drives'] if key.startswith(f'{group["name"]}/')]
+        yield f'{group["title"]}: {", ".join(worlds) or "nothing"}; {source.data_word(group["name"])}.'
+    yield (
+        f'A place within {protocol["tolerance_m"]:g} m of the query is right; pairs farther apart than '
+        f'{protocol["negative_m"]:g} m are wrong ones. Maps are maintained with D_t = '
+        f'{protocol["maintenance"]["match_distance_m"]:g} m.'
+    )
+    for name in source.methods:
+        told = results['methods'][name]
+        weights = f', weights {told["weights"]}' if told['weights'] else ''
+        yield f'{name}: {told["encoder"]}{weights}, fingerprint {told["fingerprint"][:12]}.'
+    yield from (f'Left out: {text}.' for text in results['skipped'])
+
+
+def _pictures(source: Source) -> Iterator[FigureSection]:
+    word = source.data_word(source.groups[-1])
+    for name, (title, caption, alternative) in PICTURES.items():
+        path = source.folder / f'{name}_{source.shown}.png'
+        if path.is_file():
+            told = caption.format(method=source.shown, word=word)
+            yield FigureSection(name, title, told, alternative, path.read_bytes())
