@@ -93,7 +93,21 @@ def open_polar(folder: Path, radar: RadarConfig) -> RecordedSequence:
         read_scan=lambda path, stamp_ns: decode_png(path, stamp_ns, settled),
         position_files=position_files(root),
         warnings=tuple(warnings),
+        remarks=_lacks(root),
     )
+
+
+def _lacks(root: Path) -> tuple[str, ...]:
+    """What it means that only bare polar is there."""
+    if first_folder(root, places('polar_oxford_form'), '.png') is not None:
+        return ()
+    remark = (
+        'polar without polar_oxford_form: the images say neither azimuths nor stamps of their rows, which are taken to '
+        'be 0.9° apart from 0°, 0.45° before those of polar_oxford_form (radar.azimuth_offset_rad: 0.00785 aligns them)'
+    )
+    if first_folder(root, places('ray'), '.csv') is not None:
+        remark += '; ray has both: --layout mulran_ray reads that'
+    return (remark,)
 
 
 def position_files(root: Path) -> tuple[PositionFile, ...]:
