@@ -31,7 +31,10 @@ def convert(
         float, typer.Option(help='Seconds added to the stamps of positions, for clocks that disagree.')
     ] = 0.0,
     overwrite: Annotated[
-        bool, typer.Option('--overwrite', help='Replace existing bags; else one is an error, and of several those there are left.')
+        bool,
+        typer.Option(
+            '--overwrite', help='Replace existing bags; else one is an error, and of several those there are left.'
+        ),
     ] = False,
     skip_unreadable: Annotated[
         bool, typer.Option('--skip-unreadable', help='Leave out scans that cannot be read, and name them at the end.')

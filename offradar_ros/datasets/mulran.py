@@ -18,7 +18,7 @@ from offradar_ros.datasets.folders import (
     named_by_stamp,
     shape_of,
 )
-from offradar_ros.datasets.mulran_stamps import polar_stamps
+from offradar_ros.datasets.mulran_stamps import polar_stamps, unlisted
 from offradar_ros.datasets.position_file import PositionFile, present
 from offradar_ros.datasets.positions import read_global_pose, read_mulran_gps, read_radar_utm
 from offradar_ros.datasets.sequence import RecordedSequence, in_stamp_order
@@ -69,7 +69,7 @@ def open_oxford_form(folder: Path, radar: RadarConfig) -> RecordedSequence:
         stamps_ns=stamps_ns,
         read_scan=metadata_reader(radar),
         position_files=position_files(root),
-        warnings=tuple(warnings),
+        warnings=(*warnings, *unlisted(files, root)),
     )
 
 
@@ -92,7 +92,7 @@ def open_polar(folder: Path, radar: RadarConfig) -> RecordedSequence:
         stamps_ns=stamps_ns,
         read_scan=lambda path, stamp_ns: decode_png(path, stamp_ns, settled),
         position_files=position_files(root),
-        warnings=tuple(warnings),
+        warnings=(*warnings, *unlisted(files, root)),
         remarks=_lacks(root),
     )
 

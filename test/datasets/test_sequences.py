@@ -325,3 +325,22 @@ def test_mulran_says_what_its_ray_form_means(real_data: Path) -> None:
     (remark,) = sequence.remarks
     assert remark.startswith('ray without polar_oxford_form: nothing is missing')
     assert sequence.scan(0).azimuth_stamps_ns[-1] == sequence.stamps_ns[0]
+
+
+@pytest.mark.parametrize('folder', ['polar', 'polar_oxford_form'])
+def test_mulran_scans_that_are_listed_but_not_there_are_told(
+    tmp_path: Path, scan_writers: Writers, folder: str
+) -> None:
+    stamps = mulran(tmp_path, scan_writers, folder, oxford_form=folder != 'polar')
+    listing = tmp_path / 'data_stamp.csv'
+    lines = [f'{stamp},radar' for stamp in (*stamps[1:], stamps[2] + PERIOD_NS)]
+    listing.write_text('\n'.join([f'{stamps[0]},imu', *lines]))
+    assert open_sequence(tmp_path).warnings == (
+        f'{listing}: 1 of 3 listed scans have no file, first {stamps[2] + PERIOD_NS}.png',
+        f'{listing}: 1 of 3 files are not listed, first {stamps[0]}.png',
+    )
+    listing.write_text(f'{stamps[0] + 1},radar\n')
+    assert open_sequence(tmp_path).warnings == ()
+    listing.write_text('soon,radar\n')
+    (warning,) = open_sequence(tmp_path).warnings
+    assert warning.startswith(f'{listing}, line 1: expected a stamp in ns')
