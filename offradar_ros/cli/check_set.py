@@ -7,6 +7,7 @@ from typing import NamedTuple, Optional
 from offradar_ros.bags.check import check_bag
 from offradar_ros.bags.reader import is_bag
 from offradar_ros.bags.sequence import BagSequence
+from offradar_ros.cli.joint_progress import Shares, joint_progress, telling
 from offradar_ros.cli.progress import progress_bar
 from offradar_ros.cli.source import folders_in
 from offradar_ros.config import PositionConfig, RadarConfig
@@ -41,9 +42,11 @@ def check_set(
     processes: int,
 ) -> list[Section]:
     """A section for each sequence, by `processes` (0: one a core), then one across them and one about the split."""
-    with progress_bar(f'checking {root.name}') as progress:
-        progress(0, len(sequences))
-        checked = shared_out(_checked, [(folder, how) for folder in sequences], processes, progress)
+    with (
+        progress_bar(f'checking {root.name}') as progress,
+        joint_progress(progress, len(sequences)) as shares,
+    ):
+        checked = shared_out(_checked, [(folder, how, shares) for folder in sequences], processes)
     sections = [(folder.name, found.findings) for folder, (found, _) in zip(sequences, checked, strict=True)]
     places = [where for _, where in checked]
     passed_over = [folder.name for folder in folders_in(root) if folder not in sequences]
@@ -54,17 +57,18 @@ def check_set(
     return sections
 
 
-def _checked(path: Path, how: HowToCheck) -> tuple[Findings, Whereabouts]:
+def _checked(path: Path, how: HowToCheck, shares: Shares) -> tuple[Findings, Whereabouts]:
     """One sequence; that it cannot be opened is a finding."""
     where = nowhere(path.name)
     try:
         if is_bag(path):
             found = check_bag(path, how.radar, how.position)
+            shares.put(1.0)
             with contextlib.suppress(OffradarError):
                 where = whereabouts(path.name, BagSequence(path, how.radar), how.position.max_gap_s)
             return found, where
         sequence = open_sequence(path, how.layout, how.radar)
-        found = check_sequence(sequence, path, how.position, how.sample)
+        found = check_sequence(sequence, path, how.position, how.sample, telling(shares))
         return found, whereabouts(path.name, sequence, how.position.max_gap_s)
     except OffradarError as error:
         return Findings(path, '', (problem(str(error)),)), where

@@ -1,14 +1,16 @@
 """Several recordings to a bag each, by several processes, going on where an earlier run ended."""
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple, Optional, Union
+from typing import NamedTuple, Union
 
 from offradar_ros.bags.writer import BagOptions
 from offradar_ros.cli.conversion import Conversion, convert_sequence
+from offradar_ros.cli.joint_progress import Shares, joint_progress, telling
 from offradar_ros.cli.source import open_source
 from offradar_ros.config import RadarConfig
 from offradar_ros.errors import OffradarError
-from offradar_ros.processes import Progress, shared_out
+from offradar_ros.processes import shared_out
 
 Outcome = Union[Conversion, str, None]
 """What was written, why nothing could be, or None for a bag that is there already."""
@@ -23,7 +25,7 @@ class HowToConvert(NamedTuple):
 
 
 def convert_set(
-    sources: list[Path], out: Path, how: HowToConvert, processes: int = 0, progress: Optional[Progress] = None
+    sources: list[Path], out: Path, how: HowToConvert, processes: int, progress: Callable[[float, float], None]
 ) -> dict[Path, Outcome]:
     """Each of `sources` to the bag OUT/<its name>, by `processes` (0: one a core), and how that went.
 
@@ -36,15 +38,17 @@ def convert_set(
         if how.options.overwrite or not (bag / 'metadata.yaml').is_file()
     ]
     outcomes: dict[Path, Outcome] = dict.fromkeys(bags)
-    made = shared_out(_converted, begun, processes, progress)
-    outcomes.update((bag, outcome) for (_, bag, _), outcome in zip(begun, made, strict=True))
+    if begun:
+        with joint_progress(progress, len(begun)) as shares:
+            made = shared_out(_converted, [(*task, shares) for task in begun], processes)
+        outcomes.update((bag, outcome) for (_, bag, _), outcome in zip(begun, made, strict=True))
     return outcomes
 
 
-def _converted(source: Path, bag: Path, how: HowToConvert) -> Union[Conversion, str]:
+def _converted(source: Path, bag: Path, how: HowToConvert, shares: Shares) -> Union[Conversion, str]:
     """That a sequence cannot be converted stops no other: its error is told at the end."""
     try:
         sequence = open_source(source, how.layout, RadarConfig())
-        return convert_sequence(sequence, bag, how.options, how.skip_unreadable)
+        return convert_sequence(sequence, bag, how.options, how.skip_unreadable, telling(shares))
     except OffradarError as error:
         return str(error)

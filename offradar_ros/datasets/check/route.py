@@ -11,14 +11,14 @@ from offradar_ros.geometry import LocalFrame
 
 NEAR_M = 25.0
 _STEP_M = 5.0
-_MOST_SCANS = 2000
+_MOST_SCANS = 1000
 _CHUNK = 500
 
 
 class Route(NamedTuple):
     """Attributes: in one east-north-up frame, metres, altitudes left out so that data sets' heights may disagree.
 
-    scans: (N, 3) float64 places of scans, at most 2000, evenly spread.
+    scans: (N, 3) float64 places of scans, at most 1000, evenly spread.
     way: (M, 3) float64 of them, 5 m or more apart.
     """
 
