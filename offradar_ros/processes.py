@@ -6,8 +6,10 @@ import concurrent.futures
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 from collections.abc import Callable, Sequence
+from types import FrameType
 from typing import Any, TypeVar
 
 import cv2
@@ -27,7 +29,8 @@ def shared_out(
     """What `function` returns for each of `tasks`, by so many `processes` (0: one a core); with one it is done here.
 
     `progress` is told (done, all) after each. The first error ends it and what has not begun is never done; DataError
-    for a process that was killed. Ctrl-C reaches this process alone, which ends the others; they also end when it dies.
+    for a process that was killed. Ctrl-C reaches this process alone, which ends the others amid their tasks, by an
+    exception, so that they tidy up; they also end when it dies.
     """
     processes = min(len(tasks), processes or len(os.sched_getaffinity(0)))
     if processes < 2:
@@ -37,16 +40,22 @@ def shared_out(
             if progress:
                 progress(done, len(tasks))
         return results
+    before = set(multiprocessing.active_children())
     # Fresh processes: a fork of one that runs threads, as learned encoders do, may hang.
     context = multiprocessing.get_context('spawn')
     with concurrent.futures.ProcessPoolExecutor(processes, context, initializer=_start) as pool:
-        futures = [pool.submit(function, *task) for task in tasks]
+        futures = [pool.submit(_done, function, task) for task in tasks]
         try:
             for done, future in enumerate(concurrent.futures.as_completed(futures), start=1):
                 future.result()
                 if progress:
                     progress(done, len(tasks))
-        except concurrent.futures.BrokenExecutor as error:
+        except KeyboardInterrupt:
+            pool.shutdown(wait=False, cancel_futures=True)
+            for worker in set(multiprocessing.active_children()) - before:
+                worker.terminate()
+            raise
+        except (concurrent.futures.BrokenExecutor, SystemExit) as error:
             raise DataError(f'a process was killed: expected more memory, or fewer than {processes}') from error
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
@@ -54,10 +63,26 @@ def shared_out(
         return [future.result() for future in futures]
 
 
+_ENDED = threading.Event()
+"""In a worker: that it was asked to end. The task that is then in its queue already cannot be cancelled."""
+
+
+def _done(function: Callable[..., ResultT], task: tuple[Any, ...]) -> ResultT:
+    if _ENDED.is_set():
+        sys.exit(128 + signal.SIGTERM)
+    return function(*task)
+
+
+def _end(_number: int, _frame: FrameType | None) -> None:
+    _ENDED.set()
+    sys.exit(128 + signal.SIGTERM)
+
+
 def _start() -> None:
     cv2.setNumThreads(1)
     # A terminal's Ctrl-C reaches every process of it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, _end)
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 

@@ -59,6 +59,38 @@ def test_no_process_outlives_the_one_that_started_it() -> None:
     assert within_s(30.0, lambda: not any(lives(pid) for pid in children))
 
 
+def test_ctrl_c_ends_the_others_which_tidy_up(tmp_path: Path) -> None:
+    (tmp_path / 'slow_task.py').write_text(SLOW_TASK)
+    tasks = [(str(tmp_path / name),) for name in 'abcd']
+    code = f'from slow_task import slow; from offradar_ros.processes import shared_out; shared_out(slow, {tasks}, 2)'
+    # A shell's background jobs, such as a run of these tests may be, and all that they start ignore Ctrl-C.
+    command = ['env', '--default-signal=INT', sys.executable, '-c', code]
+    paths = os.pathsep.join([str(tmp_path), *sys.path])
+    parent = subprocess.Popen(command, env={**os.environ, 'PYTHONPATH': paths}, stderr=subprocess.PIPE, text=True)
+    try:
+        assert within_s(30.0, lambda: (tmp_path / 'a').exists() and (tmp_path / 'b').exists())
+        parent.send_signal(signal.SIGINT)
+        _, said = parent.communicate(timeout=30.0)
+    finally:
+        parent.kill()
+        parent.wait()
+    assert said.rstrip().endswith('KeyboardInterrupt')
+    assert not any((tmp_path / name).exists() for name in 'abcd')
+
+
+SLOW_TASK = """
+import pathlib, time
+
+def slow(path):
+    mark = pathlib.Path(path)
+    mark.touch()
+    try:
+        time.sleep(90)
+    finally:
+        mark.unlink()
+"""
+
+
 def workers_of(pid: int) -> list[int]:
     """Processes that `pid` has started, but for the one that tracks its semaphores."""
     listed = Path(f'/proc/{pid}/task/{pid}/children').read_text().split()

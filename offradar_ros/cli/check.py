@@ -1,5 +1,6 @@
 """`offradar check`: what a data-set folder or a bag holds."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Optional
 
@@ -8,35 +9,74 @@ from rich.console import Console
 
 from offradar_ros.bags.check import check_bag
 from offradar_ros.bags.reader import is_bag
+from offradar_ros.cli.check_set import HowToCheck, Section, check_set
 from offradar_ros.cli.progress import progress_bar
-from offradar_ros.cli.source import LAYOUT_HELP, require_recording
+from offradar_ros.cli.source import LAYOUT_HELP, recordings_in, require_recording
 from offradar_ros.config import load_config
-from offradar_ros.datasets.check import check_folder
+from offradar_ros.datasets.check import Finding, check_folder
+from offradar_ros.datasets.splits import read_split
+from offradar_ros.errors import ConfigError
 
 STYLES = {'ok': 'green', 'note': 'yellow', 'problem': 'red'}
 
 
 def check(
-    folder: Annotated[Path, typer.Argument(help='Data-set folder, rosbag2 folder or MCAP file.')],
+    folder: Annotated[
+        Path, typer.Argument(help='Data-set folder, rosbag2 folder or MCAP file, or a folder of several such folders.')
+    ],
     layout: Annotated[str, typer.Option(help=LAYOUT_HELP)] = 'auto',
     params: Annotated[
         Optional[Path], typer.Option(help='Parameter file: how to read the radar, and position.max_gap_s.')
     ] = None,
-    sample: Annotated[int, typer.Option(min=0, help='Decode this many scans, evenly spread; 0 decodes all.')] = 0,
+    sample: Annotated[
+        int, typer.Option(min=0, help='Decode this many scans of each sequence, evenly spread; 0 decodes all.')
+    ] = 0,
+    split: Annotated[
+        str, typer.Option(help='Of a folder of several: a split, oxford, mulran or a YAML file, to hold it against.')
+    ] = '',
+    processes: Annotated[
+        int, typer.Option(min=0, max=256, help='Processes for a folder of several; 0 for one a core.')
+    ] = 0,
 ) -> None:
     """Say what is there and everything that is wrong with it; exit status 1 if anything is."""
     config = load_config(params)
-    radar, position = config.radar, config.position
+    divided = read_split(split) if split else None
+    inside = recordings_in(folder, layout)
+    console = Console(soft_wrap=True)
+    if len(inside) > 1 or (inside and divided):
+        how = HowToCheck(layout, config.radar, config.position, sample)
+        _print_all(console, check_set(folder, inside, how, divided, processes))
+        return
     require_recording(folder, layout)
+    if divided:
+        raise ConfigError(f'--split: expected a folder of sequences, got {folder}, which is one')
     with progress_bar(f'checking {folder.name}') as progress:
         found = (
-            check_bag(folder, radar, position)
+            check_bag(folder, config.radar, config.position)
             if is_bag(folder)
-            else check_folder(folder, layout, radar=radar, position=position, sample=sample, progress=progress)
+            else check_folder(
+                folder, layout, radar=config.radar, position=config.position, sample=sample, progress=progress
+            )
         )
-    console = Console(soft_wrap=True)
-    for finding in found.findings:
-        console.print(f'{finding.level:8}', style=STYLES[finding.level], end='')
-        console.print(finding.text, markup=False, highlight=False)
+    _print(console, found.findings)
     if found.problems:
         raise typer.Exit(1)
+
+
+def _print_all(console: Console, sections: Sequence[Section]) -> None:
+    wrong = []
+    for heading, findings in sections:
+        console.print(heading, style='bold', markup=False, highlight=False)
+        _print(console, findings)
+        console.print()
+        if any(finding.level == 'problem' for finding in findings):
+            wrong.append(heading)
+    console.print(f'problems: {", ".join(wrong)}' if wrong else 'no problems', markup=False, highlight=False)
+    if wrong:
+        raise typer.Exit(1)
+
+
+def _print(console: Console, findings: Sequence[Finding]) -> None:
+    for finding in findings:
+        console.print(f'{finding.level:8}', style=STYLES[finding.level], end='')
+        console.print(finding.text, markup=False, highlight=False)

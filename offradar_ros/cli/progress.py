@@ -8,7 +8,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 
 @contextlib.contextmanager
-def progress_bar(text: str) -> Iterator[Callable[[int, int], None]]:
+def progress_bar(text: str) -> Iterator[Callable[[float, float], None]]:
     """Yields a function of (done, total) that draws on stderr; nothing is drawn before its first call."""
     progress = Progress(
         TextColumn('{task.description}', markup=False),
@@ -21,7 +21,7 @@ def progress_bar(text: str) -> Iterator[Callable[[int, int], None]]:
     )
     task = progress.add_task(text, total=None)
 
-    def draw(done: int, total: int) -> None:
+    def draw(done: float, total: float) -> None:
         progress.start()
         progress.update(task, completed=done, total=total)
 

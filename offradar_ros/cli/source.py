@@ -23,12 +23,7 @@ def require_recording(path: Path, layout: str) -> None:
     """DataError where `path` is missing, or no recording itself but a folder of some, which it names."""
     if not path.exists():
         raise DataError(f'{path}: no such folder')
-    if layout != 'auto' or not path.is_dir() or is_bag(path) or recognised(path):
-        return
-    try:
-        inside = [folder for folder in sorted(path.iterdir()) if _holds_recording(folder)]
-    except OSError as error:
-        raise DataError(f'{path}: cannot be read ({error.strerror})') from error
+    inside = recordings_in(path, layout)
     if inside:
         others = f' (or one of {len(inside) - NAMED} others)' if len(inside) > NAMED else ''
         raise DataError(
@@ -36,5 +31,24 @@ def require_recording(path: Path, layout: str) -> None:
         )
 
 
-def _holds_recording(folder: Path) -> bool:
-    return folder.is_dir() and ((folder / 'metadata.yaml').exists() or recognised(folder) is not None)
+def recordings_in(path: Path, layout: str) -> list[Path]:
+    """The data-set folders and bags in a folder, by name; none where it is no folder, or a recording itself."""
+    if not path.is_dir() or _is_recording(path, layout):
+        return []
+    return [folder for folder in folders_in(path) if _is_recording(folder, layout)]
+
+
+def folders_in(path: Path) -> list[Path]:
+    """The folders in a folder, by name, but for hidden ones; DataError where it cannot be read."""
+    try:
+        return [found for found in sorted(path.iterdir()) if found.is_dir() and not found.name.startswith('.')]
+    except OSError as error:
+        raise DataError(f'{path}: cannot be read ({error.strerror})') from error
+
+
+def _is_recording(path: Path, layout: str) -> bool:
+    if is_bag(path):
+        return True
+    if layout == 'auto':
+        return recognised(path) is not None
+    return layout in LAYOUTS and LAYOUTS[layout].locate(path.resolve()) is not None

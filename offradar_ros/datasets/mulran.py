@@ -18,7 +18,7 @@ from offradar_ros.datasets.folders import (
     named_by_stamp,
     shape_of,
 )
-from offradar_ros.datasets.mulran_stamps import polar_stamps
+from offradar_ros.datasets.mulran_stamps import polar_stamps, unlisted
 from offradar_ros.datasets.position_file import PositionFile, present
 from offradar_ros.datasets.positions import read_global_pose, read_mulran_gps, read_radar_utm
 from offradar_ros.datasets.sequence import RecordedSequence, in_stamp_order
@@ -69,7 +69,7 @@ def open_oxford_form(folder: Path, radar: RadarConfig) -> RecordedSequence:
         stamps_ns=stamps_ns,
         read_scan=metadata_reader(radar),
         position_files=position_files(root),
-        warnings=tuple(warnings),
+        warnings=(*warnings, *unlisted(files, root)),
     )
 
 
@@ -92,8 +92,22 @@ def open_polar(folder: Path, radar: RadarConfig) -> RecordedSequence:
         stamps_ns=stamps_ns,
         read_scan=lambda path, stamp_ns: decode_png(path, stamp_ns, settled),
         position_files=position_files(root),
-        warnings=tuple(warnings),
+        warnings=(*warnings, *unlisted(files, root)),
+        remarks=_lacks(root),
     )
+
+
+def _lacks(root: Path) -> tuple[str, ...]:
+    """What it means that only bare polar is there."""
+    if first_folder(root, places('polar_oxford_form'), '.png') is not None:
+        return ()
+    remark = (
+        'polar without polar_oxford_form: the images say neither azimuths nor stamps of their rows, which are taken to '
+        'be 0.9° apart from 0°, 0.45° before those of polar_oxford_form (radar.azimuth_offset_rad: 0.00785 aligns them)'
+    )
+    if first_folder(root, places('ray'), '.csv') is not None:
+        remark += '; ray has both: --layout mulran_ray reads that'
+    return (remark,)
 
 
 def position_files(root: Path) -> tuple[PositionFile, ...]:

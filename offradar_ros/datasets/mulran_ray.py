@@ -22,6 +22,10 @@ from offradar_ros.types import PolarScan
 LOOKS_FOR = '<ns>.csv, one a scan, also under ray/ or sensor_data/radar/ray/ (MulRan ray form)'
 _LEADING = 4
 _FEWEST_COLUMNS = 64
+_REMARKS = (
+    'ray without polar_oxford_form: nothing is missing, azimuths and stamps of rows are in the files, but text is read '
+    'slowly, and a scan has the stamp of its last row (offradar convert makes a bag of it)',
+)
 
 
 def locate(path: Path) -> Path | None:
@@ -56,6 +60,7 @@ def open_ray(folder: Path, radar: RadarConfig) -> RecordedSequence:
         stamps_ns=stamps_ns,
         read_scan=lambda path, stamp_ns: read_ray_scan(path, stamp_ns, radar),
         position_files=position_files(root),
+        remarks=_REMARKS,
     )
 
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from offradar_ros.config import RadarConfig
+from offradar_ros.datasets.listed_scans import listing_differences
 from offradar_ros.datasets.stamp_names import parse_stamp_ns, stamp_of_name
 from offradar_ros.datasets.stamped_png import ASSUMED_PERIOD_NS, first_row_stamp
 from offradar_ros.errors import DataError
@@ -24,7 +25,7 @@ def polar_stamps(files: Sequence[Path], root: Path, radar: RadarConfig) -> tuple
     if len(stamps) == len(files):
         return stamps, []
     places = [int(f.stem) if f.stem.isascii() and f.stem.isdigit() else k for k, f in enumerate(files)]
-    listed = _listed_stamps(root)
+    _, listed = _listed_stamps(root)
     if listed and max(places) < len(listed):
         return [listed[place] for place in places], []
     siblings = [first_row_stamp(file.parent.parent / 'polar_oxford_form' / file.name, radar) for file in files]
@@ -38,15 +39,29 @@ def polar_stamps(files: Sequence[Path], root: Path, radar: RadarConfig) -> tuple
     return [place * ASSUMED_PERIOD_NS for place in places], [warning]
 
 
-def _listed_stamps(root: Path) -> list[int]:
-    """Stamps of the radar in the first list that there is; a stamp a line, or stamp and sensor."""
+def unlisted(files: Sequence[Path], root: Path) -> list[str]:
+    """How files that are named by stamp and the list of the radar's stamps disagree.
+
+    Nothing where they have no stamp in common: then the list is of something else.
+    """
+    try:
+        listing, listed = _listed_stamps(root)
+    except DataError as error:
+        return [str(error)]
+    if not {stamp_of_name(file) for file in files} & set(listed):
+        return []
+    return listing_differences(listing, listed, files, unit_ns=1)
+
+
+def _listed_stamps(root: Path) -> tuple[Path, list[int]]:
+    """The first list that there is, and the stamps of the radar in it; a stamp a line, or stamp and sensor."""
     for folder in (root / 'sensor_data', root):
         for name in ('navtech_top_stamp.csv', 'data_stamp.csv'):
             if (folder / name).is_file():
                 stamps = _stamps_in(folder / name, every=name.startswith('navtech'))
                 if stamps:
-                    return stamps
-    return []
+                    return folder / name, stamps
+    return root, []
 
 
 def _stamps_in(path: Path, *, every: bool) -> list[int]:

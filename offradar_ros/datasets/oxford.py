@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from pathlib import Path
 
 from offradar_ros.config import RadarConfig
 from offradar_ros.datasets.folders import climb, files_of, first_folder, named_by_stamp, shape_of
+from offradar_ros.datasets.listed_scans import listing_differences
 from offradar_ros.datasets.position_file import PositionFile, present
 from offradar_ros.datasets.positions import read_oxford_gps, read_oxford_ins
 from offradar_ros.datasets.sequence import RecordedSequence, in_stamp_order
-from offradar_ros.datasets.stamp_names import parse_stamp_ns, stamp_of_name
+from offradar_ros.datasets.stamp_names import parse_stamp_ns
 from offradar_ros.datasets.stamped_png import metadata_reader, stamps_of
 from offradar_ros.errors import DataError
 
@@ -59,22 +59,7 @@ def _listing_differences(listing: Path, files: Sequence[Path]) -> list[str]:
         listed = _listed_stamps(listing)
     except DataError as error:
         return [str(error)]
-    differences = []
-    backwards = sum(later < earlier for earlier, later in itertools.pairwise(listed))
-    if backwards:
-        differences.append(f'{listing}: stamps that go backwards: {backwards}')
-    if len(set(listed)) < len(listed):
-        differences.append(f'{listing}: stamps listed more than once: {len(listed) - len(set(listed))}')
-    on_disk = {stamp_of_name(file) for file in files}
-    missing = sorted(set(listed) - on_disk)
-    extra = sorted(str(file.name) for file in files if stamp_of_name(file) not in set(listed))
-    if missing:
-        differences.append(
-            f'{listing}: {len(missing)} of {len(listed)} listed scans have no file, first {missing[0] // 1000}.png'
-        )
-    if extra:
-        differences.append(f'{listing}: {len(extra)} of {len(files)} files are not listed, first {extra[0]}')
-    return differences
+    return listing_differences(listing, listed, files, unit_ns=1000)
 
 
 def _listed_stamps(listing: Path) -> list[int]:

@@ -58,6 +58,7 @@ class RecordedSequence:
         read_scan: decodes a file, given its stamp.
         position_files: every known position file that is there, preferred first.
         warnings: what opening found wrong, one line each.
+        remarks: what is worth knowing about a layout that lacks something, one line each.
     """
 
     name: str
@@ -68,6 +69,7 @@ class RecordedSequence:
     read_scan: Callable[[Path, int], PolarScan]
     position_files: tuple[PositionFile, ...] = ()
     warnings: tuple[str, ...] = ()
+    remarks: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.files)

@@ -295,3 +295,52 @@ def test_both_layouts_of_kaist03_hold_the_same_scans(real_data: Path) -> None:
         assert np.array_equal(a.power, b.power)
         # Bare polar does not know the encoder, which starts 7 of 5600 counts after zero.
         assert a.azimuths_rad - b.azimuths_rad == pytest.approx(np.full(400, 7 / 5600 * 2 * np.pi))
+
+
+def test_mulran_says_what_bare_polar_lacks(tmp_path: Path, scan_writers: Writers) -> None:
+    mulran(tmp_path / 'KAIST01', scan_writers, 'sensor_data/radar/polar', oxford_form=False)
+    (remark,) = open_sequence(tmp_path / 'KAIST01').remarks
+    assert remark.startswith('polar without polar_oxford_form: ')
+    assert 'ray' not in remark
+    (tmp_path / 'KAIST01' / 'ray').mkdir()
+    (tmp_path / 'KAIST01' / 'ray' / f'{START_NS}.csv').write_text('')
+    (remark,) = open_sequence(tmp_path / 'KAIST01').remarks
+    assert remark.endswith('--layout mulran_ray reads that')
+    mulran(tmp_path / 'KAIST01', scan_writers, 'sensor_data/radar/polar_oxford_form')
+    assert open_sequence(tmp_path / 'KAIST01').remarks == ()
+    assert open_sequence(tmp_path / 'KAIST01', 'mulran_polar').remarks == ()
+
+
+def test_the_step_between_both_forms_is_the_one_that_is_said(real_data: Path) -> None:
+    """Half of 0.9°, by which the encoder of polar_oxford_form is ahead of bare polar's rows."""
+    both = [open_sequence(real_data / 'mulran_kaist03', layout).scan(0) for layout in ('mulran', 'mulran_polar')]
+    np.testing.assert_array_equal(both[0].power, both[1].power)
+    steps_deg = np.degrees(both[0].azimuths_rad - both[1].azimuths_rad)
+    np.testing.assert_allclose(steps_deg, 0.45, atol=1e-6)
+    np.testing.assert_allclose(np.radians(0.45), 0.00785, atol=5e-6)
+
+
+def test_mulran_says_what_its_ray_form_means(real_data: Path) -> None:
+    sequence = open_sequence(real_data / 'mulran_ray')
+    (remark,) = sequence.remarks
+    assert remark.startswith('ray without polar_oxford_form: nothing is missing')
+    assert sequence.scan(0).azimuth_stamps_ns[-1] == sequence.stamps_ns[0]
+
+
+@pytest.mark.parametrize('folder', ['polar', 'polar_oxford_form'])
+def test_mulran_scans_that_are_listed_but_not_there_are_told(
+    tmp_path: Path, scan_writers: Writers, folder: str
+) -> None:
+    stamps = mulran(tmp_path, scan_writers, folder, oxford_form=folder != 'polar')
+    listing = tmp_path / 'data_stamp.csv'
+    lines = [f'{stamp},radar' for stamp in (*stamps[1:], stamps[2] + PERIOD_NS)]
+    listing.write_text('\n'.join([f'{stamps[0]},imu', *lines]))
+    assert open_sequence(tmp_path).warnings == (
+        f'{listing}: 1 of 3 listed scans have no file, first {stamps[2] + PERIOD_NS}.png',
+        f'{listing}: 1 of 3 files are not listed, first {stamps[0]}.png',
+    )
+    listing.write_text(f'{stamps[0] + 1},radar\n')
+    assert open_sequence(tmp_path).warnings == ()
+    listing.write_text('soon,radar\n')
+    (warning,) = open_sequence(tmp_path).warnings
+    assert warning.startswith(f'{listing}, line 1: expected a stamp in ns')

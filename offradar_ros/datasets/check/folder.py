@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from offradar_ros.config import PositionConfig, RadarConfig
-from offradar_ros.datasets.check.findings import Finding, Findings, counted, ok, problem
+from offradar_ros.datasets.check.findings import Finding, Findings, counted, note, ok, problem
 from offradar_ros.datasets.check.positions import check_positions
 from offradar_ros.datasets.check.scans import check_scans
 from offradar_ros.datasets.check.stamps import check_stamps
@@ -29,9 +29,19 @@ def check_folder(
 
     DataError where the folder holds no recognised scans; whatever else is wrong is a finding.
     """
-    sequence = open_sequence(path, layout, radar)
+    return check_sequence(open_sequence(path, layout, radar), Path(path), position, sample, progress)
+
+
+def check_sequence(
+    sequence: RecordedSequence,
+    path: Path,
+    position: PositionConfig | None = None,
+    sample: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+) -> Findings:
+    """`check_folder` of a sequence that was opened from `path`."""
     max_gap_s = (position or PositionConfig()).max_gap_s
-    return Findings(Path(path), sequence.layout, tuple(_findings(sequence, max_gap_s, sample, progress)))
+    return Findings(path, sequence.layout, tuple(_findings(sequence, max_gap_s, sample, progress)))
 
 
 def _findings(
@@ -42,6 +52,8 @@ def _findings(
     )
     for warning in sequence.warnings:
         yield problem(warning)
+    for remark in sequence.remarks:
+        yield note(remark)
     yield from check_stamps(sequence.stamps_ns)
     yield from check_scans(sequence, sample, progress)
     yield from check_positions(sequence, max_gap_s)

@@ -1,0 +1,74 @@
+"""What a folder of several sequences holds: each of them, and all of them together."""
+
+import contextlib
+from pathlib import Path
+from typing import NamedTuple, Optional
+
+from offradar_ros.bags.check import check_bag
+from offradar_ros.bags.reader import is_bag
+from offradar_ros.bags.sequence import BagSequence
+from offradar_ros.cli.joint_progress import Shares, joint_progress, telling
+from offradar_ros.cli.progress import progress_bar
+from offradar_ros.cli.source import folders_in
+from offradar_ros.config import PositionConfig, RadarConfig
+from offradar_ros.datasets.check.alignment import check_alignment
+from offradar_ros.datasets.check.findings import Finding, Findings, note, problem
+from offradar_ros.datasets.check.folder import check_sequence
+from offradar_ros.datasets.check.split import check_split
+from offradar_ros.datasets.check.whereabouts import Whereabouts, nowhere, whereabouts
+from offradar_ros.datasets.registry import open_sequence
+from offradar_ros.datasets.splits import Split
+from offradar_ros.errors import OffradarError
+from offradar_ros.processes import shared_out
+
+Section = tuple[str, tuple[Finding, ...]]
+"""A heading and what was found under it."""
+
+
+class HowToCheck(NamedTuple):
+    """Attributes: what applies to each sequence, as `offradar check` is told it."""
+
+    layout: str
+    radar: RadarConfig
+    position: PositionConfig
+    sample: int
+
+
+def check_set(
+    root: Path,
+    sequences: list[Path],
+    how: HowToCheck,
+    split: Optional[Split],
+    processes: int,
+) -> list[Section]:
+    """A section for each sequence, by `processes` (0: one a core), then one across them and one about the split."""
+    with (
+        progress_bar(f'checking {root.name}') as progress,
+        joint_progress(progress, len(sequences)) as shares,
+    ):
+        checked = shared_out(_checked, [(folder, how, shares) for folder in sequences], processes)
+    sections = [(folder.name, found.findings) for folder, (found, _) in zip(sequences, checked, strict=True)]
+    places = [where for _, where in checked]
+    passed_over = [folder.name for folder in folders_in(root) if folder not in sequences]
+    across = [note(f'no radar scans recognised in {", ".join(passed_over)}')] if passed_over else []
+    sections.append((f'all {len(sequences)} sequences', (*across, *check_alignment(places))))
+    if split is not None:
+        sections.append((f'split {split.name}', tuple(check_split(split, places))))
+    return sections
+
+
+def _checked(path: Path, how: HowToCheck, shares: Shares) -> tuple[Findings, Whereabouts]:
+    """One sequence; that it cannot be opened is a finding."""
+    where = nowhere(path.name)
+    try:
+        if is_bag(path):
+            found = check_bag(path, how.radar, how.position)
+            shares.put(1.0)
+            with contextlib.suppress(OffradarError):
+                where = whereabouts(path.name, BagSequence(path, how.radar), how.position.max_gap_s)
+            return found, where
+        sequence = open_sequence(path, how.layout, how.radar)
+        found = check_sequence(sequence, path, how.position, how.sample, telling(shares))
+        return found, whereabouts(path.name, sequence, how.position.max_gap_s)
+    except OffradarError as error:
+        return Findings(path, '', (problem(str(error)),)), where
