@@ -12,10 +12,9 @@ from offradar_ros.cli.convert_set import HowToConvert, convert_set
 from offradar_ros.cli.progress import progress_bar
 from offradar_ros.cli.source import LAYOUT_HELP, open_source, recordings_in
 from offradar_ros.config import RadarConfig
+from offradar_ros.datasets.check.coverage import LARGEST_OFFSET_S
 from offradar_ros.datasets.check.findings import counted
 from offradar_ros.errors import ConfigError
-
-LARGEST_OFFSET_S = 1e9
 
 
 def convert(

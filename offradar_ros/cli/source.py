@@ -32,18 +32,28 @@ def require_recording(path: Path, layout: str) -> None:
 
 
 def recordings_in(path: Path, layout: str) -> list[Path]:
-    """The data-set folders and bags in a folder, by name; none where it is no folder, or a recording itself."""
-    if not path.is_dir() or _is_recording(path, layout):
-        return []
-    return [folder for folder in folders_in(path) if _is_recording(folder, layout)]
+    """The data-set folders and bags in a folder, by name; none where it is no folder, or a recording itself.
+
+    Folders in it that may not be read are passed over.
+    """
+    try:
+        if not path.is_dir() or _is_recording(path, layout):
+            return []
+        return [folder for folder in folders_in(path) if _is_readable_recording(folder, layout)]
+    except OSError as error:
+        raise DataError(f'{path}: cannot be read ({error.strerror})') from error
 
 
 def folders_in(path: Path) -> list[Path]:
-    """The folders in a folder, by name, but for hidden ones; DataError where it cannot be read."""
+    """The folders in a folder, by name, but for hidden ones."""
+    return [found for found in sorted(path.iterdir()) if found.is_dir() and not found.name.startswith('.')]
+
+
+def _is_readable_recording(path: Path, layout: str) -> bool:
     try:
-        return [found for found in sorted(path.iterdir()) if found.is_dir() and not found.name.startswith('.')]
-    except OSError as error:
-        raise DataError(f'{path}: cannot be read ({error.strerror})') from error
+        return _is_recording(path, layout)
+    except OSError:
+        return False
 
 
 def _is_recording(path: Path, layout: str) -> bool:

@@ -124,3 +124,23 @@ def test_a_split_needs_a_folder_of_sequences(refused: Callable[..., str], data_s
 
 def test_a_layout_is_that_of_every_sequence(done: Callable[..., str], data_set: Path) -> None:
     assert done('check', data_set, '--layout', 'boreas').count('boreas sequence ') == 3
+
+
+def test_a_folder_that_may_not_be_read_is_passed_over(
+    offradar: Callable[..., Any], refused: Callable[..., str], data_set: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (data_set / 'lost+found').mkdir()
+    barred = {data_set / 'lost+found'}
+    listed = Path.iterdir
+
+    def iterdir(path: Path) -> Any:
+        if path in barred:
+            raise PermissionError(13, 'Permission denied', str(path))
+        return listed(path)
+
+    monkeypatch.setattr(Path, 'iterdir', iterdir)
+    ran = offradar('check', data_set, '--processes', 1)
+    assert ran.status == 0
+    assert 'no radar scans recognised in calibration, lost+found' in ran.out
+    barred.add(data_set)
+    assert refused('check', data_set).endswith(f'{data_set}: cannot be read (Permission denied)')

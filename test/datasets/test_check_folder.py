@@ -258,6 +258,9 @@ def test_an_offset_already_given_is_part_of_the_proposed_one() -> None:
     trajectory = Trajectory(known, np.zeros((2, 3)), np.full(2, np.nan), geodetic=False)
     said = coverage('gps', np.array([10, 20]) * 10**9, trajectory, 1.5, offset_s=7.0).text
     assert said.endswith('--position-offset-s -83.0)')
+    untold = dataclasses.replace(trajectory, stamps_ns=known * 2 * 10**7)
+    said = coverage('gps', np.array([10, 20]) * 10**9, untold, 1.5).text
+    assert said.endswith('positions start 23148.1 days after the last scan')
     nothing = dataclasses.replace(trajectory, stamps_ns=known[:0], positions=np.zeros((0, 3)), yaws_rad=np.zeros(0))
     assert coverage('gps', known, nothing, 1.5).level == 'problem'
 

@@ -9,6 +9,9 @@ from offradar_ros.datasets.check.findings import Finding, ok, problem
 from offradar_ros.datasets.coverage import covered, seconds_apart
 from offradar_ros.geometry import Trajectory
 
+LARGEST_OFFSET_S = 1e9
+"""Clocks that disagree by more are not set wrong: one of them does not tell the time."""
+
 _STEP_NS = 10**8
 _DAY_S = 24 * 3600.0
 
@@ -26,11 +29,11 @@ def coverage(
     if apart_s:
         early = trajectory.stamps_ns[-1] < stamps_ns[0]
         where = 'end {} before the first scan' if early else 'start {} after the last scan'
+        text = f'{name}: no scan has a position: positions {where.format(apart(apart_s))}'
         remedy_s = offset_s + _offset_s(stamps_ns, trajectory)
-        return problem(
-            f'{name}: no scan has a position: positions {where.format(apart(apart_s))} '
-            f'(if the clocks disagree: offradar convert --position-offset-s {remedy_s:.1f})'
-        )
+        if abs(remedy_s) <= LARGEST_OFFSET_S:
+            text += f' (if the clocks disagree: offradar convert --position-offset-s {remedy_s:.1f})'
+        return problem(text)
     count = int(np.count_nonzero(covered(stamps_ns, trajectory, round(max_gap_s * 1e9))))
     text = f'{name}: {count} of {len(stamps_ns)} scans have a position (gaps up to {max_gap_s:g} s)'
     return ok(text) if count == len(stamps_ns) else problem(text)
