@@ -5,6 +5,7 @@ runs where there is no rosbags.
 """
 
 import importlib
+import os
 import sys
 from typing import Annotated, Any
 
@@ -77,6 +78,9 @@ def _options(
 
 def main() -> int:
     """Entry point; what is wrong with the input is one line and exit status 1."""
+    # Read by NumPy when it is imported: commands share their work out to threads or processes, one a core, and threads
+    # within those wait for each other many times as long as they compute.
+    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     try:
         app(prog_name='offradar')
     except OffradarError as error:

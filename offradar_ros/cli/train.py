@@ -33,8 +33,6 @@ def train(
     """Train a network on simulated or recorded drives; several GPUs by torchrun."""
     if device not in DEVICES:
         raise ConfigError(f'--device: expected one of {", ".join(DEVICES)}, got {device!r}')
-    # Read by NumPy when it is imported: images are made by a thread or process a core, each of one thread.
-    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     try:
         from offradar_ros.training.config_file import read_config  # noqa: PLC0415
         from offradar_ros.training.run import RunOptions, run  # noqa: PLC0415

@@ -102,12 +102,20 @@ def places_of(drive: EmbeddedDrive, rows: NDArray[np.intp]) -> PlaceTable:
     )
 
 
-def answers(pair: Pair, places: PlaceTable, query: EmbeddedDrive, rules: Rules, *, all_pairs: bool = False) -> Answers:
-    """Search the places for every scan of `query`, by exact Euclidean distance, nearest first.
+def answers(
+    pair: Pair,
+    places: PlaceTable,
+    query: EmbeddedDrive,
+    rules: Rules,
+    *,
+    all_pairs: bool = False,
+    depth: int = DEPTH,
+) -> Answers:
+    """Search the places for every scan of `query`, by exact Euclidean distance; so many nearest ones are judged.
 
     `all_pairs` asks for `pair_level`, which takes as long again.
     """
-    count, depth = len(query.means), min(DEPTH, len(places))
+    count, depth = len(query.means), min(depth, len(places))
     positions_m, truth_m = places.positions_m[:, :2], query.drive.poses[:, :2]
     ranks = np.full(count, NOT_FOUND, np.int64)
     found, right = np.zeros((2, count), np.int64)
@@ -117,7 +125,7 @@ def answers(pair: Pair, places: PlaceTable, query: EmbeddedDrive, rules: Rules, 
     for start in range(0, count, _BLOCK):
         part = slice(start, start + _BLOCK)
         squares = squared_distances(query.means[part], places.means)
-        apart_m = np.hypot(*(positions_m[:, None] - truth_m[None, part]).T)
+        apart_m = _distances_m(truth_m[part], positions_m)
         if rules.exclusion_ns:
             late_ns = np.abs(places.stamps_ns - query.drive.stamps_ns[part, None])
             squares[late_ns <= rules.exclusion_ns] = np.inf
@@ -147,6 +155,15 @@ def answers(pair: Pair, places: PlaceTable, query: EmbeddedDrive, rules: Rules, 
         query.drive.severities,
         tally.level() if tally else None,
     )
+
+
+def _distances_m(some: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(S, O) metres between (S, 2) and (O, 2) positions."""
+    east, north = (np.subtract.outer(some[:, axis], others[:, axis]) for axis in (0, 1))
+    east *= east
+    north *= north
+    east += north
+    return np.asarray(np.sqrt(east, out=east))
 
 
 def answers_from(pair: Pair, mapped: EmbeddedDrive, query: EmbeddedDrive, rules: Rules) -> Answers:

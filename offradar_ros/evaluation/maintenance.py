@@ -11,16 +11,18 @@ from __future__ import annotations
 import dataclasses
 import itertools
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from offradar_ros.config import MapConfig
-from offradar_ros.evaluation.answers import Answers, Pair, Rules, answers, map_rows, places_of
+from offradar_ros.evaluation.answers import Answers, Rules, answers, map_rows, places_of
 from offradar_ros.evaluation.embedding_cache import EmbeddedDrive
 from offradar_ros.evaluation.protocol import Maintenance
-from offradar_ros.mapping.parent_map import MergeKind, ParentMap
-from offradar_ros.types import Embedding, PlaceTable, Pose
+from offradar_ros.mapping.place_columns import take_rows
+from offradar_ros.types import PlaceTable
+
+_BLOCK = 512
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -49,7 +51,7 @@ def merges(drives: Sequence[EmbeddedDrive]) -> Iterator[tuple[EmbeddedDrive, lis
 
 
 def ablate(
-    pair: Pair,
+    unmaintained: Answers,
     mapped: EmbeddedDrive,
     merged: Sequence[EmbeddedDrive],
     query: EmbeddedDrive,
@@ -57,61 +59,76 @@ def ablate(
     rules: Rules,
     seed: int,
 ) -> Ablation:
-    """Answers for `query` from the three kinds of maps, all of the same number of places."""
-    start = places_of(mapped, map_rows(mapped, pair.spacing_m))
-    parent = _map_of(start, plan)
-    before = parent.table()
-    chances = [(drive, row) for drive in merged for row in _in_reach(start, drive, plan.match_distance_m)]
-    replaced = 0
-    for drive, row in chances:
-        merge = parent.merge(_embedding(drive, row, drive.uncertainties[row]), _pose(drive, row), 2)
-        replaced += merge.kind is MergeKind.REPLACED
-    rng = np.random.default_rng([seed, len(chances)])
+    """Answers for `query` from the maintained map and the control, both of as many places as the `unmaintained` one.
+
+    Queries count as having a right place where they have one in that.
+    """
+    pair = unmaintained.pair
+    before = places_of(mapped, map_rows(mapped, pair.spacing_m))
+    scans = [places_of(drive, np.flatnonzero(drive.usable)) for drive in merged]
+    chances, matches = opportunities(before, scans, plan.match_distance_m)
+    holders, replaced = most_certain(before.uncertainties, chances.uncertainties, matches)
+    after = with_scans(before, chances, holders)
+    rng = np.random.default_rng([seed, len(matches)])
     control = []
     for _ in range(plan.random_repeats):
-        drawn = np.sort(rng.permutation(len(chances))[:replaced])
-        table = _replaced_at(start, [chances[i] for i in drawn], plan)
-        control.append(answers(pair, table, query, rules))
-    after = parent.table()
-    told = [answers(pair, table, query, rules) for table in (before, after)]
-    return Ablation(told[0], told[1], tuple(control), len(chances), replaced, _picture(before), _picture(after))
+        drawn = np.sort(rng.permutation(len(matches))[:replaced])
+        holders = np.full(len(before), -1)
+        holders[matches[drawn]] = drawn
+        control.append(answers(pair, with_scans(before, chances, holders), query, rules, depth=1))
+    maintained = dataclasses.replace(answers(pair, after, query, rules), positive=unmaintained.positive)
+    return Ablation(unmaintained, maintained, tuple(control), len(matches), replaced, _picture(before), _picture(after))
+
+
+def opportunities(
+    places: PlaceTable, scans: Sequence[PlaceTable], distance_m: float
+) -> tuple[PlaceTable, NDArray[np.intp]]:
+    """The scans that have a place within D_t, in their order, and (C,) the row of the place nearest to each.
+
+    A place stays where it was first mapped (`map.match_position: anchor`).
+    """
+    several = PlaceTable(*(np.concatenate(columns) for columns in zip(*map(_columns, scans), strict=True)))
+    nearest = np.empty(len(several), np.intp)
+    apart_m = np.empty(len(several))
+    for start in range(0, len(several), _BLOCK):
+        part = slice(start, start + _BLOCK)
+        offsets = several.positions_m[part, None, :2] - places.positions_m[None, :, :2]
+        squares = np.einsum('spk,spk->sp', offsets, offsets)
+        nearest[part] = squares.argmin(axis=1)
+        apart_m[part] = np.sqrt(squares.min(axis=1))
+    near = np.flatnonzero(apart_m < distance_m)
+    return take_rows(several, near), nearest[near]
+
+
+def most_certain(
+    held: NDArray[np.float32], uncertainties: NDArray[np.float32], matches: NDArray[np.intp]
+) -> tuple[NDArray[np.intp], int]:
+    """Algorithm 1 for a map of constant size: which of the (C,) scans each place holds, and how often one was replaced.
+
+    The first is (P,) int, −1 for its own. `held` is U of the (P,) places, `matches` the place that each scan may
+    replace. `mapping.ParentMap` comes to the same, place for place; it also takes scans one by one, and so takes far
+    longer.
+    """
+    lowest, holders, replaced = held.tolist(), np.full(len(held), -1), 0
+    for scan, (place, uncertainty) in enumerate(zip(matches.tolist(), uncertainties.tolist(), strict=True)):
+        if uncertainty < lowest[place]:
+            lowest[place], holders[place] = uncertainty, scan
+            replaced += 1
+    return holders, replaced
+
+
+def with_scans(places: PlaceTable, scans: PlaceTable, holders: NDArray[np.intp]) -> PlaceTable:
+    """The map in which each place holds the scan that `holders` says, or its own where that is −1."""
+    taken = np.flatnonzero(holders >= 0)
+    columns = [column.copy() for column in _columns(places)]
+    for column, other in zip(columns, _columns(scans), strict=True):
+        column[taken] = other[holders[taken]]
+    return dataclasses.replace(PlaceTable(*columns), place_ids=places.place_ids)
+
+
+def _columns(table: PlaceTable) -> list[NDArray[Any]]:
+    return [getattr(table, field.name) for field in dataclasses.fields(table)]
 
 
 def _picture(table: PlaceTable) -> NDArray[np.float64]:
     return np.column_stack([table.positions_m[:, :2], table.uncertainties]).astype(np.float64)
-
-
-def _replaced_at(start: PlaceTable, scans: Sequence[tuple[EmbeddedDrive, int]], plan: Maintenance) -> PlaceTable:
-    """The map after each of `scans` took its place over, whatever its U: each pretends to be surer than the last."""
-    parent = _map_of(dataclasses.replace(start, uncertainties=np.ones(len(start), np.float32)), plan)
-    for number, (drive, row) in enumerate(scans, start=1):
-        parent.merge(_embedding(drive, row, 1.0 / (number + 1)), _pose(drive, row), 2)
-    return parent.table()
-
-
-def _map_of(places: PlaceTable, plan: Maintenance) -> ParentMap:
-    """A map of just these scans; `load` keeps them apart where they are nearer than D_t."""
-    config = MapConfig(match_distance_m=plan.match_distance_m, insert_unmatched=False)
-    parent = ParentMap(config, places.means.shape[1])
-    parent.load(places, places.positions_m[:, :2], len(places))
-    return parent
-
-
-def _in_reach(places: PlaceTable, drive: EmbeddedDrive, distance_m: float) -> list[int]:
-    """Usable scans of a drive with a place within D_t."""
-    usable = np.flatnonzero(drive.usable)
-    near = []
-    for row, (x_m, y_m) in zip(usable.tolist(), drive.drive.poses[usable, :2].tolist(), strict=True):
-        if np.hypot(places.positions_m[:, 0] - x_m, places.positions_m[:, 1] - y_m).min() < distance_m:
-            near.append(row)
-    return near
-
-
-def _embedding(drive: EmbeddedDrive, row: int, uncertainty: float) -> Embedding:
-    mean = drive.means[row]
-    return Embedding(int(drive.drive.stamps_ns[row]), mean, np.full(len(mean), uncertainty, np.float32))
-
-
-def _pose(drive: EmbeddedDrive, row: int) -> Pose:
-    x_m, y_m, yaw_rad = drive.drive.poses[row].tolist()
-    return Pose(x_m, y_m, 0.0, yaw_rad)

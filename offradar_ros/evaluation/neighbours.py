@@ -19,12 +19,17 @@ def squared_distances(queries: NDArray[np.float32], places: NDArray[np.float32])
     for start in range(0, len(places), _BLOCK):
         block = places[start : start + _BLOCK].astype(np.float64)
         own = np.einsum('pd,pd->p', block, block)
-        squares[:, start : start + _BLOCK] = lengths[:, None] + own - 2.0 * (asked @ block.T)
+        part = asked @ (-2.0 * block.T)
+        part += own
+        part += lengths[:, None]
+        squares[:, start : start + _BLOCK] = part
     return squares
 
 
 def k_least(values: NDArray[np.float64], k: int) -> NDArray[np.intp]:
     """(Q, k) columns of the k least of (Q, P) values, k ≤ P, ascending; of equal ones the first, NaN last."""
+    if k == 1 and not np.isnan(values).any():
+        return np.asarray(values.argmin(axis=1), np.intp)[:, None]
     picked = np.argpartition(values, k - 1, axis=1)[:, :k]
     order = np.lexsort((picked, np.take_along_axis(values, picked, 1)), axis=1)
     rows = np.take_along_axis(picked, order, 1)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import concurrent.futures
 import dataclasses
 import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
+import os
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 
@@ -23,6 +25,9 @@ from offradar_ros.evaluation.methods import Method
 from offradar_ros.evaluation.protocol import Protocol
 from offradar_ros.evaluation.scan_cache import cached_drives
 from offradar_ros.evaluation.thresholds import Thresholds, thresholds_from
+
+ItemT = TypeVar('ItemT')
+FoundT = TypeVar('FoundT')
 
 Bar = Callable[[str], AbstractContextManager[Callable[[int, int], None]]]
 """Opens a progress bar of this text, told of what is done and of how much there is."""
@@ -101,12 +106,12 @@ def measure(
                 found += _search_fitted(method, drives, embed, protocol)
                 continue
             made = [embed(method.encoder_for(drive), drive) for drive in drives]
-            for mapped, query in itertools.product(made, repeat=2):
-                if searched(mapped.drive, query.drive, protocol):
-                    found += _search(method.name, mapped, query, protocol)
-            for spacing_m in protocol.map_spacings_m:
-                key = (drives[0].group, spacing_m)
-                ablations.setdefault(key, []).extend(_ablations(method.name, made, spacing_m, protocol))
+            asked = [(m, q) for m, q in itertools.product(made, repeat=2) if searched(m.drive, q.drive, protocol)]
+            told = _together(lambda pair: list(_search(method.name, pair[0], pair[1], protocol)), asked)
+            for number, spacing_m in enumerate(protocol.map_spacings_m):
+                several = _ablations([answers[number] for answers in told], made, protocol)
+                ablations.setdefault((drives[0].group, spacing_m), []).extend(several)
+            found += itertools.chain.from_iterable(told)
         if not method.fitted:
             made = [embed(method.encoder_for(drive), drive) for drive in clean]
             validation = [u for m in made for u in m.uncertainties.tolist()]
@@ -201,9 +206,20 @@ def _rules(protocol: Protocol, own: bool = False) -> Rules:
     return Rules(protocol.tolerance_m, protocol.negative_m, round(protocol.exclusion_s * 1e9) if own else 0)
 
 
-def _ablations(
-    method: str, drives: Sequence[EmbeddedDrive], spacing_m: float, protocol: Protocol
-) -> Iterator[Ablation]:
-    for mapped, merged, query in merges(drives):
-        pair = _pair(method, mapped, query, spacing_m)
-        yield ablate(pair, mapped, merged, query, protocol.maintenance, _rules(protocol), protocol.seed)
+def _ablations(found: Sequence[Answers], drives: Sequence[EmbeddedDrive], protocol: Protocol) -> list[Ablation]:
+    """Of every search that was `found` in the map of another drive, where there are more drives to merge."""
+    by_pair = {(answers.pair.map_index, answers.pair.query_index): answers for answers in found}
+
+    def one(turn: tuple[EmbeddedDrive, list[EmbeddedDrive], EmbeddedDrive]) -> Ablation:
+        mapped, merged, query = turn
+        unmaintained = by_pair[mapped.drive.index, query.drive.index]
+        plan, rules = protocol.maintenance, _rules(protocol)
+        return ablate(unmaintained, mapped, merged, query, plan, rules, protocol.seed)
+
+    return _together(one, merges(drives))
+
+
+def _together(function: Callable[[ItemT], FoundT], items: Iterable[ItemT]) -> list[FoundT]:
+    """Results in the order of the items; NumPy lets several threads compute at once."""
+    with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
+        return list(pool.map(function, items))

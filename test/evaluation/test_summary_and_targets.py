@@ -48,9 +48,10 @@ def measured(name: str, drives: list[EmbeddedDrive], protocol: Protocol) -> Meas
         for a, b in itertools.permutations(drives, 2):
             pair = Pair(name, 'streets', 'street', a.drive.index, b.drive.index, spacing_m)
             found.append(answers_from(pair, a, b, Rules()))
+        by_pair = {(a.pair.map_index, a.pair.query_index): a for a in found if a.pair.spacing_m == spacing_m}
         ablations['streets', spacing_m] = [
-            ablate(Pair(name, 'streets', 'street', 0, 0, spacing_m), *turn, protocol.maintenance, Rules(), 0)
-            for turn in merges(drives)
+            ablate(by_pair[m.drive.index, q.drive.index], m, between, q, protocol.maintenance, Rules(), 0)
+            for m, between, q in merges(drives)
         ]
     info = ModelInfo(name, name * 8, 24, {'settings': '{}'})
     return Measured(name, f'runs/{name}.safetensors', False, info, found, ablations, THRESHOLDS, {})
