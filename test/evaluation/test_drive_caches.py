@@ -14,12 +14,14 @@ from offradar_ros.config import RingKeyConfig
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.encoders.ring_key import RingKeyEncoder
 from offradar_ros.errors import ConfigError, DataError, RefusedInput
+from offradar_ros.evaluation import embedding_cache
 from offradar_ros.evaluation.drives import CityDrive, StreetDrive, drives_of
 from offradar_ros.evaluation.embedding_cache import EmbeddedDrive, embedded, encode
 from offradar_ros.evaluation.evaluated_drive import EvaluatedDrive
 from offradar_ros.evaluation.methods import open_method
 from offradar_ros.evaluation.protocol import Group, Lane, Protocol, RealStreets, Validation
 from offradar_ros.evaluation.scan_cache import cached_drives
+from offradar_ros.evaluation.thresholds import thresholds_from
 from offradar_ros.types import Embedding, PolarScan
 
 
@@ -176,3 +178,35 @@ def test_methods_by_name(tmp_path: Path, embedded_street: Callable[..., Embedded
     for text in ('ours', '', 'stun='):
         with pytest.raises(ConfigError, match='expected NAME=WEIGHTS'):
             open_method(text, tmp_path, seed=0, spacing_m=5.0)
+
+
+def test_a_long_drive_goes_on_block_by_block(
+    embedded_street: Callable[..., EmbeddedDrive], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(embedding_cache, 'BLOCK', 10)
+    drive, encoder = embedded_street(0, 35).drive, Odd()
+
+    def interrupt(done: int, total: int) -> None:
+        assert total == 35
+        if done > 24:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        embedded(encoder, drive, tmp_path, interrupt)
+    before = encoder.calls
+    assert before <= 30
+    made = embedded(encoder, drive, tmp_path, quiet)
+    # The first two blocks were kept.
+    assert encoder.calls - before == 15
+    whole = encode(Odd(), drive, quiet)
+    np.testing.assert_array_equal(made.means, whole.means)
+    np.testing.assert_array_equal(made.uncertainties, whole.uncertainties)
+    assert len(list(tmp_path.rglob('*.npy'))) == 2
+
+
+def test_thresholds_span_the_validation_drives() -> None:
+    found = thresholds_from([0.9, 1.3, np.inf, 1.1], Validation((1,), quantile=0.5, levels=4))
+    assert found.static == pytest.approx((0.7, 0.85, 1.0, 1.15, 1.3))
+    assert found.deployed == pytest.approx(1.1)
+    assert thresholds_from([0.9, 1.3], Validation((1,)), given=1.2).deployed == 1.2
+    assert thresholds_from([], Validation((1,))).static == ()
