@@ -11,7 +11,7 @@ from offradar_ros.evaluation.drives import drives_of
 from offradar_ros.evaluation.methods import open_method
 from offradar_ros.evaluation.protocol_file import read_protocol
 from offradar_ros.evaluation.results import assemble
-from offradar_ros.evaluation.runner import measure, simulated_worlds
+from offradar_ros.evaluation.runner import measure, opened_worlds
 
 REJECTIONS = (0.0, 0.1, 0.2, 0.3, 0.5)
 
@@ -26,13 +26,13 @@ def main() -> None:
     parser.add_argument('--threads', type=int, default=0)
     arguments = parser.parse_args()
     protocol, cache = read_protocol(arguments.protocol), arguments.cache
-    worlds = simulated_worlds(list(drives_of(protocol, arguments.real_worlds)), cache, progress_bar)
+    worlds = opened_worlds(list(drives_of(protocol, arguments.real_worlds)), [], cache, progress_bar)
     measured = []
     for text in arguments.variants:
         spacing_m = protocol.map_spacings_m[0]
         method = open_method(text, cache, seed=protocol.seed, spacing_m=spacing_m, threads=arguments.threads)
         measured.append(measure(method, worlds, protocol, cache, progress_bar))
-    results = assemble(measured, protocol, '', [])
+    results = assemble(measured, worlds, protocol, '', [])
     for group in results['groups']:
         print(f'\n{group}\n\n' + '\n'.join(table(results, group)))
 
