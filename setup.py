@@ -33,7 +33,7 @@ setup(
     ],
     extras_require={
         'onnx': ['onnxruntime>=1.18'],
-        'plot': ['matplotlib>=3.6'],
+        'plot': ['jinja2>=3.0', 'matplotlib>=3.6'],
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
         'test': [
             'hypothesis',
@@ -55,7 +55,7 @@ setup(
     maintainer_email='maintainers@offradar-ros.example',
     description='Uncertainty-aware radar place recognition with map maintenance and introspective querying',
     license='Apache-2.0',
-    package_data={PACKAGE: ['py.typed', 'weights/*']},
+    package_data={PACKAGE: ['py.typed', 'weights/*', 'evaluation/report/*.jinja']},
     entry_points={
         'console_scripts': [
             f'offradar = {PACKAGE}.cli.main:main',

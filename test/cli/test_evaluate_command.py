@@ -2,14 +2,22 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
+from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
+import yaml
 from typer.testing import CliRunner
 
+from offradar_ros.bags.oxford_folder import write_oxford
 from offradar_ros.cli.main import app
+from offradar_ros.datasets.splits import read_split
 from offradar_ros.errors import ConfigError, DataError
+from offradar_ros.geometry import GeoPoint, LocalFrame, utm_to_geodetic
+from offradar_ros.shipped import shipped_file
 
 PROTOCOL = """
 name: tiny
@@ -72,3 +80,97 @@ def test_a_card_needs_results_of_ours(folder: Path) -> None:
         runner.invoke(
             app, ['card', results, '--weights', results, '--out', str(folder / 'x.json')], catch_exceptions=False
         )
+
+
+@pytest.fixture(scope='module')
+def oxford(tmp_path_factory: pytest.TempPathFactory, street: Callable[..., object]) -> Path:
+    """Five short drives under the names of the test sequences, where the test region is."""
+    root = tmp_path_factory.mktemp('oxford')
+    split = read_split('oxford')
+    circle = split.region.circles[0]
+    centre = utm_to_geodetic(np.array([[circle.easting_m, circle.northing_m, 60.0]]), split.region.epsg)[0]
+    for number, name in enumerate(split.test):
+        drive = street(count=14, lane_m=0.7 * number, noise_seed=number)
+        away = LocalFrame(GeoPoint(51.75, -1.25, 70.0)).to_enu(drive.trajectory.positions)  # type: ignore[attr-defined]
+        here = LocalFrame(GeoPoint(*centre.tolist())).to_geodetic(away)
+        moved = dataclasses.replace(drive.trajectory, positions=here)  # type: ignore[attr-defined]
+
+        class Moved(type(drive)):  # type: ignore[misc]
+            trajectory = moved
+
+        write_oxford(Moved(count=14, noise_seed=number), root / name)
+    return root
+
+
+def test_the_papers_oxford_experiment(oxford: Path, tmp_path: Path, done: Callable[..., str]) -> None:
+    pytest.importorskip('matplotlib')
+    pytest.importorskip('jinja2')
+    out = tmp_path / 'out'
+    said = done('evaluate', 'oxford', '--data', oxford, '--method', 'ring_key', '--out', out)
+    assert '2019-01-10-14-36-48-radar-oxford-10k-partial: not found' in said
+    results = json.loads((out / 'results.json').read_text())
+    told = results['groups']['oxford']['0']['ring_key']
+    assert (told['pairs'], told['queries']) == (20, 20 * 14)
+    assert results['maintenance']['oxford']['0']['ring_key']['ordered_pairs'] == 20
+    assert 'report.html' in done('report', out)
+    text = (out / 'report' / 'report.md').read_text()
+    assert '| RingKey | ' in text
+    assert '83.68 | 86.49 | 88.32 | 0.85 / 0.81 / 0.71 | 0.94 |' in text
+    assert 'simulated' not in text
+    # Without the test sequences there is nothing to measure, and a line says what is missing.
+    (oxford / results['drives']['oxford/oxford'][0]).rename(oxford / 'elsewhere')
+    again = done('evaluate', 'oxford', '--data', oxford, '--method', 'ring_key', '--out', out, '--no-pictures')
+    assert 'oxford: not found: 2019-01-18-14-46-59-radar-oxford-10k in' in again
+
+
+def test_without_its_data_a_protocol_says_what_is_missing(tmp_path: Path, refused: Callable[..., str]) -> None:
+    said = refused('evaluate', 'mulran', '--data', tmp_path, '--method', 'ring_key', '--out', tmp_path / 'out')
+    assert 'riverside: not found: Riverside01, Riverside02 in' in said
+    assert 'expected a YAML file or one of the protocols' in refused('evaluate', 'cambridge', '--out', tmp_path)
+
+
+def test_own_recordings(street_bag: Callable[..., Path], tmp_path: Path, done: Callable[..., str]) -> None:
+    bags = [street_bag(f'day_{number}', count=16, noise_seed=number, lane_m=0.5 * number) for number in range(3)]
+    (tmp_path / 'car.yaml').write_text('query: {delta: 0.4, levels: 4, level: 3}\n')
+    named = ['--map', bags[0], '--map', bags[1], '--query', bags[2], '--params', tmp_path / 'car.yaml']
+    named += ['--method', 'ring_key', '--cache', tmp_path / 'cache']
+    said = done('encode', 'own', *named)
+    assert 'ring_key: 48 scans of 3 drives encoded, 0 refused' in said
+    done(
+        'evaluate',
+        'own',
+        *named,
+        '--method',
+        'ring_key',
+        '--cache',
+        tmp_path / 'cache',
+        '--out',
+        tmp_path,
+        '--no-pictures',
+    )
+    results = json.loads((tmp_path / 'results.json').read_text())
+    assert results['drives'] == {'own/own': ['day_0', 'day_1', 'day_2']}
+    told = results['groups']['own']['5']['ring_key']
+    assert (told['pairs'], told['queries']) == (2, 32)
+    assert results['maintenance']['own']['5']['ring_key']['ordered_pairs'] == 2
+    assert told['at_deployed_threshold']['threshold'] == pytest.approx(1.2)
+
+
+def test_maps_and_queries_come_together(tmp_path: Path, refused: Callable[..., str]) -> None:
+    assert '--map and --query: expected at least one of each' in refused('evaluate', 'own', '--map', tmp_path)
+    assert 'protocol own: expected two drives of a road or more' in refused('evaluate', 'own', '--out', tmp_path / 'o')
+
+
+def test_real_streets_are_driven_both_ways(real_data: Path, tmp_path: Path, done: Callable[..., str]) -> None:
+    protocol = yaml.safe_load(shipped_file('protocols', 'mulran_simulated').read_text())
+    protocol |= {'drive_spacing_m': 200.0, 'map_spacings_m': [200.0], 'tolerance_m': 150.0, 'negative_m': 150.0}
+    protocol['validation'] |= {'cities': [2900001], 'scans': 5}
+    (tmp_path / 'p.yaml').write_text(yaml.safe_dump(protocol))
+    named = ['--real-worlds', real_data / 'worlds', '--method', 'ring_key']
+    done('evaluate', tmp_path / 'p.yaml', *named, '--out', tmp_path / 'out', '--no-pictures')
+    results = json.loads((tmp_path / 'out' / 'results.json').read_text())
+    assert results['groups']['streets']['200']['ring_key']['pairs'] == 12
+    assert results['worlds'] == ['dcc', 'kaist']
+    told = results['maintenance']['streets']['200']['ring_key']
+    assert told['ordered_pairs'] == 12
+    assert results['simulated'] == {'streets': True}
