@@ -20,19 +20,24 @@ WORDS = {str: 'text', int: 'a whole number', float: 'a finite number', bool: 'tr
 
 def read_record(kind: type[RecordT], path: str | Path) -> RecordT:
     """The dataclass that a YAML file holds; ConfigError names the file, the key and what was expected."""
+    tree = read_tree(path)
     try:
-        tree = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
+        record: RecordT = _record(kind, tree, '')
+    except ConfigError as error:
+        raise ConfigError(f'{path}: {error}') from None
+    return record
+
+
+def read_tree(path: str | Path) -> Any:
+    """What a YAML file holds, of plain types; ConfigError where it cannot be read."""
+    try:
+        return yaml.safe_load(Path(path).read_text(encoding='utf-8'))
     except FileNotFoundError:
         raise ConfigError(f'{path}: no such file') from None
     # ValueError: PyYAML on a date such as 2001-99-99; RecursionError: an alias inside its own anchor.
     except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
         reason = (getattr(error, 'strerror', None) or str(error)).splitlines()[0]
         raise ConfigError(f'{path}: not a readable YAML file ({reason})') from error
-    try:
-        record: RecordT = _record(kind, tree, '')
-    except ConfigError as error:
-        raise ConfigError(f'{path}: {error}') from None
-    return record
 
 
 def _record(kind: Any, tree: Any, key: str) -> Any:

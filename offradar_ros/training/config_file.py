@@ -13,18 +13,12 @@ import yaml
 from offradar_ros.config import Bounds, flatten
 from offradar_ros.errors import ConfigError
 from offradar_ros.training.config import TrainingConfig
+from offradar_ros.yaml_record import read_tree
 
 
 def read_config(path: str | Path, settings: Sequence[str] = ()) -> TrainingConfig:
     """The configuration of a YAML file, changed by ``KEY=VALUE`` settings; ConfigError names the file and the key."""
-    try:
-        tree = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
-    except FileNotFoundError:
-        raise ConfigError(f'{path}: no such file') from None
-    # ValueError: PyYAML on a date such as 2001-99-99; RecursionError: an alias inside its own anchor.
-    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
-        reason = (getattr(error, 'strerror', None) or str(error)).splitlines()[0]
-        raise ConfigError(f'{path}: not a readable YAML file ({reason})') from error
+    tree = read_tree(path)
     if not isinstance(tree, Mapping):
         raise ConfigError(f'{path}: expected a mapping of keys, got {type(tree).__name__}')
     config = with_values(TrainingConfig(), flatten(tree), str(path))
