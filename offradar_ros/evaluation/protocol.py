@@ -88,7 +88,7 @@ class Group:
         cities: seeds of procedural worlds, of their physics and sessions.
         streets: worlds of real streets.
         recorded: recorded roads; nothing is simulated.
-        paper: number of the table of the paper whose data set this is, 0 for none.
+        paper: number of the table of the paper that its figures stand beside, 0 for none.
     """
 
     name: str

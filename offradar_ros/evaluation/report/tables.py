@@ -73,7 +73,9 @@ def recognition_table(source: Source, group: str, spacing: str) -> TableSection:
         own = [_ranked(text, places[row]) for text, places in zip(columns[row], best, strict=True)]
         cells.append((NAMES.get(name, name), *own, *(_paper_cells(paper.get(name)) if paper else ())))
     first = next(iter(methods.values()))
-    beside = f' Right columns: {PAPER_TITLES[which]}, F as printed there.' if paper else ''
+    beside = f' Right columns: {PAPER_TITLES[which]}, F as printed there' if paper else ''
+    if paper and source.data_word(group) != 'recorded scans':
+        beside += '; of recorded scans and the networks of the paper, not of what is measured here'
     return TableSection(
         f'recognition_{group}_{spacing}m',
         f'Recognition: {source.title(group)}, {_map_words(spacing)}',
@@ -81,7 +83,7 @@ def recognition_table(source: Source, group: str, spacing: str) -> TableSection:
         f'map, of {first["pairs"]} ordered pairs of drives; {source.data_word(group)}. F is the highest over '
         'thresholds on the distance of the nearest place, for each β by itself; AP over the same, one answer a query. '
         'R@1 of all counts every query: one without a right place is always wrong. AP of pairs is of every query with '
-        f'every place. **Best**, _second_.{beside}',
+        f'every place. **Best**, _second_.{beside}{"." if beside else ""}',
         RECOGNITION_HEAD + (tuple(f'paper: {name}' for name in PAPER_HEAD) if paper else ()),
         tuple(cells),
     )
