@@ -30,7 +30,7 @@ def calibrate(
     sources: Annotated[
         list[Path],
         typer.Argument(
-            metavar='SOURCE...',
+            metavar='SOURCE',
             help='Bag or data-set folder of an ordinary drive; or several, with positions, of one road.',
         ),
     ],

@@ -57,7 +57,10 @@ class ThresholdChoice:
 
     @property
     def chance_of_wrong_answer(self) -> float:
-        """Of one more exchangeable scan: that it is answered, and wrongly."""
+        """What conformal risk control holds against ε: that one more exchangeable scan is answered, and wrongly.
+
+        Never above ε, being below the bound that the level passed with: so the promise of `risk_bound` is kept, too.
+        """
         return risk_bound(self.wrong, len(self.queries))
 
     @property

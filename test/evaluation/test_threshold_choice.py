@@ -32,9 +32,23 @@ def test_what_is_told_is_what_a_count_tells() -> None:
     share, low, high = choice.rejection
     assert share == pytest.approx(np.mean(~accepted))
     assert low < share < high
-    assert choice.chance_of_wrong_answer == (choice.wrong + 1) / 601
+    assert choice.chance_of_wrong_answer == (choice.wrong + 1) / 601 <= 0.05
     assert choice.squares == len(set(told.squares[accepted]))
     assert choice.wrong / choice.answered < choice.error_rate_by_squares < 0.3
+
+
+@pytest.mark.parametrize('confidence', [0.75, 0.95])
+def test_what_passes_keeps_the_promise_of_conformal_risk_control(confidence: float) -> None:
+    for scans in (20, 60, 200):
+        for wrong in range(scans // 2):
+            uncertainties, mistakes = np.full(scans, 1.0), np.arange(scans) < wrong
+            told = ValidationQueries(2, uncertainties, mistakes, ~mistakes, np.zeros(scans, np.int64))
+            try:
+                choice = choose_threshold(told, static_thresholds(0.5, 1), 0.2, confidence)
+            except DataError:
+                break
+            assert choice.chance_of_wrong_answer <= 0.2
+        assert wrong > 0
 
 
 def test_too_few_scans_and_too_many_errors_are_told_apart() -> None:
