@@ -7,6 +7,7 @@ from typing import Annotated, Any, Optional
 
 import typer
 
+from offradar_ros.cli.answers import require_writable as require_file
 from offradar_ros.cli.calibrated_drive import calibrated_drive
 from offradar_ros.cli.calibrated_road import Wanted, calibrated_road, draw
 from offradar_ros.cli.need import pip_hint
@@ -72,23 +73,21 @@ def calibrate(
         raise ConfigError(f'--plot needs the Python package matplotlib: {pip_hint("plot")}')
     given = {} if params is None else read_parameters(params)
     config = _with_levels(load_config(params), levels or given.get('query.levels', LEVELS))
-    existed = out.exists()
+    replaced = {path: path.exists() for path in (plot, out) if path is not None}
     if len(sources) == 1:
         sequence = open_source(sources[0], layout, config.radar)
         require_writable(out)
         done = calibrated_drive(sequence, config, reject_at_most)
     else:
         require_writable(out)
-        wanted = Wanted(error_rate, confidence, spacing_m)
-        done, choice = calibrated_road(sources, layout, config, wanted)
+        if plot is not None:
+            require_file(plot)
+        done, choice = calibrated_road(sources, layout, config, Wanted(error_rate, confidence, spacing_m))
         if plot is not None:
             draw(choice, plot)
     write_parameters(out, _typed(given, config) | done.values, f'Written by offradar calibrate over {done.source}.')
-    for line in done.lines:
+    for line in (*done.lines, *(f'{path}: {"replaced" if was else "written"}' for path, was in replaced.items())):
         typer.echo(line)
-    for path, replaced in ((plot, False), (out, existed)):
-        if path is not None:
-            typer.echo(f'{path}: {"replaced" if replaced else "written"}')
 
 
 def _with_levels(config: Config, levels: int) -> Config:

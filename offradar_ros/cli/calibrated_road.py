@@ -93,8 +93,8 @@ def _lines(choice: ThresholdChoice, delta: float) -> list[str]:
         f'level {choice.level} of {len(choice.thresholds) - 1} rejects U above {choice.threshold:.3f}: '
         f'{wrong} of {choice.answered} answers are wrong ({wrong / choice.answered:.4f})',
         f'at most {rate:g} of the answers are wrong, with confidence {sure} (of this level alone: {bound:.4f})',
-        f'one more scan is answered wrongly with a chance of at most {rate:g} (conformal: ({wrong} + 1)/({scans} + 1) = '
-        f'{choice.chance_of_wrong_answer:.4f} is not above it)',
+        f'one more scan is answered wrongly with a chance of at most {rate:g} (conformal: ({wrong} + 1)/({scans} + 1) '
+        f'= {choice.chance_of_wrong_answer:.4f} is not above it)',
         f'expected to be rejected: {share:.4f} of the scans ({low:.4f} to {high:.4f}, confidence {sure}); here '
         f'{scans - right - wrong} of {scans - right} wrong answers and {right - choice.answered + wrong} of {right} '
         'right ones',

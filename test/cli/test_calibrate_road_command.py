@@ -93,16 +93,16 @@ def test_drives_without_positions_are_named(
 
 
 def test_a_plot_is_of_several_drives_and_can_be_written(
-    refused: Callable[..., str], road: list[Path], tmp_path: Path
+    offradar: Callable[..., Any], refused: Callable[..., str], road: list[Path], tmp_path: Path
 ) -> None:
     pytest.importorskip('matplotlib')
-    out = tmp_path / 'params.yaml'
-    assert '--plot: one drive has no wrong answers' in refused(
-        'calibrate', road[0], '--out', out, '--plot', tmp_path / 'p.png'
-    )
-    nowhere = tmp_path / 'no' / 'p.png'
-    said = refused('calibrate', *road, '--out', out, *EVERY, '--error-rate', '0.2', '--plot', nowhere)
-    assert f'{nowhere}: the plot cannot be written' in said
+    out, nowhere = tmp_path / 'params.yaml', tmp_path / 'no' / 'p.png'
+    said = refused('calibrate', road[0], '--out', out, '--plot', tmp_path / 'p.png')
+    assert '--plot: one drive has no wrong answers' in said
+    ran = offradar('calibrate', *road, '--out', out, '--plot', nowhere)
+    assert ran.err == f'error: {nowhere}: cannot be written (No such file or directory)\n'
+    said = refused('calibrate', *road, '--out', out, *EVERY, '--error-rate', '0.2', '--plot', tmp_path / 'p.doc')
+    assert f"{tmp_path / 'p.doc'}: the plot cannot be written (Format 'doc' is not supported" in said
     assert not out.exists()
 
 
