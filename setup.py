@@ -29,6 +29,7 @@ setup(
         'pyyaml>=6.0',
         'rich>=13.0',
         'rosbags>=0.11',
+        'scipy>=1.10',
         'typer>=0.9',
     ],
     extras_require={
@@ -45,7 +46,6 @@ setup(
             'pytest-xdist',
             'ruff',
             'scikit-learn',
-            'scipy',
             'types-PyYAML',
         ],
         'torch': ['torch>=2.4', 'safetensors>=0.4', 'onnx>=1.16'],

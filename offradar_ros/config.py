@@ -247,6 +247,12 @@ class QueryConfig:
         maximum=10000,
         read_only=False,
     )
+    model: str = parameter(
+        '',
+        'fingerprint of the model that Δ, N and n were calibrated with (offradar calibrate): embeddings of another are '
+        'rejected; empty allows any',
+        read_only=False,
+    )
     max_distance: float = parameter(
         0.0,
         'a nearest place further than this in embedding space is an unknown place; 0 turns this off',

@@ -86,7 +86,7 @@ BACKENDS = {
     )
 }
 """The modules that import a runtime of learned encoders when they are imported."""
-HEAVY = ('rclpy', 'torch', 'onnxruntime', 'onnx', 'matplotlib')
+HEAVY = ('rclpy', 'torch', 'onnxruntime', 'onnx', 'matplotlib', 'scipy')
 VAGUE = {'util', 'utils', 'common', 'helper', 'helpers', 'manager', 'managers', 'misc'}
 
 

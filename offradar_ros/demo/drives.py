@@ -6,7 +6,7 @@ import dataclasses
 from pathlib import Path
 
 from offradar_ros.bags.writer import BagOptions, write_bag
-from offradar_ros.cli.calibrate import calibrated
+from offradar_ros.cli.calibrated_drive import calibrated_drive
 from offradar_ros.cli.progress import progress_bar
 from offradar_ros.cli.simulate import session_plan
 from offradar_ros.config import Config, EncoderConfig, write_parameters
@@ -46,6 +46,7 @@ def simulate_drives(folder: Path) -> list[Drive]:
 def calibrate_on_a_clean_drive(path: Path) -> Path:
     """Parameters for the trained encoder from one more, undisturbed drive: Δ spans its U."""
     plan = session_plan(len(MAPPED), scans=SCANS, seed=SEED, degraded=0.0)
-    values, _ = calibrated(SimulatedSequence(make_city(CityPlan(seed=SEED)), plan), Config(encoder=ENCODER))
-    write_parameters(path, values, f'Calibrated over {SCANS} scans of a clean simulated drive.')
+    sequence = SimulatedSequence(make_city(CityPlan(seed=SEED)), plan)
+    done = calibrated_drive(sequence, Config(encoder=ENCODER), reject_at_most=0.0)
+    write_parameters(path, done.values, f'Calibrated over {SCANS} scans of a clean simulated drive.')
     return path

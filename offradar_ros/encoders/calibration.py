@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -21,3 +23,8 @@ def largest_deviation(uncertainties: ArrayLike) -> float:
     """max |U − 1| over calibrated uncertainties, a Δ (Sec. III-C) whose thresholds span the whole run; 0 for none."""
     values = np.asarray(uncertainties, np.float64)
     return float(np.max(np.abs(values[np.isfinite(values)] - 1.0), initial=0.0))
+
+
+def spanning_delta(uncertainties: ArrayLike) -> float:
+    """`largest_deviation`, up to the next millionth: single precision must not push the scan that set it out."""
+    return (math.floor(largest_deviation(uncertainties) * 1e6) + 1) / 1e6

@@ -38,16 +38,20 @@ class Recordings(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class RecordedSource:
-    """Where recorded drives are and how they are read: `root` holds the folders that a protocol names, if given."""
+    """Where recorded drives are and how they are read: `root` holds the folders that a protocol names, if given.
+
+    `layout` is that of every data-set folder among them; auto recognises each.
+    """
 
     root: Path | None = None
     radar: RadarConfig = dataclasses.field(default_factory=RadarConfig)
     position: PositionConfig = dataclasses.field(default_factory=PositionConfig)
+    layout: str = 'auto'
 
     def open(self, name: str) -> RadarSequence:
         """The sequence at a path, or of a name in `root`."""
         path = self.path(name)
-        return BagSequence(path, self.radar) if is_bag(path) else open_sequence(path, 'auto', self.radar)
+        return BagSequence(path, self.radar) if is_bag(path) else open_sequence(path, self.layout, self.radar)
 
     def path(self, name: str) -> Path:
         """Where a folder that a protocol names would be."""

@@ -5,6 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+MAP_SPACING_M = 5.0
+"""Way between two places of a map, as in the protocols."""
+
 
 def one_a_cell(driven_m: NDArray[np.float64], spacing_m: float) -> NDArray[np.intp]:
     """Indices of the first scan in each stretch of `spacing_m` of the way driven, (N,) metres, never decreasing.

@@ -71,9 +71,10 @@ class IntrospectiveQuery:
     def query(self, embedding: Embedding) -> Outcome:
         """The `top_k` nearest places, or a rejection with those that would have been returned where there are any.
 
-        An embedding of another model is rejected as `wrong_model` only where the map has a model. An empty map has one
-        when it is read from a file, and none when it comes as a message: then any model may still fill it, and every
-        valid embedding is rejected as `map_empty`.
+        An embedding of another model is rejected as `wrong_model`: of another than the thresholds were calibrated with,
+        where `query.model` says so, because they mean nothing for its U; or of another than the map's, where it has
+        one. An empty map has one when it is read from a file, and none when it comes as a message: then any model may
+        still fill it, and every other valid embedding is rejected as `map_empty`.
         """
         problem = embedding_problem(embedding)
         if problem:
@@ -93,6 +94,11 @@ class IntrospectiveQuery:
         return Match(embedding.stamp_ns, embedding.uncertainty, self.threshold, candidates)
 
     def _model_problem(self, embedding: Embedding) -> str | None:
+        if self.config.model and embedding.model != self.config.model:
+            return (
+                f'made by model {embedding.model[:12] or "(none)"}, the thresholds are calibrated for model '
+                f'{self.config.model[:12]} (query.model)'
+            )
         if not self._model:
             return None
         if embedding.model != self._model:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -9,8 +10,9 @@ import numpy as np
 import pytest
 
 from offradar_ros.bags.sequence import BagSequence
-from offradar_ros.config import load_config, read_parameters
+from offradar_ros.config import load_config, read_parameters, write_parameters
 from offradar_ros.encoders.registry import make_encoder
+from offradar_ros.retrieval.thresholds import threshold_at
 from offradar_ros.types import PolarScan
 
 
@@ -27,8 +29,9 @@ def test_u_is_1_on_average_and_delta_reaches_its_extremes(
     found = uncertainties(params, [BagSequence(bag).scan(i) for i in range(8)])
     assert found.mean() == pytest.approx(1.0, abs=1e-6)
     config = load_config(params)
-    assert config.query.delta == pytest.approx(np.abs(found - 1.0).max(), abs=1e-6)
-    assert config.query.level == config.query.levels
+    assert config.query.delta == pytest.approx(np.abs(found - 1.0).max(), abs=2e-6)
+    assert config.query.level == config.query.levels == 20
+    assert found.max() <= threshold_at(config.query)
     assert said.startswith('8 of 8 scans: U 1.000 on average')
 
 
@@ -88,9 +91,44 @@ def test_one_scan_is_too_few_and_few_are_noted(
     said = refused('calibrate', street_bag('one', count=1), '--out', out)
     assert 'expected at least 2 scans that can be encoded, got 1' in said
     lines = done('calibrate', street_bag('few', count=3), '--out', out).splitlines()
-    assert lines[1].startswith('note: Δ from 3 scans is too narrow')
-    assert lines[2] == f'{out}: written'
-    assert done('calibrate', street_bag('more', count=100), '--out', out).splitlines()[1:] == [f'{out}: replaced']
+    assert lines[1].endswith('0 of these scans, and one more like them with a chance of at most 0.2500')
+    assert lines[2].startswith('note: 3 scans are too few to reject 0.01 of ordinary ones (99 are enough)')
+    assert lines[3].startswith('note: nothing is known of wrong answers')
+    assert lines[4:] == [f'{out}: written']
+    again = done('calibrate', street_bag('more', count=20), '--out', out, '--reject-at-most', '0.05').splitlines()
+    assert len(again) == 4
+    assert again[3] == f'{out}: replaced'
+
+
+def test_the_threshold_is_the_lowest_static_one_that_rejects_few_enough(
+    done: Callable[..., str], street_bag: Callable[..., Path], tmp_path: Path
+) -> None:
+    bag, params = street_bag('bag', count=40, spoiled=(3, 17, 30)), tmp_path / 'params.yaml'
+    said = done('calibrate', bag, '--out', params, '--reject-at-most', '0.2', '--levels', '50')
+    found = np.sort(uncertainties(params, [BagSequence(bag).scan(i) for i in range(40)]))
+    query = load_config(params).query
+    # The 33rd of 40: ⌈41 · 0.8⌉.
+    assert query.levels == 50
+    assert threshold_at(query) >= found[32] > threshold_at(dataclasses.replace(query, level=query.level - 1))
+    rejected = int(np.sum(found > threshold_at(query)))
+    assert 3 <= rejected <= 7
+    assert f'{rejected} of these scans, and one more like them with a chance of at most 0.2000' in said
+
+
+def test_the_parameters_are_stamped_with_the_model_that_they_are_for(
+    done: Callable[..., str], street_bag: Callable[..., Path], tmp_path: Path
+) -> None:
+    bag, params, db = street_bag('bag', count=6), tmp_path / 'params.yaml', tmp_path / 'map.db'
+    done('calibrate', bag, '--out', params)
+    config = load_config(params)
+    assert config.query.model == make_encoder(config.encoder).info.fingerprint
+    assert 'map_empty' in done('drive', bag, '--params', params, '--map', db, '--session', 'one')
+    assert 'match' in done('drive', bag, '--params', params, '--map', db)
+    # The same thresholds with another scale of U, and so of another model.
+    values = read_parameters(params)
+    write_parameters(params, values | {'encoder.ring_key.variance_scale': 1.0})
+    said = done('drive', bag, '--params', params, '--map', tmp_path / 'other.db', '--session', 'one')
+    assert 'rejected: wrong_model │ 6' in said
 
 
 def test_every_other_parameter_of_the_file_is_kept(
@@ -107,7 +145,7 @@ def test_every_other_parameter_of_the_file_is_kept(
     done('calibrate', street_bag('bag', count=3), '--out', params, '--params', params)
     after = read_parameters(params)
     new = {name for name in after if name not in before}
-    assert all(name.startswith('encoder.') or name in ('query.level', 'query.levels') for name in new)
+    assert all(name.startswith('encoder.') or name in ('query.level', 'query.levels', 'query.model') for name in new)
     assert {name for name in before if after[name] != before[name]} == {'query.delta'}
     # Nodes refuse a whole number where they want a decimal one.
     assert isinstance(after['position.max_gap_s'], float)

@@ -178,6 +178,19 @@ def test_the_query_answers_a_bad_embedding_with_the_reason(
     assert not isinstance(outcomes[1], Rejection)
 
 
+def test_the_query_refuses_a_model_that_its_thresholds_are_not_of(
+    observer: Observer, start_node: Callable[..., StageNode]
+) -> None:
+    start_node(QueryNode, {'query.model': 'cd' * 32})
+    outcomes = observer.hear_outcomes()
+    send = observer.speaker(PointCloud2, 'embedding', qos.RESULTS)
+    send(embedding_message(embedding(SECOND), 'radar'))
+    send(embedding_message(embedding(2 * SECOND, model='cd' * 32), 'radar'))
+    wait_until(lambda: len(outcomes) == 2)
+    assert [outcome.reason for outcome in outcomes] == ['wrong_model', 'map_empty']
+    assert 'abababababab' in outcomes[0].detail and 'cdcdcdcdcdcd (query.model)' in outcomes[0].detail
+
+
 @pytest.mark.parametrize('node_type', [QueryNode, MapServerNode])
 def test_a_cloud_that_is_no_embedding_is_counted_and_answered(
     observer: Observer, start_node: Callable[..., StageNode], node_type: type[StageNode]

@@ -99,6 +99,20 @@ def test_another_model_or_dimension_is_never_compared(searching):
     assert outcome.reason is Reason.WRONG_MODEL and 'dimension 3, the map has 2' in outcome.detail
 
 
+def test_thresholds_of_another_model_are_never_used(searching):
+    searching.reconfigure(dataclasses.replace(searching.config, model=MODEL))
+    assert isinstance(searching.query(scan()), Match)
+    searching.reconfigure(dataclasses.replace(searching.config, model=OTHER))
+    outcome = searching.query(scan())
+    assert outcome.reason is Reason.WRONG_MODEL and outcome.candidates == () and outcome.uncertainty == 1.0
+    assert 'model aaaaaaaaaaaa' in outcome.detail and 'calibrated for model bbbbbbbbbbbb' in outcome.detail
+    assert searching.query(scan(model='')).detail.startswith('made by model (none)')
+    assert searching.query(scan((math.nan, 0.0))).reason is Reason.INVALID_EMBEDDING
+    searching.load(places(), '')
+    assert searching.query(scan()).reason is Reason.WRONG_MODEL
+    assert searching.query(scan(model=OTHER)).reason is Reason.MAP_EMPTY
+
+
 def test_the_first_reason_in_order_counts(searching):
     searching.reconfigure(dataclasses.replace(searching.config, level=0, max_distance=1.0))
     assert searching.query(scan((math.nan, 9e9), model=OTHER)).reason is Reason.INVALID_EMBEDDING

@@ -1,0 +1,105 @@
+"""How sure one can be of a share that was counted, and which threshold keeps wrong answers rare.
+
+Exact binomial bounds: Clopper and Pearson, Biometrika 26 (1934). The choice of a threshold is a test of each, as in
+Angelopoulos et al., "Learn then Test", arXiv 2110.01052 (2021). scipy is imported when a bound is computed.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+LEAST_CONFIDENCE = 0.75
+"""From here on the exact bound also holds for scans that are not all equally likely to be answered wrongly.
+
+Hoeffding (1956): unequal chances spread a count less than equal ones do, below its mean less 1; no count above that is
+rejected at 1/4 or less (Greenberg and Mohri, "Tight lower bound on the probability of a binomial", 2014).
+"""
+
+
+def upper_bound(count: int, total: int, confidence: float) -> float:
+    """The largest share that `count` of `total` does not rule out with this confidence, one-sided; 1 for none."""
+    from scipy.special import betaincinv  # noqa: PLC0415
+
+    return 1.0 if count >= total else float(betaincinv(count + 1, total - count, confidence))
+
+
+def interval(count: int, total: int, confidence: float) -> tuple[float, float]:
+    """Both ends of the share that `count` of `total` tells of; each is wrong with half of 1 − confidence."""
+    one_sided = (1.0 + confidence) / 2.0
+    return 1.0 - upper_bound(total - count, total, one_sided), upper_bound(count, total, one_sided)
+
+
+def fewest_answers(error_rate: float, confidence: float) -> int:
+    """So many answers, all of them right, bound the share of wrong ones by `error_rate`: ⌈ln(1 − c) / ln(1 − ε)⌉."""
+    return math.ceil(math.log(1.0 - confidence) / math.log(1.0 - error_rate) - 1e-9)
+
+
+class Counts(NamedTuple):
+    """At each of M ascending thresholds: (M,) int64 scans that are answered, and how many of them wrongly."""
+
+    answered: NDArray[np.int64]
+    wrong: NDArray[np.int64]
+
+
+def counts_at(uncertainties: NDArray[np.float64], wrong: NDArray[np.bool_], thresholds: NDArray[np.float64]) -> Counts:
+    """Of (Q,) scans, those with a U at most each threshold; an infinite U is never answered."""
+    order = np.argsort(uncertainties, kind='stable')
+    answered = np.searchsorted(uncertainties[order], thresholds, side='right').astype(np.int64)
+    mistakes = np.concatenate([[0], np.cumsum(wrong[order], dtype=np.int64)])
+    return Counts(answered, mistakes[answered])
+
+
+def passing(counts: Counts, error_rate: float, confidence: float) -> NDArray[np.bool_]:
+    """(M,) at which thresholds at most `error_rate` of the answers are wrong; all true ones at once, with `confidence`.
+
+    Each threshold's hypothesis is that more are. Its p-value is P(Bin(answered, error_rate) ≤ wrong). They are tested
+    from the lowest threshold upwards by the fallback procedure (Wiens, Pharmaceutical Statistics 2, 2003; a sequential
+    graphical test in Learn then Test): a threshold is tested at its own share of 1 − confidence, and at what the one
+    below it was tested at if that one passed. Where to start, and with which share, is fixed by how many are answered
+    alone, before anything is known of who is right:
+
+    * half of it starts at the first threshold that passes if no answer is wrong;
+    * half at the first that passes even if half of `error_rate` of them are: of few answers one wrong one, which is
+      no news at all, would end the tests.
+
+    Where there is no second one, the first has all of it. Thresholds below the first answer too few to say anything,
+    and are not tested.
+    """
+    from scipy.stats import binom  # noqa: PLC0415
+
+    shares = _shares(counts.answered, error_rate, 1.0 - confidence)
+    chances = binom.cdf(counts.wrong, counts.answered, error_rate)
+    passed = np.zeros(len(shares), np.bool_)
+    inherited = 0.0
+    for level, share in enumerate(shares.tolist()):
+        level_of_test = share + inherited
+        passed[level] = level_of_test > 0.0 and bool(chances[level] <= level_of_test)
+        inherited = level_of_test if passed[level] else 0.0
+    return passed
+
+
+def _shares(answered: NDArray[np.int64], error_rate: float, doubt: float) -> NDArray[np.float64]:
+    """(M,) how much of `doubt` = 1 − confidence each threshold's own test has."""
+    shares = np.zeros(len(answered))
+    strict = _first_able(answered, 0.0, error_rate, doubt / 2.0)
+    lenient = _first_able(answered, error_rate / 2.0, error_rate, doubt / 2.0)
+    if strict is not None and lenient is not None and strict != lenient:
+        shares[[strict, lenient]] = doubt / 2.0
+        return shares
+    alone = _first_able(answered, 0.0, error_rate, doubt)
+    if alone is not None:
+        shares[alone] = doubt
+    return shares
+
+
+def _first_able(answered: NDArray[np.int64], rate: float, error_rate: float, doubt: float) -> int | None:
+    """The first threshold that would pass at `doubt` with this rate of wrong answers."""
+    from scipy.stats import binom  # noqa: PLC0415
+
+    able = binom.cdf(np.floor(answered * rate), answered, error_rate) <= doubt
+    able &= answered > 0
+    return int(np.argmax(able)) if able.any() else None
