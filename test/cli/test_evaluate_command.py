@@ -115,7 +115,7 @@ def test_the_papers_oxford_experiment(oxford: Path, tmp_path: Path, done: Callab
     assert 'report.html' in done('report', out)
     text = (out / 'report' / 'report.md').read_text()
     assert '| RingKey | ' in text
-    assert '83.68 | 86.49 | 88.32 | 0.85 / 0.81 / 0.71 | 0.94 |' in text
+    assert '83.68 / 86.49 / 88.32 | 0.85 / 0.81 / 0.71 | 0.94 |' in text
     assert 'simulated' not in text
     # Without the test sequences there is nothing to measure, and a line says what is missing.
     (oxford / results['drives']['oxford/oxford'][0]).rename(oxford / 'elsewhere')

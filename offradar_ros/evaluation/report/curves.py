@@ -39,9 +39,10 @@ def colour_of(source: Source, method: str) -> str:
 def rejection_figures(source: Source) -> Iterator[FigureSection]:
     """Recall@1 against the share of rejected queries, as the paper's two figures; a figure for each group."""
     for group in source.groups:
-        figure = new_figure(5.2 * len(source.spacings), 4.0)
-        axes = figure.subplots(1, len(source.spacings), squeeze=False, sharey=True)[0]
-        for axis, spacing in zip(axes, source.spacings, strict=True):
+        panels = [(spacing, close) for spacing in source.spacings for close in (False, True)]
+        figure = new_figure(5.2 * len(panels), 4.0)
+        axes = figure.subplots(1, len(panels), squeeze=False)[0]
+        for axis, (spacing, close) in zip(axes, panels, strict=True):
             for method in source.methods:
                 ours = method == OURS
                 label = 'OURS(Q)' if ours else NAMES.get(method, method)
@@ -58,7 +59,11 @@ def rejection_figures(source: Source) -> Iterator[FigureSection]:
                     axis.plot(
                         100 * SHARES, 100 * _rejection(maintained), '--', color=COLOURS[-1], label='OURS(QM)', lw=2.2
                     )
-            axis.set_title(f'{source.data_word(group)}, map spacing {spacing} m', fontsize='small')
+            if close:
+                lost = 100.0 * (1.0 - float(np.mean(source.answered(group, spacing, source.shown)['rank'] == 0)))
+                axis.set_ylim(100.0 - max(3.0 * lost, 1.0), 100.0 + max(0.15 * lost, 0.05))
+            word = ', close by' if close else ''
+            axis.set_title(f'{source.data_word(group)}, map spacing {spacing} m{word}', fontsize='small')
             axis.set_xlabel('rejected, most uncertain first (%)')
             axis.grid(alpha=0.3)
         axes[0].set_ylabel('Recall@1 of what is left (%)')
@@ -66,8 +71,8 @@ def rejection_figures(source: Source) -> Iterator[FigureSection]:
         yield FigureSection(
             f'recall_at_rejection_{group}',
             f'Introspective query rejection: {source.title(group)}',
-            'Recall@1 as the most uncertain queries are rejected. OURS(Q) searches the map of one drive, OURS(QM) the '
-            f'maintained map; {source.data_word(group)}.',
+            'Recall@1 as the most uncertain queries are rejected, of all methods and of the best. OURS(Q) '
+            f'searches the map of one drive, OURS(QM) the maintained map; {source.data_word(group)}.',
             f'Curves of Recall@1 against the rejected share for {len(source.methods)} methods',
             png_of(figure),
         )

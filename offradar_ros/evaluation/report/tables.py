@@ -89,7 +89,7 @@ def recognition_table(source: Source, group: str, spacing: str) -> TableSection:
     )
 
 
-PAPER_HEAD = ('R@1', 'R@5', 'R@10', 'F (as printed)', 'AP')
+PAPER_HEAD = ('R@1/5/10', 'F (as printed)', 'AP')
 
 
 def paper_table(which: int) -> TableSection:
@@ -118,8 +118,8 @@ def _paper_cells(row: PaperRow | None) -> tuple[str, ...]:
     if row is None:
         return ('-',) * len(PAPER_HEAD)
     printed = ' / '.join(f'{value:.2f}' for value in row.f_printed)
-    recalls = (row.recall_at_1, row.recall_at_5, row.recall_at_10)
-    return (*(f'{value:.2f}' for value in recalls), printed, f'{row.average_precision:.2f}')
+    recalls = ' / '.join(f'{value:.2f}' for value in (row.recall_at_1, row.recall_at_5, row.recall_at_10))
+    return recalls, printed, f'{row.average_precision:.2f}'
 
 
 def _recognition(figures: Json) -> list[str]:
@@ -195,10 +195,10 @@ def uncertainty_table(source: Source, group: str, spacing: str) -> TableSection:
     return TableSection(
         f'uncertainty_{group}_{spacing}m',
         f'Uncertainty: {source.title(group)}, {_map_words(spacing)}',
-        'AUROC: chance that a wrong answer has the higher U. Recall@RR: Recall@1 (%) of what is left when the most '
-        'uncertain share is rejected. AUSC, AUSE, ECE: lower is better. With 95 % bootstrap intervals over pairs of '
-        f'drives; {source.data_word(group)}.',
-        ('method', *cells, *(f'R@1 at RR {share:g}' for share in shares)),
+        'AUROC: chance that a wrong answer has the higher U. RR 0 to 0.9: Recall@RR, Recall@1 (%) of what is left when '
+        'so great a share is rejected, the most uncertain first. AUSC, AUSE, ECE: lower is better. With '
+        f'95 % bootstrap intervals over pairs of drives; {source.data_word(group)}.',
+        ('method', *cells, *(f'RR {share:g}' for share in shares)),
         tuple(
             (
                 _name(name),
@@ -234,12 +234,14 @@ def deployed_table(source: Source, group: str, spacing: str) -> TableSection:
 def threshold_tables(source: Source, group: str, spacing: str) -> Iterator[TableSection]:
     """Recall@1 of what each static threshold keeps, of the method that is shown."""
     told = source.results['groups'][group][spacing][source.shown]['recall_at_threshold']
+    # Of those that keep nothing the highest is enough.
+    told = told[max(0, sum(row['kept'] == 0 for row in told) - 1) :]
     if told:
         yield TableSection(
             f'thresholds_{group}_{spacing}m',
             f'Static thresholds of {_name(source.shown)}: {source.title(group)}, {_map_words(spacing)}',
-            'T = (1 − Δ) + n · 2Δ/N, Δ the largest |U − 1| of the validation drives. Where nothing is kept there is no '
-            f'recall; {source.data_word(group)}.',
+            'T = (1 − Δ) + n · 2Δ/N, Δ the largest |U − 1| of the validation drives. Lower ones than the first keep '
+            f'nothing, and have no recall; {source.data_word(group)}.',
             ('T', 'rejected (%)', 'kept', 'R@1 (%)'),
             tuple(
                 (number(row['threshold']), _percent(row['rejected']), str(row['kept']), _percent(row['recall_at_1']))

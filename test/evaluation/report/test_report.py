@@ -80,13 +80,14 @@ def test_the_tables_hold_the_results(folder: Path) -> None:
     (head, row) = rows_of(folder, 'ablation_a_15m')
     assert row[head.index('M')] == f'{100 * results["maintenance"]["a"]["15"]["ring_key"]["M"]:.2f}'
     thresholds = rows_of(folder, 'thresholds_a_5m')[1:]
-    assert len(thresholds) == 21
+    assert 1 <= len(thresholds) <= 21
+    assert [row[2] for row in thresholds].count('0') <= 1
     assert [float(row[1]) for row in thresholds] == sorted((float(row[1]) for row in thresholds), reverse=True)
 
 
 def test_the_papers_tables_stand_as_printed(folder: Path) -> None:
     table = {row[0]: row[1:] for row in rows_of(folder, 'paper_table_1')[1:]}
-    assert table['OURS(M)'] == ['93.67', '96.24', '97.39', '0.95 / 0.91 / 0.78', '0.99']
+    assert table['OURS(M)'] == ['93.67 / 96.24 / 97.39', '0.95 / 0.91 / 0.78', '0.99']
     assert len(table) == 7
     assert len(rows_of(folder, 'paper_table_2')) == 7
 
