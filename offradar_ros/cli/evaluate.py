@@ -1,7 +1,6 @@
 """`offradar evaluate`: recall, uncertainty and map maintenance of encoders, by a protocol."""
 
 import importlib.util
-import math
 import shlex
 import sys
 from pathlib import Path
@@ -32,9 +31,10 @@ from offradar_ros.evaluation.evaluate import evaluate as run
 from offradar_ros.evaluation.recorded_drives import RecordedSource
 from offradar_ros.evaluation.results import RESULTS_FILE
 from offradar_ros.evaluation.table import tables
+from offradar_ros.evaluation.thresholds import NOT_DEPLOYED, Deployed
 from offradar_ros.retrieval.thresholds import threshold_at
 
-DEPLOYED = frozenset({'query.delta', 'query.levels', 'query.level'})
+THRESHOLD = frozenset({'query.delta', 'query.levels', 'query.level'})
 
 
 def evaluate(
@@ -62,7 +62,7 @@ def evaluate(
     if pictures and importlib.util.find_spec('matplotlib') is None:
         raise ConfigError(f'pictures need the Python package matplotlib: {pip_hint("plot")}, or --no-pictures')
     config = load_config(params)
-    deployed = params is not None and not DEPLOYED.isdisjoint(read_parameters(params))
+    in_use = params is not None and not THRESHOLD.isdisjoint(read_parameters(params))
     options = Options(
         out=out,
         cache=cache or out / 'cache',
@@ -71,7 +71,7 @@ def evaluate(
         real_worlds=real_worlds,
         real_scans=real_scans,
         recorded=RecordedSource(data, config.radar, config.position),
-        threshold=threshold_at(config.query) if deployed else math.nan,
+        deployed=Deployed(threshold_at(config.query), config.query.model) if in_use else NOT_DEPLOYED,
         processes=processes,
         threads=threads,
         pictures=pictures,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -40,13 +39,14 @@ from offradar_ros.evaluation.runner import (
 )
 from offradar_ros.evaluation.summary import Json
 from offradar_ros.evaluation.targets import recorded_targets, targets
+from offradar_ros.evaluation.thresholds import NOT_DEPLOYED, Deployed
 
 
 @dataclasses.dataclass(frozen=True)
 class Options:
     """Where things are and how much of the machine is used; as `offradar evaluate` explains them.
 
-    `threshold` is the one in use, NaN to take it from the protocol's validation.
+    `deployed` is the threshold in use where it is not to come from the protocol's validation.
     """
 
     out: Path
@@ -56,7 +56,7 @@ class Options:
     real_worlds: Path | None = None
     real_scans: Path | None = None
     recorded: RecordedSource = dataclasses.field(default_factory=RecordedSource)
-    threshold: float = math.nan
+    deployed: Deployed = NOT_DEPLOYED
     processes: int = 0
     threads: int = 0
     pictures: bool = True
@@ -76,7 +76,7 @@ def evaluate(protocol: Protocol, methods: Sequence[str], options: Options) -> Js
     opened = _opened(protocol, methods, options)
     worlds, lacking = open_worlds(protocol, options)
     _require_searches(worlds, protocol, lacking)
-    measured = [measure(method, worlds, protocol, options.cache, options.bar, options.threshold) for method in opened]
+    measured = [measure(method, worlds, protocol, options.cache, options.bar, options.deployed) for method in opened]
     results = assemble(measured, worlds, protocol, options.command, [*lacking, *_unaligned(measured[0], worlds)])
     results['targets'] = targets(results) if protocol.targets else []
     if options.real_scans:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import concurrent.futures
 import dataclasses
 import itertools
-import math
 import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager
@@ -24,7 +23,7 @@ from offradar_ros.evaluation.maintenance import Ablation, ablate, merges
 from offradar_ros.evaluation.methods import Method
 from offradar_ros.evaluation.protocol import Protocol
 from offradar_ros.evaluation.scan_cache import cached_drives
-from offradar_ros.evaluation.thresholds import Thresholds, thresholds_from
+from offradar_ros.evaluation.thresholds import NOT_DEPLOYED, Deployed, Thresholds, thresholds_from
 
 ItemT = TypeVar('ItemT')
 FoundT = TypeVar('FoundT')
@@ -85,11 +84,11 @@ def query_of(pair: Pair, worlds: Worlds) -> EvaluatedDrive:
 
 
 def measure(
-    method: Method, worlds: Worlds, protocol: Protocol, cache: Path, bar: Bar, threshold: float = math.nan
+    method: Method, worlds: Worlds, protocol: Protocol, cache: Path, bar: Bar, deployed: Deployed = NOT_DEPLOYED
 ) -> Measured:
     """Encode all drives, search every drive's map for every other drive of its world, and maintain maps.
 
-    `threshold` is the one in use, where it is not to come from the validation drives.
+    The threshold in use is the `deployed` one where that is for this model, else that of the validation drives.
     """
     evaluated = {key: drives for key, drives in worlds.items() if key[0] != VALIDATION}
     clean = [drive for (group, _), drives in worlds.items() if group == VALIDATION for drive in drives]
@@ -123,7 +122,7 @@ def measure(
         encoder.info,
         found,
         ablations,
-        thresholds_from(validation, protocol.validation, threshold),
+        thresholds_from(validation, protocol.validation, deployed.of(encoder.info.fingerprint)),
         measure_cost(encoder, next(iter(evaluated.values()))[-1], round(np.mean([a.places for a in found]))),
     )
 

@@ -13,6 +13,20 @@ from offradar_ros.evaluation.protocol import Validation
 from offradar_ros.retrieval.thresholds import static_thresholds
 
 
+class Deployed(NamedTuple):
+    """A threshold in use, and the fingerprint of the model that it is for; empty for any. NaN where there is none."""
+
+    threshold: float = math.nan
+    model: str = ''
+
+    def of(self, fingerprint: str) -> float:
+        """The threshold for the model of this fingerprint; NaN where it is for another, whose U it says nothing of."""
+        return self.threshold if self.model in ('', fingerprint) else math.nan
+
+
+NOT_DEPLOYED = Deployed()
+
+
 class Thresholds(NamedTuple):
     """`static` ascending, none where nothing was validated on; `deployed` is the one in use, NaN where none is."""
 

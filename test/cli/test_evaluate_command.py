@@ -154,6 +154,12 @@ def test_own_recordings(street_bag: Callable[..., Path], tmp_path: Path, done: C
     assert (told['pairs'], told['queries']) == (2, 32)
     assert results['maintenance']['own']['5']['ring_key']['ordered_pairs'] == 2
     assert told['at_deployed_threshold']['threshold'] == pytest.approx(1.2)
+    # Thresholds of another model say nothing of this one's U.
+    (tmp_path / 'car.yaml').write_text('query: {delta: 0.4, levels: 4, level: 3, model: abc}\n')
+    done('evaluate', 'own', *named, '--out', tmp_path, '--no-pictures')
+    results = json.loads((tmp_path / 'results.json').read_text())
+    assert results['groups']['own']['5']['ring_key']['at_deployed_threshold'] == {'threshold': None}
+    assert results['maintenance']['own']['5']['ring_key']['QM'] is None
 
 
 def test_maps_and_queries_come_together(tmp_path: Path, refused: Callable[..., str]) -> None:
