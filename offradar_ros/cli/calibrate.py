@@ -21,7 +21,7 @@ from offradar_ros.config import (
     write_parameters,
 )
 from offradar_ros.errors import ConfigError
-from offradar_ros.evaluation.error_control import LEAST_CONFIDENCE
+from offradar_ros.evaluation.calibration.error_control import LEAST_CONFIDENCE
 from offradar_ros.evaluation.spacing import MAP_SPACING_M
 
 LEVELS = 20

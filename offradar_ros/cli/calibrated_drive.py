@@ -12,8 +12,8 @@ from offradar_ros.encoders.calibration import spanning_delta, variance_factor
 from offradar_ros.encoders.protocol import Encoder
 from offradar_ros.encoders.registry import make_encoder
 from offradar_ros.errors import DataError, RefusedInput
-from offradar_ros.evaluation.calibrated_parameters import calibrated_parameters
-from offradar_ros.evaluation.conformal import conformal_quantile, scans_for_quantile
+from offradar_ros.evaluation.calibration.calibrated_parameters import calibrated_parameters
+from offradar_ros.evaluation.calibration.conformal import conformal_quantile, scans_for_quantile
 from offradar_ros.retrieval.thresholds import static_thresholds
 
 FEWEST_SCANS = 2

@@ -15,16 +15,16 @@ from offradar_ros.encoders.calibration import spanning_delta, variance_factor
 from offradar_ros.encoders.protocol import Encoder
 from offradar_ros.encoders.registry import make_encoder
 from offradar_ros.errors import ConfigError
-from offradar_ros.evaluation.calibrated_parameters import calibrated_parameters
+from offradar_ros.evaluation.calibration.calibrated_parameters import calibrated_parameters
+from offradar_ros.evaluation.calibration.error_control import upper_bound
+from offradar_ros.evaluation.calibration.reliability import draw_reliability
+from offradar_ros.evaluation.calibration.threshold_choice import ThresholdChoice, choose_threshold
+from offradar_ros.evaluation.calibration.validation_queries import SQUARE_M, validation_queries
 from offradar_ros.evaluation.embedding_cache import EmbeddedDrive, encode
-from offradar_ros.evaluation.error_control import upper_bound
 from offradar_ros.evaluation.protocol import Group, Protocol, Recorded
 from offradar_ros.evaluation.recorded_drives import RecordedSource, recorded_drives
-from offradar_ros.evaluation.reliability import draw_reliability
 from offradar_ros.evaluation.spacing import MAP_SPACING_M
-from offradar_ros.evaluation.threshold_choice import ThresholdChoice, choose_threshold
 from offradar_ros.evaluation.truth import TOLERANCE_M
-from offradar_ros.evaluation.validation_queries import SQUARE_M, validation_queries
 from offradar_ros.retrieval.thresholds import static_thresholds
 
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from offradar_ros.errors import DataError
+from offradar_ros.evaluation.calibration.validation_queries import validation_queries
 from offradar_ros.evaluation.embedding_cache import EmbeddedDrive
-from offradar_ros.evaluation.validation_queries import validation_queries
 
 Street = Callable[..., EmbeddedDrive]
 

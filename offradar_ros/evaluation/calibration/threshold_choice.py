@@ -8,10 +8,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros.errors import DataError
-from offradar_ros.evaluation.clustered_bound import clustered_upper_bound
-from offradar_ros.evaluation.conformal import risk_bound
-from offradar_ros.evaluation.error_control import Counts, counts_at, fewest_answers, interval, passing, upper_bound
-from offradar_ros.evaluation.validation_queries import ValidationQueries
+from offradar_ros.evaluation.calibration.clustered_bound import clustered_upper_bound
+from offradar_ros.evaluation.calibration.conformal import risk_bound
+from offradar_ros.evaluation.calibration.error_control import (
+    Counts,
+    counts_at,
+    fewest_answers,
+    interval,
+    passing,
+    upper_bound,
+)
+from offradar_ros.evaluation.calibration.validation_queries import ValidationQueries
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from offradar_ros.errors import DataError
-from offradar_ros.evaluation.reliability import draw_reliability
-from offradar_ros.evaluation.threshold_choice import choose_threshold
-from offradar_ros.evaluation.validation_queries import ValidationQueries
+from offradar_ros.evaluation.calibration.reliability import draw_reliability
+from offradar_ros.evaluation.calibration.threshold_choice import choose_threshold
+from offradar_ros.evaluation.calibration.validation_queries import ValidationQueries
 from offradar_ros.retrieval.thresholds import static_thresholds
 
 

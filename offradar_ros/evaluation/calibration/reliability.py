@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from offradar_ros.evaluation.error_control import interval
+from offradar_ros.evaluation.calibration.error_control import interval
+from offradar_ros.evaluation.calibration.threshold_choice import ThresholdChoice
 from offradar_ros.evaluation.figures import new_figure
-from offradar_ros.evaluation.threshold_choice import ThresholdChoice
 
 BINS = 10
 
