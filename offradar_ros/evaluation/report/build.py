@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from offradar_ros.evaluation.report.ablation_tables import ablation_tables
 from offradar_ros.evaluation.report.curves import precision_recall_figures, rejection_figures
+from offradar_ros.evaluation.report.other_tables import cost_table, recorded_tables, target_tables
+from offradar_ros.evaluation.report.paper_tables import PAPER_TABLES
 from offradar_ros.evaluation.report.places import map_figures, trajectory_figures
-from offradar_ros.evaluation.report.sections import FigureSection, Report
+from offradar_ros.evaluation.report.recognition_tables import paper_table, recognition_table
+from offradar_ros.evaluation.report.sections import FigureSection, Report, TableSection
 from offradar_ros.evaluation.report.source import Source
-from offradar_ros.evaluation.report.tables import all_tables
+from offradar_ros.evaluation.report.uncertainty_tables import deployed_tables, threshold_tables, uncertainty_table
 
 PICTURES = {
     'extremes': (
@@ -46,11 +50,28 @@ def build_report(source: Source) -> Report:
     return Report(
         title=f'{results["protocol"]["title"]}',
         remarks=tuple(_remarks(source)),
-        tables=tuple(all_tables(source)),
+        tables=tuple(_tables(source)),
         figures=tuple(figures),
         command=results['command'],
         versions=f'{results["created"]}: {versions}',
     )
+
+
+def _tables(source: Source) -> Iterator[TableSection]:
+    """Those of the paper's form first."""
+    places = [(group, spacing) for group in source.groups for spacing in source.spacings]
+    for group, spacing in places:
+        yield recognition_table(source, group, spacing)
+    if not any(group['paper'] for group in source.results['protocol']['groups']):
+        yield from map(paper_table, PAPER_TABLES)
+    yield from ablation_tables(source)
+    for group, spacing in places:
+        yield uncertainty_table(source, group, spacing)
+        yield from deployed_tables(source, group, spacing)
+        yield from threshold_tables(source, group, spacing)
+    yield cost_table(source)
+    yield from recorded_tables(source)
+    yield from target_tables(source)
 
 
 def _remarks(source: Source) -> Iterator[str]:

@@ -16,7 +16,7 @@ from offradar_ros.evaluation.metrics.precision_recall import precision_recall
 from offradar_ros.evaluation.metrics.recall_at_rejection import rejection_curve
 from offradar_ros.evaluation.report.sections import FigureSection
 from offradar_ros.evaluation.report.source import Source
-from offradar_ros.evaluation.report.tables import NAMES
+from offradar_ros.evaluation.report.words import NAMES
 
 COLOURS = ('#0072B2', '#E69F00', '#009E73', '#CC79A7', '#56B4E9', '#8C8C8C', '#D55E00')
 """Okabe and Ito's, which most people tell apart; ours has the last."""

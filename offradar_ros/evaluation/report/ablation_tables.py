@@ -1,0 +1,38 @@
+"""Maintained maps and introspective queries, by themselves and together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from offradar_ros.evaluation.report.sections import TableSection
+from offradar_ros.evaluation.report.source import Source
+from offradar_ros.evaluation.report.words import map_words, name_of, percent
+from offradar_ros.evaluation.table import number
+
+
+def ablation_tables(source: Source) -> Iterator[TableSection]:
+    """O, M, M_random, Q and QM of every method that has them."""
+    names = ('O', 'M', 'M_random', 'Q', 'QM')
+    for group in source.groups:
+        for spacing, methods in source.results['maintenance'].get(group, {}).items():
+            if methods:
+                rows = tuple(
+                    (
+                        name_of(method),
+                        *(percent(methods[method][name]) for name in names),
+                        percent(methods[method]['rejected']),
+                        number(methods[method]['threshold']),
+                        f'{methods[method]["replaced"]} of {methods[method]["opportunities"]}',
+                    )
+                    for method in source.methods
+                    if method in methods
+                )
+                yield TableSection(
+                    f'ablation_{group}_{spacing}m',
+                    f'Ablation: {source.title(group)}, {map_words(spacing)}',
+                    'Recall@1 in %. O: the map of one drive; M: all drives but that and the query are merged into it; '
+                    'M_random: as many replacements, drawn at random; Q, QM: the same of the queries whose U is at '
+                    f'most the threshold; {source.data_word(group)}.',
+                    ('method', *names, 'rejected (%)', 'threshold', 'replacements'),
+                    rows,
+                )
