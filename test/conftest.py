@@ -42,6 +42,7 @@ class StreetSequence:
     lane_m: float = 0.0
     noise_seed: int = 0
     spoiled: tuple[int, ...] = ()
+    silent: bool = False
     name: str = 'street'
     layout: str = 'test'
 
@@ -79,6 +80,8 @@ class StreetSequence:
                 power[np.ix_(np.arange(row - 1, row + 2) % 400, np.arange(column - 3, column + 4))] = 180
         if index in self.spoiled:
             power[:] = noise.integers(0, 200, power.shape, np.uint8)
+        if self.silent:
+            power[:] = 0
         return PolarScan(int(self.stamps_ns[index]), power, np.arange(400) / 400 * 2 * np.pi, 0.1736)
 
 

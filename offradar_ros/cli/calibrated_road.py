@@ -44,7 +44,7 @@ def calibrated_road(
     DataError for drives without positions or of different roads, and where no threshold keeps the rate that is wanted.
     """
     encoder = make_encoder(config.encoder)
-    drives = _encoded(paths, layout, config, encoder, wanted.spacing_m)
+    drives, lacking = _encoded(paths, layout, config, encoder, wanted.spacing_m)
     queries = validation_queries(drives, MAP_SPACING_M, TOLERANCE_M)
     known = np.isfinite(queries.uncertainties)
     factor = variance_factor(queries.uncertainties[known]) if config.encoder.name == 'ring_key' else 1.0
@@ -53,7 +53,7 @@ def calibrated_road(
     choice = choose_threshold(queries, static_thresholds(delta, levels), wanted.error_rate, wanted.confidence)
     values = calibrated_parameters(config, encoder, factor, delta, levels, choice.level)
     source = f'{len(queries)} scans of {", ".join(drive.drive.name for drive in drives)}'
-    return Calibrated(values, source, _lines(choice, delta)), choice
+    return Calibrated(values, source, [*_lines(choice, delta), *(f'note: {text}' for text in lacking)]), choice
 
 
 def draw(choice: ThresholdChoice, path: Path) -> None:
@@ -66,18 +66,18 @@ def draw(choice: ThresholdChoice, path: Path) -> None:
 
 def _encoded(
     paths: Sequence[Path], layout: str, config: Config, encoder: Encoder, spacing_m: float
-) -> list[EmbeddedDrive]:
+) -> tuple[list[EmbeddedDrive], list[str]]:
     for path in paths:
         require_recording(path, layout)
     road = Recorded('calibration', sequences=tuple(str(path.resolve()) for path in paths))
     group = Group('calibration', 'Validation drives', recorded=(road,))
     protocol = Protocol('calibration', 'Validation drives', (group,), drive_spacing_m=spacing_m)
-    opened = recorded_drives(protocol, RecordedSource(None, config.radar, config.position, layout)).drives
+    opened = recorded_drives(protocol, RecordedSource(None, config.radar, config.position, layout))
     made = []
-    for drive in opened:
+    for drive in opened.drives:
         with progress_bar(f'encoding {drive.name}') as progress:
             made.append(encode(encoder, drive, progress))
-    return made
+    return made, opened.lacking
 
 
 def _lines(choice: ThresholdChoice, delta: float) -> list[str]:

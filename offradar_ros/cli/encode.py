@@ -25,7 +25,7 @@ from offradar_ros.evaluation.recorded_drives import RecordedSource
 
 
 def encode(
-    protocol: ProtocolName = 'simulated',
+    protocol: ProtocolName = None,
     methods: Methods = None,
     cache: Annotated[Path, typer.Option(help='Folder of simulated scans and embeddings, as evaluate is given it.')] = (
         Path('evaluation') / 'cache'
@@ -47,6 +47,7 @@ def encode(
         bar=progress_bar,
         real_worlds=real_worlds,
         recorded=RecordedSource(data, config.radar, config.position),
+        encoder=config.encoder,
         processes=processes,
         threads=threads,
     )

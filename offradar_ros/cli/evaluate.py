@@ -38,7 +38,7 @@ THRESHOLD = frozenset({'query.delta', 'query.levels', 'query.level'})
 
 
 def evaluate(
-    protocol: ProtocolName = 'simulated',
+    protocol: ProtocolName = None,
     methods: Methods = None,
     out: Annotated[Path, typer.Option(help='Folder for results.json, scans.npy, maps.npz and pictures.')] = Path(
         'evaluation'
@@ -71,6 +71,7 @@ def evaluate(
         real_worlds=real_worlds,
         real_scans=real_scans,
         recorded=RecordedSource(data, config.radar, config.position),
+        encoder=config.encoder,
         deployed=Deployed(threshold_at(config.query), config.query.model) if in_use else NOT_DEPLOYED,
         processes=processes,
         threads=threads,

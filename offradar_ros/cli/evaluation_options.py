@@ -6,6 +6,7 @@ from typing import Annotated, Optional
 
 import typer
 
+from offradar_ros.cli.source import require_recording
 from offradar_ros.errors import ConfigError
 from offradar_ros.evaluation.protocol import Group, Protocol, Recorded
 from offradar_ros.evaluation.protocol_file import read_protocol
@@ -16,7 +17,12 @@ METHODS_HELP = (
 )
 DEFAULT_METHODS = ('ring_key', 'ours=compact')
 
-ProtocolName = Annotated[str, typer.Argument(help='Protocol: a YAML file, or the name of one that comes with us.')]
+ProtocolName = Annotated[
+    Optional[str],
+    typer.Argument(
+        help='Protocol: a YAML file, or the name of one that comes with us; simulated if not given, or own with --map.'
+    ),
+]
 Methods = Annotated[Optional[list[str]], typer.Option('--method', metavar='NAME[=WEIGHTS]', help=METHODS_HELP)]
 Data = Annotated[Optional[Path], typer.Option(help='Folder of the recorded sequences that the protocol names.')]
 Maps = Annotated[
@@ -32,20 +38,33 @@ Queries = Annotated[
 ]
 Params = Annotated[
     Optional[Path],
-    typer.Option(help='Parameter file: how recordings are read, and the threshold in use where it has one.'),
+    typer.Option(
+        help='Parameter file: how recordings are read, the encoder, and the threshold in use where it has one.'
+    ),
 ]
 RealWorlds = Annotated[Optional[Path], typer.Option(help='Folder of the maps and traversals that the protocol names.')]
 Processes = Annotated[int, typer.Option(min=0, help='Processes that simulate; 0 for one a core.')]
 Threads = Annotated[int, typer.Option(min=0, help='Threads of a learned encoder; 0 for one a core.')]
 
 
-def protocol_of(name: str, maps: Optional[list[Path]], queries: Optional[list[Path]]) -> Protocol:
-    """The protocol of a name, with recordings of one's own in place of its groups where any are given."""
-    protocol = read_protocol(name)
-    if not maps and not queries:
+def protocol_of(name: Optional[str], maps: Optional[list[Path]], queries: Optional[list[Path]]) -> Protocol:
+    """The protocol of a name, with recordings of one's own in place of what it drives where any are given.
+
+    Then no simulated drives are left to validate on: their U says nothing of another radar's.
+    """
+    given = bool(maps or queries)
+    protocol = read_protocol(name or ('own' if given else 'simulated'))
+    if not given and protocol.groups:
         return protocol
     if not maps or not queries:
-        raise ConfigError('--map and --query: expected at least one of each')
+        raise ConfigError(f'protocol {protocol.name}: expected at least one --map and one --query')
+    for path in (*maps, *queries):
+        require_recording(path, 'auto')
     named = [tuple(str(path.resolve()) for path in paths) for paths in (maps, queries)]
     road = Recorded('own', maps=named[0], queries=named[1])
-    return dataclasses.replace(protocol, groups=(Group('own', 'Own recordings', recorded=(road,)),))
+    return dataclasses.replace(
+        protocol,
+        title='Own recordings',
+        groups=(Group('own', 'Own recordings', recorded=(road,)),),
+        validation=dataclasses.replace(protocol.validation, cities=()),
+    )

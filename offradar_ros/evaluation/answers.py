@@ -122,7 +122,7 @@ def answers(
     errors_m, distances = np.full((2, count), np.inf)
     positive = np.zeros(count, np.bool_)
     tally = PairTally() if all_pairs else None
-    for start in range(0, count, _BLOCK):
+    for start in range(0, count if len(places) else 0, _BLOCK):
         part = slice(start, start + _BLOCK)
         squares = squared_distances(query.means[part], places.means)
         apart_m = _distances_m(truth_m[part], positions_m)
@@ -132,8 +132,9 @@ def answers(
             apart_m[late_ns <= rules.exclusion_ns] = np.inf
         usable = query.usable[part]
         if tally:
-            known = usable[:, None] & np.isfinite(apart_m)
-            tally.add(squares, known & (apart_m <= rules.tolerance_m), known & (apart_m > rules.negative_m))
+            known = np.isfinite(apart_m)
+            reached = np.where(usable[:, None], squares, np.inf)
+            tally.add(reached, known & (apart_m <= rules.tolerance_m), known & (apart_m > rules.negative_m))
         rows = k_least(squares, depth)
         near = (np.take_along_axis(apart_m, rows, 1) <= rules.tolerance_m) & usable[:, None]
         ranks[part] = np.where(near.any(axis=1), np.argmax(near, axis=1), NOT_FOUND)
@@ -167,7 +168,25 @@ def _distances_m(some: NDArray[np.float64], others: NDArray[np.float64]) -> NDAr
 
 
 def answers_from(pair: Pair, mapped: EmbeddedDrive, query: EmbeddedDrive, rules: Rules) -> Answers:
-    """Search the map made of one drive for another's scans; rows of places become rows of the mapped drive."""
+    """Search the map made of one drive for another's scans; rows of places become rows of the mapped drive.
+
+    Queries have a right place where the drive has one, also if the encoder refused its scan: so all methods are asked
+    the same. A map without any place answers nothing.
+    """
     rows = map_rows(mapped, pair.spacing_m)
     told = answers(pair, places_of(mapped, rows), query, rules, all_pairs=True)
+    if not mapped.usable.all():
+        told = dataclasses.replace(told, positive=_positive(mapped, pair.spacing_m, query, rules))
+    if not len(rows):
+        return told
     return dataclasses.replace(told, found=rows[told.found], right=rows[told.right])
+
+
+def _positive(mapped: EmbeddedDrive, spacing_m: float, query: EmbeddedDrive, rules: Rules) -> NDArray[np.bool_]:
+    """(Q,) whether the map would hold a right place had no scan been refused."""
+    whole = dataclasses.replace(mapped, uncertainties=np.zeros(len(mapped.uncertainties)))
+    blank = dataclasses.replace(whole, means=np.zeros((len(whole.means), 1), np.float32))
+    asked = dataclasses.replace(query, means=np.zeros((len(query.means), 1), np.float32))
+    return answers(
+        Pair('', '', '', 0, 0, spacing_m), places_of(blank, map_rows(whole, spacing_m)), asked, rules
+    ).positive

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros.errors import DataError
-from offradar_ros.evaluation.protocol import Lane, Protocol, RealStreets
+from offradar_ros.evaluation.protocol import VALIDATION, Lane, Protocol, RealStreets
 from offradar_ros.evaluation.spacing import one_a_cell
 from offradar_ros.simulation.city.make import make_city
 from offradar_ros.simulation.city.plan import CityPlan
@@ -24,9 +24,6 @@ from offradar_ros.simulation.recorded_path import load_tum
 from offradar_ros.simulation.sensor import TRAINING_SENSOR
 from offradar_ros.simulation.sequence import SimulatedSequence
 from offradar_ros.simulation.session_plan import SessionPlan
-
-VALIDATION = 'validation'
-"""Group of the clean drives that give the static threshold."""
 
 _LANE_SHARE = 1.2
 """Lanes curve and speeds vary: so much more is driven than the scans' spacing asks for."""

@@ -3,28 +3,29 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from offradar_ros.config import EncoderConfig
 from offradar_ros.errors import ConfigError, DataError
-from offradar_ros.evaluation.drives import VALIDATION, drives_of
+from offradar_ros.evaluation.drives import drives_of
 from offradar_ros.evaluation.extremes import draw_extremes
 from offradar_ros.evaluation.failures import draw_failures
 from offradar_ros.evaluation.figures import draw_rejection_curves, draw_severity
 from offradar_ros.evaluation.methods import OURS, Method, open_method
-from offradar_ros.evaluation.protocol import Protocol
+from offradar_ros.evaluation.protocol import VALIDATION, Protocol
 from offradar_ros.evaluation.recorded import measure_recorded, require_recorded
 from offradar_ros.evaluation.recorded_drives import RecordedSource, recorded_drives
 from offradar_ros.evaluation.results import (
-    MAPS_FILE,
     RESULTS_FILE,
-    SCANS_FILE,
     assemble,
     map_arrays,
     scan_rows,
+    write_arrays,
     write_results,
 )
 from offradar_ros.evaluation.runner import (
@@ -32,6 +33,7 @@ from offradar_ros.evaluation.runner import (
     Encodings,
     Measured,
     Worlds,
+    drives_of_pair,
     encode_all,
     measure,
     opened_worlds,
@@ -40,6 +42,9 @@ from offradar_ros.evaluation.runner import (
 from offradar_ros.evaluation.summary import Json
 from offradar_ros.evaluation.targets import recorded_targets, targets
 from offradar_ros.evaluation.thresholds import NOT_DEPLOYED, Deployed
+
+CURVES, PICTURES = 'recall_at_rejection', ('extremes', 'failures', 'severity')
+"""Pictures: the first of all methods, the others of one, whose name follows."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,6 +61,7 @@ class Options:
     real_worlds: Path | None = None
     real_scans: Path | None = None
     recorded: RecordedSource = dataclasses.field(default_factory=RecordedSource)
+    encoder: EncoderConfig = dataclasses.field(default_factory=EncoderConfig)
     deployed: Deployed = NOT_DEPLOYED
     processes: int = 0
     threads: int = 0
@@ -77,7 +83,8 @@ def evaluate(protocol: Protocol, methods: Sequence[str], options: Options) -> Js
     worlds, lacking = open_worlds(protocol, options)
     _require_searches(worlds, protocol, lacking)
     measured = [measure(method, worlds, protocol, options.cache, options.bar, options.deployed) for method in opened]
-    results = assemble(measured, worlds, protocol, options.command, [*lacking, *_unaligned(measured[0], worlds)])
+    lacking += [*_unaligned(measured[0], worlds), *_without_threshold(measured, options.deployed)]
+    results = assemble(measured, worlds, protocol, options.command, lacking)
     results['targets'] = targets(results) if protocol.targets else []
     if options.real_scans:
         first = next(iter(worlds.values()))[0]
@@ -87,10 +94,13 @@ def evaluate(protocol: Protocol, methods: Sequence[str], options: Options) -> Js
         }
         results['targets'] += recorded_targets(results['recorded'])
     rows, results['pairs'], results['kinds'] = scan_rows(measured, worlds)
-    np.save(options.out / SCANS_FILE, rows, allow_pickle=False)
     arrays, results['maps'] = map_arrays(measured)
-    np.savez_compressed(options.out / MAPS_FILE, allow_pickle=False, **arrays)
-    write_results(options.out / RESULTS_FILE, results)
+    # Pictures of an earlier evaluation are not of this one.
+    for kind in (CURVES, *PICTURES):
+        for picture in options.out.glob(f'{kind}*.png'):
+            picture.unlink()
+    write_arrays(options.out, rows, arrays)
+    write_results(options.out / RESULTS_FILE, {**results, 'rows': len(rows)})
     if options.pictures:
         _draw(measured, worlds, protocol, options.out)
     return results
@@ -113,8 +123,18 @@ def encode_drives(protocol: Protocol, methods: Sequence[str], options: Options) 
 
 def _opened(protocol: Protocol, methods: Sequence[str], options: Options) -> list[Method]:
     spacing_m = protocol.map_spacings_m[0]
+    names = [text.partition('=')[0] for text in methods]
+    if len(set(names)) < len(names):
+        raise ConfigError(f'--method: expected each name once, got {", ".join(names)}')
     return [
-        open_method(text, options.cache, seed=protocol.seed, spacing_m=spacing_m, threads=options.threads)
+        open_method(
+            text,
+            options.cache,
+            seed=protocol.seed,
+            spacing_m=spacing_m,
+            config=options.encoder,
+            threads=options.threads,
+        )
         for text in methods
     ]
 
@@ -151,18 +171,33 @@ def _skipped_streets(protocol: Protocol, real_worlds: Path | None) -> list[str]:
 def _unaligned(measured: Measured, worlds: Worlds) -> Iterator[str]:
     """Pairs of drives that never come near each other: another road, or positions of another frame."""
     told = {(a.pair.group, a.pair.world, a.pair.map_index, a.pair.query_index): a for a in measured.answers}
-    for (group, world, mapped, query), answers in told.items():
-        if not answers.positive.any():
-            drives = {drive.index: drive.name for drive in worlds[group, world]}
-            yield f'{drives[query]}: no scan is near {drives[mapped]}: other roads, or positions that do not agree'
+    for answers in told.values():
+        mapped, query = drives_of_pair(answers.pair, worlds)
+        if not answers.positive.any() and mapped is query:
+            yield f'{query.name}: never comes back to where it was'
+        elif not answers.positive.any():
+            yield f'{query.name}: no scan is near {mapped.name}: other roads, or positions that do not agree'
+        if not answers.places:
+            yield f'{mapped.name}: none of its scans can be mapped'
+
+
+def _without_threshold(measured: Sequence[Measured], deployed: Deployed) -> Iterator[str]:
+    """Methods whose model the threshold that was given is not for."""
+    for m in measured:
+        if not math.isnan(deployed.threshold) and math.isnan(deployed.of(m.model.fingerprint)):
+            yield (
+                f'{m.method}: the threshold of --params is for model {deployed.model[:12]}, this is '
+                f'{m.model.fingerprint[:12]}: not used'
+            )
 
 
 def _draw(measured: Sequence[Measured], worlds: Worlds, protocol: Protocol, out: Path) -> None:
     found = [answers for m in measured for answers in m.answers]
-    draw_rejection_curves(found, protocol, out / 'recall_at_rejection.png')
+    draw_rejection_curves(found, protocol, out / f'{CURVES}.png')
     for method in sorted({m.method for m in measured} & {OURS} or {measured[0].method}):
         own = [a for a in found if a.pair.method == method]
-        draw_extremes(own, worlds, out / f'extremes_{method}.png')
-        draw_failures(own, worlds, out / f'failures_{method}.png')
+        paths = [out / f'{kind}_{method}.png' for kind in PICTURES]
+        draw_extremes(own, worlds, paths[0])
+        draw_failures(own, worlds, paths[1])
         if any(np.isfinite(a.severities).any() for a in own):
-            draw_severity(own, out / f'severity_{method}.png')
+            draw_severity(own, paths[2])

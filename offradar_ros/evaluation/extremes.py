@@ -13,7 +13,7 @@ from offradar_ros.encoders.rings import ring_power
 from offradar_ros.evaluation.answers import Answers
 from offradar_ros.evaluation.evaluated_drive import EvaluatedDrive
 from offradar_ros.evaluation.figures import new_figure
-from offradar_ros.evaluation.runner import Worlds
+from offradar_ros.evaluation.runner import Worlds, drives_of_pair
 from offradar_ros.radar.cartesian import PolarToCartesian
 
 SHOWN = 10
@@ -33,9 +33,12 @@ def draw_extremes(several: Sequence[Answers], worlds: Worlds, path: Path) -> Non
     """Ten most uncertain scans (top) and ten least uncertain ones, each as an image to 164 m above its ring key.
 
     A ring key is the mean power against range, in the recorded bytes. Titles say U and what the simulation spoiled, or
-    which recording it is of. Scans that the encoder refuses are left out.
+    which recording it is of. Scans that the encoder refuses are left out;
+    nothing is drawn where all are.
     """
     scans = _sorted(several, worlds)
+    if not scans:
+        return
     picked = [scans[::-1][:SHOWN], scans[:SHOWN]]
     columns = max(len(row) for row in picked)
     figure = new_figure(2.0 * columns, 6.4)
@@ -56,8 +59,7 @@ def draw_extremes(several: Sequence[Answers], worlds: Worlds, path: Path) -> Non
 def _sorted(several: Sequence[Answers], worlds: Worlds) -> list[_Extreme]:
     found = []
     for answers in {(a.pair.group, a.pair.world, a.pair.query_index): a for a in several}.values():
-        drives = worlds[answers.pair.group, answers.pair.world]
-        drive = next(drive for drive in drives if drive.index == answers.pair.query_index)
+        _, drive = drives_of_pair(answers.pair, worlds)
         usable = np.flatnonzero(np.isfinite(answers.uncertainties))
         found += [_Extreme(float(answers.uncertainties[row]), drive, row) for row in usable.tolist()]
     return sorted(found, key=lambda extreme: extreme.uncertainty)

@@ -13,7 +13,7 @@ from offradar_ros.evaluation.answers import Answers
 from offradar_ros.evaluation.evaluated_drive import EvaluatedDrive
 from offradar_ros.evaluation.extremes import IMAGE
 from offradar_ros.evaluation.figures import new_figure
-from offradar_ros.evaluation.runner import Worlds
+from offradar_ros.evaluation.runner import Worlds, drives_of_pair
 from offradar_ros.radar.cartesian import PolarToCartesian
 
 SHOWN = 6
@@ -40,7 +40,7 @@ def draw_failures(several: Sequence[Answers], worlds: Worlds, path: Path) -> Non
     axes = figure.subplots(len(picked), 3, squeeze=False)
     to_image = PolarToCartesian(IMAGE)
     for row, (uncertainty, answers, at) in zip(axes, picked, strict=True):
-        query, mapped = (_drive(answers, worlds, index) for index in (answers.pair.query_index, answers.pair.map_index))
+        mapped, query = drives_of_pair(answers.pair, worlds)
         right_m = float(np.hypot(*(mapped.poses[answers.right[at], :2] - query.poses[at, :2])))
         _show(row[0], query, at, f'{query.name} scan {at}\nU {uncertainty:.4g}', to_image)
         _show(row[1], mapped, int(answers.found[at]), f'found: {answers.errors_m[at]:.0f} m away', to_image)
@@ -67,13 +67,8 @@ def _alike(one: _Failure, other: _Failure, worlds: Worlds) -> bool:
     """Whether two failures are of one stretch of road."""
     if (one.answers.pair.group, one.answers.pair.world) != (other.answers.pair.group, other.answers.pair.world):
         return False
-    places = [_drive(f.answers, worlds, f.answers.pair.query_index).poses[f.row, :2] for f in (one, other)]
+    places = [drives_of_pair(f.answers.pair, worlds)[1].poses[f.row, :2] for f in (one, other)]
     return bool(np.hypot(*(places[0] - places[1])) < APART_M)
-
-
-def _drive(answers: Answers, worlds: Worlds, index: int) -> EvaluatedDrive:
-    drives = worlds[answers.pair.group, answers.pair.world]
-    return next(drive for drive in drives if drive.index == index)
 
 
 def _show(axis: Any, drive: EvaluatedDrive, row: int, title: str, to_image: PolarToCartesian) -> None:

@@ -17,8 +17,10 @@ SHARES = np.linspace(0.0, 0.95, 96)
 
 
 def draw_rejection_curves(several: Sequence[Answers], protocol: Protocol, path: Path) -> None:
-    """Recall@RR of every method, a panel for each map spacing and group; simulated scans, as the caption says."""
-    groups = [*sorted({a.pair.group for a in several}), ALL]
+    """Recall@RR of every method, a panel for each map spacing and group; the title says what the scans are."""
+    groups = sorted({a.pair.group for a in several})
+    words = ', '.join(sorted({group.scans for group in protocol.groups if group.name in groups}))
+    groups += [ALL] * (len(groups) > 1)
     methods = list(dict.fromkeys(a.pair.method for a in several))
     figure = new_figure(4.0 * len(groups), 3.4 * len(protocol.map_spacings_m))
     axes = figure.subplots(len(protocol.map_spacings_m), len(groups), squeeze=False, sharey=True)
@@ -37,13 +39,13 @@ def draw_rejection_curves(several: Sequence[Answers], protocol: Protocol, path: 
             axis.grid(alpha=0.3)
         axes[row][0].set_ylabel('Recall@1 of the rest')
     axes[0][0].legend(fontsize='x-small')
-    figure.suptitle(f'Recall at rejection, simulated scans: {protocol.title}', fontsize='medium')
+    figure.suptitle(f'Recall at rejection, {words}: {protocol.title}', fontsize='medium')
     figure.savefig(path)
 
 
 def draw_severity(several: Sequence[Answers], path: Path) -> None:
     """U of each scan of one method against how badly it is degraded, a panel a kind; clean scans at 0."""
-    once = list({(a.pair.world, a.pair.query_index): a for a in several}.values())
+    once = list({(a.pair.group, a.pair.world, a.pair.query_index): a for a in several}.values())
     kinds, severities, uncertainties = (
         np.concatenate([getattr(a, name) for a in once]) for name in ('kinds', 'severities', 'uncertainties')
     )

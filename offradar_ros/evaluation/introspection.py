@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros.evaluation.answers import Answers
 from offradar_ros.evaluation.maintenance import Ablation
+from offradar_ros.evaluation.metrics.bootstrap import bootstrap_interval
 from offradar_ros.evaluation.metrics.recall_at_n import recall_at_n
+from offradar_ros.evaluation.protocol import Protocol
 from offradar_ros.evaluation.summary import Json, recognition
 
 
-def summarise_ablation(several: Sequence[Ablation], threshold: float) -> Json:
+def summarise_ablation(several: Sequence[Ablation], threshold: float, protocol: Protocol) -> Json:
     """Recall@1 over the queries with a right place in the unmaintained map (in all cases the same queries).
 
     O, M and M_random answer every query; Q and QM those whose U is at most `threshold`, `rejected` is the share of the
@@ -37,8 +39,29 @@ def summarise_ablation(several: Sequence[Ablation], threshold: float) -> Json:
         'queries': int(np.concatenate(keep).sum()),
         'opportunities': sum(a.opportunities for a in several),
         'replaced': sum(a.replaced for a in several),
-        'figures': {'O': recognition(before), 'M': recognition(after)},
+        'figures': {'O': recognition(before, protocol), 'M': recognition(after, protocol)},
+        'gains': {
+            'M_over_O': _gain(several, lambda a: [a.unmaintained], protocol),
+            'M_over_M_random': _gain(several, lambda a: list(a.random), protocol),
+        },
     }
+
+
+def _gain(several: Sequence[Ablation], other: Callable[[Ablation], Sequence[Answers]], protocol: Protocol) -> Json:
+    """Recall@1 of the maintained map less that of others, on the same queries, with a bootstrap interval over pairs."""
+    differences, pairs = [], []
+    for number, ablation in enumerate(several):
+        keep = ablation.unmaintained.positive
+        theirs = np.mean([answers.correct for answers in other(ablation)], axis=0)
+        differences.append((ablation.maintained.correct - theirs)[keep])
+        pairs.append(np.full(int(keep.sum()), number))
+    every = np.concatenate(differences)
+    if not len(every):
+        return {'value': math.nan, 'low': math.nan, 'high': math.nan}
+    low, high = bootstrap_interval(
+        np.concatenate(pairs), lambda w: float(w @ every / w.sum()), resamples=protocol.resamples, seed=protocol.seed
+    )
+    return {'value': float(every.mean()), 'low': low, 'high': high}
 
 
 def _share_left_out(some: Sequence[NDArray[np.bool_]], keep: Sequence[NDArray[np.bool_]]) -> float:

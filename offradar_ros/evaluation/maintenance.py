@@ -90,13 +90,13 @@ def opportunities(
     several = PlaceTable(*(np.concatenate(columns) for columns in zip(*map(_columns, scans), strict=True)))
     nearest = np.empty(len(several), np.intp)
     apart_m = np.empty(len(several))
-    for start in range(0, len(several), _BLOCK):
+    for start in range(0, len(several) if len(places) else 0, _BLOCK):
         part = slice(start, start + _BLOCK)
         offsets = several.positions_m[part, None, :2] - places.positions_m[None, :, :2]
         squares = np.einsum('spk,spk->sp', offsets, offsets)
         nearest[part] = squares.argmin(axis=1)
         apart_m[part] = np.sqrt(squares.min(axis=1))
-    near = np.flatnonzero(apart_m < distance_m)
+    near = np.flatnonzero(apart_m < distance_m) if len(places) else np.empty(0, np.intp)
     return take_rows(several, near), nearest[near]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Protocol
@@ -17,7 +18,7 @@ from offradar_ros.encoders.rad_vlad import RadVladEncoder
 from offradar_ros.encoders.rad_vlad_codebook import load_codebook
 from offradar_ros.encoders.rad_vlad_fit import fit_rad_vlad
 from offradar_ros.encoders.registry import make_encoder
-from offradar_ros.errors import ConfigError, RefusedInput
+from offradar_ros.errors import ConfigError, DataError, RefusedInput
 from offradar_ros.evaluation.evaluated_drive import EvaluatedDrive
 from offradar_ros.evaluation.spacing import one_a_cell
 from offradar_ros.types import PolarScan
@@ -27,6 +28,7 @@ METHODS = ('ours', 'bc_radar', 'vae', 'mc_dropout', 'stun', 'ring_key', 'rad_vla
 
 OURS = 'ours'
 _ENCODERS = {name: name for name in METHODS} | {OURS: 'variational'}
+PLAIN = EncoderConfig()
 BEST = 'best.safetensors'
 """The weights that a training run leaves in its folder."""
 
@@ -74,7 +76,10 @@ class RadVladOfMap:
         if not path.is_file():
             rows = one_a_cell(mapped.driven_m, self._spacing_m)
             per_scan = int(np.clip(_ROWS // len(rows), 1, 100))
-            fitted = fit_rad_vlad(_readable(mapped, rows.tolist()), self._seed, rows_per_scan=per_scan)
+            try:
+                fitted = fit_rad_vlad(_readable(mapped, rows.tolist()), self._seed, rows_per_scan=per_scan)
+            except DataError as error:
+                raise DataError(f'{mapped.name}: RadVLAD cannot be fitted to it: {error}') from None
             self._folder.mkdir(parents=True, exist_ok=True)
             fitted.save(path)
         return RadVladEncoder(load_codebook(path))
@@ -86,11 +91,14 @@ def _readable(drive: EvaluatedDrive, rows: Iterable[int]) -> Iterator[PolarScan]
             yield drive.scan(row)
 
 
-def open_method(text: str, folder: Path, *, seed: int, spacing_m: float, threads: int = 0) -> Method:
+def open_method(
+    text: str, folder: Path, *, seed: int, spacing_m: float, config: EncoderConfig = PLAIN, threads: int = 0
+) -> Method:
     """The method of ``NAME``, ``NAME=WEIGHTS`` or ``NAME=RUN``, the folder of a training run.
 
     Any other name than those of `METHODS` is a variant's, of the kind that its safetensors file says. `folder` keeps
-    what is fitted to maps. ConfigError for a name that needs weights without them; ModelError for unusable weights.
+    what is fitted to maps; of `config` the method and the weights are left aside. ConfigError for a name that needs
+    weights without them; ModelError for unusable weights.
     """
     name, _, weights = text.partition('=')
     if name == 'rad_vlad' and not weights:
@@ -102,7 +110,9 @@ def open_method(text: str, folder: Path, *, seed: int, spacing_m: float, threads
     elif weights and name != 'rad_vlad':
         weights = str(find_weights(weights, ('.safetensors', '.onnx')))
     encoder = _ENCODERS.get(name) or _kind_of(weights)
-    return OneEncoder(name, make_encoder(EncoderConfig(name=encoder, weights=weights, threads=threads)), weights)
+    return OneEncoder(
+        name, make_encoder(dataclasses.replace(config, name=encoder, weights=weights, threads=threads)), weights
+    )
 
 
 def _kind_of(weights: str) -> str:

@@ -104,6 +104,10 @@ class Group:
             raise ConfigError(f'group {self.name}: physics: expected one of {", ".join(PHYSICS)}, got {self.physics!r}')
         if not self.cities and not self.streets and not self.recorded:
             raise ConfigError(f'group {self.name}: expected cities, streets or recorded')
+        worlds = [f'city_{seed}' for seed in self.cities]
+        worlds += [street.name for street in self.streets] + [road.name for road in self.recorded]
+        if len(set(worlds)) < len(worlds):
+            raise ConfigError(f'group {self.name}: expected each world once, got {worlds}')
         if self.paper not in (0, 1, 2):
             raise ConfigError(f'group {self.name}: paper: expected 0, 1 or 2, got {self.paper}')
 
@@ -111,6 +115,13 @@ class Group:
     def simulated(self) -> bool:
         """Whether any of its scans are."""
         return bool(self.cities or self.streets)
+
+    @property
+    def scans(self) -> str:
+        """What its scans are, in words."""
+        if self.simulated and self.recorded:
+            return 'simulated and recorded scans'
+        return 'simulated scans' if self.simulated else 'recorded scans'
 
 
 @dataclasses.dataclass(frozen=True)
@@ -151,6 +162,10 @@ class Maintenance:
 
     match_distance_m: float = 5.0
     random_repeats: int = 5
+
+    def __post_init__(self) -> None:
+        if not self.match_distance_m > 0.0 or self.random_repeats < 1:
+            raise ConfigError('maintenance: expected match_distance_m above 0 and random_repeats of at least 1')
 
 
 @dataclasses.dataclass(frozen=True)
@@ -198,8 +213,8 @@ class Protocol:
 
     def __post_init__(self) -> None:
         names = [group.name for group in self.groups]
-        if len(set(names)) < len(names) or ALL in names:
-            raise ConfigError(f'groups: expected each of a name of its own and none {ALL!r}, got {names}')
+        if len(set(names)) < len(names) or {ALL, VALIDATION} & set(names):
+            raise ConfigError(f'groups: expected each of a name of its own, not {ALL} or {VALIDATION}, got {names}')
         if any(group.cities for group in self.groups) and len(self.lanes) < 2:
             raise ConfigError(f'lanes: expected at least two, got {len(self.lanes)}')
         if self.validation.cities and not self.lanes:
@@ -215,6 +230,9 @@ class Protocol:
         if self.scans < 1 or self.resamples < 1:
             raise ConfigError('scans, resamples: expected at least 1')
 
+
+VALIDATION = 'validation'
+"""Group of the clean drives that give the static thresholds."""
 
 ALL = 'all'
 """Name under which results tell the figures of all groups together."""

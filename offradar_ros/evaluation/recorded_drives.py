@@ -18,9 +18,8 @@ from offradar_ros.datasets.registry import open_sequence
 from offradar_ros.datasets.sequence import RadarSequence
 from offradar_ros.datasets.splits import Split, read_split
 from offradar_ros.errors import DataError, RefusedInput
-from offradar_ros.evaluation.drives import VALIDATION
 from offradar_ros.evaluation.evaluated_drive import EvaluatedDrive
-from offradar_ros.evaluation.protocol import Group, Protocol, Recorded
+from offradar_ros.evaluation.protocol import VALIDATION, Group, Protocol, Recorded
 from offradar_ros.evaluation.spacing import one_a_cell, way_driven
 from offradar_ros.geometry import LocalFrame, Trajectory
 from offradar_ros.types import PolarScan
@@ -72,7 +71,8 @@ def recorded_drives(protocol: Protocol, source: RecordedSource) -> Recordings:
             missing = [part.name for part in named if part not in found]
             if missing:
                 lacking.append(f'{road.name}: not found: {", ".join(missing)}{_where(source)}')
-            drives += _opened(group, road, found, protocol, source) if _enough(found, protocol) else []
+            if _enough(found, protocol):
+                drives += _opened(group, road, found, protocol, source, lacking)
     for name in protocol.validation.sequences:
         if source.path(name).exists():
             drives.append(_validation(name, protocol, source))
@@ -106,7 +106,12 @@ def _enough(parts: Sequence[_Part], protocol: Protocol) -> bool:
 
 
 def _opened(
-    group: Group, road: Recorded, parts: Sequence[_Part], protocol: Protocol, source: RecordedSource
+    group: Group,
+    road: Recorded,
+    parts: Sequence[_Part],
+    protocol: Protocol,
+    source: RecordedSource,
+    lacking: list[str],
 ) -> Iterator[EvaluatedDrive]:
     split = read_split(road.split) if road.split else None
     frame: LocalFrame | None = None
@@ -127,6 +132,12 @@ def _opened(
         known = np.flatnonzero(np.isfinite(poses[:, 0]))
         if not len(known):
             raise DataError(f'{path}: no scan has a position: offradar check says why')
+        if len(known) < len(poses):
+            lacking.append(
+                f'{sequence.name}: {len(poses) - len(known)} of {len(poses)} scans have no position: left out'
+            )
+        if frame is None and index == 1:
+            lacking.append(f'{road.name}: positions are in metres, taken to be of one frame')
         if frame and np.hypot(*poses[known[0], :2]) > ONE_ROAD_M:
             raise DataError(f'{path}: over {ONE_ROAD_M / 1000:g} km from {parts[0].name}')
         driven_m = way_driven(poses[known, :2])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import datetime
 import importlib.metadata
+import io
 import itertools
 import json
 import math
@@ -22,7 +23,7 @@ from offradar_ros.errors import DataError
 from offradar_ros.evaluation.answers import Answers
 from offradar_ros.evaluation.introspection import summarise_ablation
 from offradar_ros.evaluation.protocol import ALL, Protocol
-from offradar_ros.evaluation.runner import Measured, Worlds, query_of
+from offradar_ros.evaluation.runner import Measured, Worlds, drives_of_pair
 from offradar_ros.evaluation.summary import Json, describe_uncertainty, summarise
 
 FORMAT = 'offradar-evaluation-2'
@@ -67,7 +68,7 @@ def assemble(
         'versions': versions(),
         'protocol': dataclasses.asdict(protocol),
         'worlds': sorted({a.pair.world for m in measured for a in m.answers}),
-        'simulated': {g.name: g.simulated and not g.recorded for g in protocol.groups},
+        'scans': {g.name: g.scans for g in protocol.groups},
         'drives': {f'{group}/{world}': [d.name for d in drives] for (group, world), drives in worlds.items()},
         'seeds': _seeds(protocol),
         'skipped': list(skipped),
@@ -107,7 +108,7 @@ def scan_rows(measured: Sequence[Measured], worlds: Worlds) -> tuple[NDArray[Any
         part['uncertainty'], part['rank'], part['positive'] = answers.uncertainties, answers.ranks, answers.positive
         part['severity'], part['kind'] = answers.severities, np.searchsorted(kinds, answers.kinds)
         part['error_m'], part['distance'] = answers.errors_m, answers.distances
-        poses = query_of(answers.pair, worlds).poses
+        poses = drives_of_pair(answers.pair, worlds)[1].poses
         part['x_m'], part['y_m'] = poses[:, 0], poses[:, 1]
         parts.append(part)
     pairs = [{**dataclasses.asdict(answers.pair), 'maintained': maintained} for answers, maintained in several]
@@ -132,6 +133,16 @@ def map_arrays(measured: Sequence[Measured]) -> tuple[dict[str, NDArray[np.float
             counts = {'opportunities': ablation.opportunities, 'replaced': ablation.replaced}
             listed.append(dataclasses.asdict(pair) | counts)
     return arrays, listed
+
+
+def write_arrays(folder: Path, rows: NDArray[Any], maps: dict[str, NDArray[np.float64]]) -> None:
+    """scans.npy and maps.npz, each whole or not at all; ModelError where they cannot be written."""
+    file = io.BytesIO()
+    np.save(file, rows, allow_pickle=False)
+    write_atomically(folder / SCANS_FILE, file.getvalue())
+    file = io.BytesIO()
+    np.savez_compressed(file, allow_pickle=False, **maps)
+    write_atomically(folder / MAPS_FILE, file.getvalue())
 
 
 def write_results(path: Path, results: Json) -> None:
@@ -188,7 +199,7 @@ def _maintenance(measured: Sequence[Measured], protocol: Protocol, group: str) -
             keys = [key for key in m.ablations if group in (ALL, key[0]) and key[1] == spacing_m]
             several = [ablation for key in keys for ablation in m.ablations[key]]
             if several:
-                told[m.method] = summarise_ablation(several, m.thresholds.deployed)
+                told[m.method] = summarise_ablation(several, m.thresholds.deployed, protocol)
     return found
 
 

@@ -16,12 +16,12 @@ import numpy as np
 from offradar_ros.encoders.protocol import Encoder, ModelInfo
 from offradar_ros.evaluation.answers import Answers, Pair, Rules, answers_from
 from offradar_ros.evaluation.cost import measure_cost
-from offradar_ros.evaluation.drives import VALIDATION, SimulatedDrive
+from offradar_ros.evaluation.drives import SimulatedDrive
 from offradar_ros.evaluation.embedding_cache import EmbeddedDrive, embedded
 from offradar_ros.evaluation.evaluated_drive import EvaluatedDrive
 from offradar_ros.evaluation.maintenance import Ablation, ablate, merges
 from offradar_ros.evaluation.methods import Method
-from offradar_ros.evaluation.protocol import Protocol
+from offradar_ros.evaluation.protocol import VALIDATION, Protocol
 from offradar_ros.evaluation.scan_cache import cached_drives
 from offradar_ros.evaluation.thresholds import NOT_DEPLOYED, Deployed, Thresholds, thresholds_from
 
@@ -78,9 +78,10 @@ def opened_worlds(
     return worlds
 
 
-def query_of(pair: Pair, worlds: Worlds) -> EvaluatedDrive:
-    """The drive that was searched for."""
-    return next(drive for drive in worlds[pair.group, pair.world] if drive.index == pair.query_index)
+def drives_of_pair(pair: Pair, worlds: Worlds) -> tuple[EvaluatedDrive, EvaluatedDrive]:
+    """The drive that was mapped, and the one that was searched for."""
+    by_index = {drive.index: drive for drive in worlds[pair.group, pair.world]}
+    return by_index[pair.map_index], by_index[pair.query_index]
 
 
 def measure(
@@ -95,9 +96,7 @@ def measure(
     found: list[Answers] = []
     ablations: dict[tuple[str, float], list[Ablation]] = {}
     validation: list[float] = []
-    times = max(len(drives) for drives in evaluated.values()) if method.fitted else 1
-    total = times * sum(len(drive) for drives in evaluated.values() for drive in drives)
-    total += 0 if method.fitted else sum(map(len, clean))
+    total = sum(len(drive) for _, drive in _encoded(method, worlds, protocol))
     with bar(f'{method.name}: encoding') as progress:
         embed = _Embedder(cache / 'embeddings', progress, total)
         for drives in evaluated.values():
@@ -114,7 +113,9 @@ def measure(
         if not method.fitted:
             made = [embed(method.encoder_for(drive), drive) for drive in clean]
             validation = [u for m in made for u in m.uncertainties.tolist()]
-    encoder = method.encoder_for(next(iter(evaluated.values()))[-1])
+    drive = next(d for drives in reversed(evaluated.values()) for d in reversed(drives) if d.mapped)
+    encoder = method.encoder_for(drive)
+    headline = [answers.places for answers in found if answers.pair.spacing_m == protocol.map_spacings_m[0]]
     return Measured(
         method.name,
         method.weights,
@@ -123,7 +124,7 @@ def measure(
         found,
         ablations,
         thresholds_from(validation, protocol.validation, deployed.of(encoder.info.fingerprint)),
-        measure_cost(encoder, next(iter(evaluated.values()))[-1], round(np.mean([a.places for a in found]))),
+        measure_cost(encoder, drive, round(np.mean(headline))),
     )
 
 
@@ -143,16 +144,7 @@ class Encodings(NamedTuple):
 
 def encode_all(method: Method, worlds: Worlds, protocol: Protocol, cache: Path, bar: Bar) -> Encodings:
     """Everything that `measure` would encode; for a method that is fitted to maps, once for each map."""
-    drives = [drive for drives in worlds.values() for drive in drives]
-    pairs = [(drive, drive) for drive in drives]
-    if method.fitted:
-        evaluated = [d for key, several in worlds.items() if key[0] != VALIDATION for d in several]
-        pairs = [(m, m) for m in evaluated if m.mapped] + [
-            (m, q)
-            for several in worlds.values()
-            for m, q in itertools.permutations(several, 2)
-            if searched(m, q, protocol)
-        ]
+    pairs = list(_encoded(method, worlds, protocol))
     done = refused = 0
     with bar(f'{method.name}: encoding') as progress:
         embed = _Embedder(cache / 'embeddings', progress, sum(len(drive) for _, drive in pairs))
@@ -161,6 +153,16 @@ def encode_all(method: Method, worlds: Worlds, protocol: Protocol, cache: Path, 
             done += len(drive)
             refused += int((~made.usable).sum())
     return Encodings(method.name, len({drive.key for _, drive in pairs}), done, refused)
+
+
+def _encoded(method: Method, worlds: Worlds, protocol: Protocol) -> Iterator[tuple[EvaluatedDrive, EvaluatedDrive]]:
+    """Whose map's encoder is used, and for which drive."""
+    for (group, _), drives in worlds.items():
+        if not method.fitted:
+            yield from ((drive, drive) for drive in drives)
+        elif group != VALIDATION:
+            yield from ((drive, drive) for drive in drives if drive.mapped)
+            yield from ((m, q) for m, q in itertools.permutations(drives, 2) if searched(m, q, protocol))
 
 
 class _Embedder:

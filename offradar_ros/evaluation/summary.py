@@ -26,7 +26,7 @@ from offradar_ros.evaluation.metrics.precision_recall import (
 )
 from offradar_ros.evaluation.metrics.recall_at_n import recall_at_n
 from offradar_ros.evaluation.metrics.recall_at_rejection import rejection_curve, rejection_curve_of
-from offradar_ros.evaluation.metrics.sparsification import sparsification_area, sparsification_error
+from offradar_ros.evaluation.metrics.sparsification import sparsification_error
 from offradar_ros.evaluation.metrics.spearman import spearman
 from offradar_ros.evaluation.metrics.tally import Tallier
 from offradar_ros.evaluation.protocol import Protocol
@@ -88,8 +88,8 @@ def summarise(several: Sequence[Answers], protocol: Protocol, thresholds: Thresh
         'recall_at_1': figure(_recall),
         'recall_at_1_clean': figure(_recall, rows.severities == 0.0),
         'recall_at_1_degraded': figure(_recall, rows.severities > 0.0),
-        'recall_at_5': recall_at_n(rows.ranks, 5),
-        'recall_at_10': recall_at_n(rows.ranks, 10),
+        'recall_at_5': figure(_recall_at(5)),
+        'recall_at_10': figure(_recall_at(10)),
         'every_query': {
             **{f'recall_at_{n}': recall_at_n(every.ranks, n) for n in (1, 5, 10)},
             'average_precision': _accepted_by_distance(every, len(rows.ranks))(None).average_precision,
@@ -108,22 +108,20 @@ def summarise(several: Sequence[Answers], protocol: Protocol, thresholds: Thresh
         'average_precision': figure(_average_precision),
         'max_f_beta': max_f_beta(rows),
         'pair_level': _pair_level(several, protocol),
-        'ausc': sparsification_area(rows.uncertainties, rows.correct),
+        'ausc': figure(_sparsification),
         'ause': sparsification_error(rows.uncertainties, rows.correct),
         'ece': binned_calibration(rows.uncertainties, rows.correct).error,
     }
 
 
-def recognition(several: Sequence[Answers]) -> Json:
+def recognition(several: Sequence[Answers], protocol: Protocol) -> Json:
     """What a row of the paper's tables says of `several` pairs: Recall@1, 5 and 10, F_β and average precision."""
     every = _Pooled(several)
     rows = every.where(every.positive)
     return {
-        'recall_at_1': recall_at_n(rows.ranks, 1),
-        'recall_at_5': recall_at_n(rows.ranks, 5),
-        'recall_at_10': recall_at_n(rows.ranks, 10),
+        **{f'recall_at_{n}': _figure(_recall_at(n), rows, protocol) for n in (1, 5, 10)},
         'max_f_beta': max_f_beta(rows),
-        'average_precision': _average_precision(rows)(None),
+        'average_precision': _figure(_average_precision, rows, protocol),
         'every_query': {'recall_at_1': recall_at_n(every.ranks, 1)},
     }
 
@@ -156,13 +154,20 @@ def _deployed(every: _Pooled, rows: _Pooled, threshold: float) -> Json:
 
 def _pair_level(several: Sequence[Answers], protocol: Protocol) -> Json:
     """Mean over the pairs of drives; the precision at recall 0, 0.01, …, 1."""
+    several = [answers for answers in several if answers.pair_level]
     levels = [answers.pair_level for answers in several if answers.pair_level]
     found = np.array([level.average_precision for level in levels])
     known = np.flatnonzero(np.isfinite(found))
     if not len(known):
         return {'average_precision': {'value': math.nan, 'low': math.nan, 'high': math.nan}, 'precisions': []}
+    # Searching A for B and B for A compares the same scans where every scan is mapped: not two pairs but one.
+    roads = [(a.pair.group, a.pair.world, *sorted((a.pair.map_index, a.pair.query_index))) for a in several]
+    ids = {road: number for number, road in enumerate(dict.fromkeys(roads))}
     low, high = bootstrap_interval(
-        known, lambda w: float(w @ found[known] / w.sum()), resamples=protocol.resamples, seed=protocol.seed
+        [ids[roads[row]] for row in known],
+        lambda w: float(w @ found[known] / w.sum()),
+        resamples=protocol.resamples,
+        seed=protocol.seed,
     )
     mean = np.mean([levels[row].precisions for row in known], axis=0)
     return {
@@ -211,7 +216,16 @@ def _figure(statistic: Statistic, rows: _Pooled, protocol: Protocol) -> Json:
 
 
 def _recall(rows: _Pooled) -> Weighted:
-    return lambda weights: recall_at_n(rows.ranks, 1, weights)
+    return _recall_at(1)(rows)
+
+
+def _recall_at(n: int) -> Statistic:
+    return lambda rows: lambda weights: recall_at_n(rows.ranks, n, weights)
+
+
+def _sparsification(rows: _Pooled) -> Weighted:
+    area = _whole_area(rows)
+    return lambda weights: 1.0 - area(weights)
 
 
 def _auroc_wrong(rows: _Pooled) -> Weighted:

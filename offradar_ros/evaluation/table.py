@@ -17,7 +17,9 @@ def tables(results: Json) -> Iterator[Table]:
     for group, spacings in told_apart(results['groups']).items():
         for spacing, methods in spacings.items():
             yield _methods_table(f'{titles[group]}: a map every {spacing} m', methods)
-    yield _maintenance_table(told_apart(results['maintenance']))
+    maintenance = told_apart(results['maintenance'])
+    if any(methods for spacings in maintenance.values() for methods in spacings.values()):
+        yield _maintenance_table(maintenance)
     if results.get('recorded'):
         yield _recorded_table(results['recorded'])
     if results.get('targets'):
@@ -35,7 +37,9 @@ def number(value: float | None) -> str:
 
 
 def with_interval(figure: Json) -> str:
-    """A figure and its 95 % interval."""
+    """A figure and its 95 % interval, where it has one."""
+    if figure['low'] is None or math.isnan(figure['low']):
+        return number(figure['value'])
     return f'{number(figure["value"])} ({number(figure["low"])} to {number(figure["high"])})'
 
 
@@ -45,7 +49,7 @@ def _methods_table(title: str, methods: Json) -> Table:
         'Recall@1': lambda f: with_interval(f['recall_at_1']),
         'of clean scans': lambda f: with_interval(f['recall_at_1_clean']),
         'of degraded scans': lambda f: with_interval(f['recall_at_1_degraded']),
-        'Recall@5, @10': lambda f: f'{number(f["recall_at_5"])}, {number(f["recall_at_10"])}',
+        'Recall@5, @10': lambda f: ', '.join(number(f[f'recall_at_{n}']['value']) for n in (5, 10)),
         'AUROC of U for wrong answers': lambda f: with_interval(f['auroc_wrong']),
         'AUROC of the true severity': lambda f: number(f['auroc_wrong_by_severity']),
         'AUROC of the other maps': lambda f: number(f['auroc_wrong_by_other_maps']),

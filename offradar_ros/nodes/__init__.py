@@ -1,6 +1,11 @@
 """The nodes: parameters → array → one core call → message."""
 
 import importlib.util
+import os
+
+# Read by NumPy when it is imported: a search of a map in several threads waits for them, on a busy machine many times
+# as long as it computes.
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 if importlib.util.find_spec('rclpy') is None:
     raise SystemExit("error: the nodes need ROS 2: source an installation, or pip install '.[ros]' in the project")

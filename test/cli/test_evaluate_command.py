@@ -136,18 +136,7 @@ def test_own_recordings(street_bag: Callable[..., Path], tmp_path: Path, done: C
     named += ['--method', 'ring_key', '--cache', tmp_path / 'cache']
     said = done('encode', 'own', *named)
     assert 'ring_key: 48 scans of 3 drives encoded, 0 refused' in said
-    done(
-        'evaluate',
-        'own',
-        *named,
-        '--method',
-        'ring_key',
-        '--cache',
-        tmp_path / 'cache',
-        '--out',
-        tmp_path,
-        '--no-pictures',
-    )
+    done('evaluate', *named, '--out', tmp_path, '--no-pictures')
     results = json.loads((tmp_path / 'results.json').read_text())
     assert results['drives'] == {'own/own': ['day_0', 'day_1', 'day_2']}
     told = results['groups']['own']['5']['ring_key']
@@ -156,15 +145,83 @@ def test_own_recordings(street_bag: Callable[..., Path], tmp_path: Path, done: C
     assert told['at_deployed_threshold']['threshold'] == pytest.approx(1.2)
     # Thresholds of another model say nothing of this one's U.
     (tmp_path / 'car.yaml').write_text('query: {delta: 0.4, levels: 4, level: 3, model: abc}\n')
-    done('evaluate', 'own', *named, '--out', tmp_path, '--no-pictures')
+    said = done('evaluate', 'own', *named, '--out', tmp_path, '--no-pictures')
+    assert 'ring_key: the threshold of --params is for model abc, this is ' in said
     results = json.loads((tmp_path / 'results.json').read_text())
     assert results['groups']['own']['5']['ring_key']['at_deployed_threshold'] == {'threshold': None}
     assert results['maintenance']['own']['5']['ring_key']['QM'] is None
 
 
+def test_a_calibrated_encoder_is_evaluated_with_its_threshold(
+    street_bag: Callable[..., Path], tmp_path: Path, done: Callable[..., str]
+) -> None:
+    bags = [street_bag(f'day_{number}', count=16, noise_seed=number) for number in range(3)]
+    done('calibrate', bags[0], '--out', tmp_path / 'car.yaml')
+    written = yaml.safe_load((tmp_path / 'car.yaml').read_text())['/**']['ros__parameters']
+    named = ['--map', bags[1], '--query', bags[2], '--params', tmp_path / 'car.yaml', '--method', 'ring_key']
+    said = done('evaluate', *named, '--out', tmp_path / 'out', '--no-pictures')
+    assert 'threshold of --params' not in said
+    results = json.loads((tmp_path / 'out' / 'results.json').read_text())
+    assert results['methods']['ring_key']['fingerprint'] == written['query']['model']
+    query = written['query']
+    expected = 1.0 - query['delta'] + 2.0 * query['delta'] * query['level'] / query['levels']
+    told = results['groups']['own']['5']['ring_key']
+    assert told['at_deployed_threshold']['threshold'] == pytest.approx(expected)
+    assert results['protocol']['title'] == 'Own recordings'
+    # A single pair has no interval.
+    assert told['recall_at_1']['low'] is None
+
+
+@pytest.mark.parametrize('name', ['apart', 'blank', 'asked_blank'])
+def test_what_cannot_be_found_is_reported_all_the_same(
+    name: str, street_bag: Callable[..., Path], tmp_path: Path, done: Callable[..., str]
+) -> None:
+    """Drives that never meet, and recordings without any signal, as map or as query: no figure, but no failure."""
+    pytest.importorskip('matplotlib')
+    pytest.importorskip('jinja2')
+    near, far = street_bag('near', count=8), street_bag('far', count=8, lane_m=400.0)
+    blank = street_bag('blank', count=8, silent=True)
+    maps, queries = {'apart': (near, far), 'blank': (blank, near), 'asked_blank': (near, blank)}[name]
+    out = tmp_path / 'out'
+    said = done('evaluate', '--map', maps, '--query', queries, '--method', 'ring_key', '--out', out)
+    assert {'apart': 'far: no scan is near near', 'blank': 'blank: none of its scans can be mapped'}.get(
+        name, ''
+    ) in said
+    assert 'report.html' in done('report', out)
+    results = json.loads((out / 'results.json').read_text())
+    told = results['groups']['own']['5']['ring_key']
+    assert told['recall_at_1']['value'] == {'apart': None, 'blank': 0.0, 'asked_blank': 0.0}[name]
+    assert 'The threshold in use' not in (out / 'report' / 'report.md').read_text()
+
+
+def test_pictures_and_arrays_of_another_evaluation_are_not_reported(
+    street_bag: Callable[..., Path], tmp_path: Path, done: Callable[..., str], refused: Callable[..., str]
+) -> None:
+    pytest.importorskip('matplotlib')
+    bags = [street_bag(f'day_{number}', count=8 + number, noise_seed=number) for number in range(3)]
+    first, second = (
+        ['--map', bags[0], '--query', query, '--method', 'ring_key', '--cache', tmp_path / 'cache']
+        for query in bags[1:]
+    )
+    done('evaluate', *first, '--out', tmp_path / 'out')
+    assert (tmp_path / 'out' / 'extremes_ring_key.png').is_file()
+    done('evaluate', *second, '--out', tmp_path / 'out', '--no-pictures')
+    assert not list((tmp_path / 'out').glob('*.png'))
+    done('evaluate', *first, '--out', tmp_path / 'other', '--no-pictures')
+    (tmp_path / 'out' / 'scans.npy').write_bytes((tmp_path / 'other' / 'scans.npy').read_bytes())
+    assert 'are not of the same evaluation as results.json' in refused('report', tmp_path / 'out')
+
+
+def test_methods_have_names_of_their_own(tmp_path: Path, refused: Callable[..., str]) -> None:
+    twice = ['--method', 'ring_key', '--method', 'ring_key']
+    assert 'expected each name once' in refused('evaluate', *twice, '--out', tmp_path)
+
+
 def test_maps_and_queries_come_together(tmp_path: Path, refused: Callable[..., str]) -> None:
-    assert '--map and --query: expected at least one of each' in refused('evaluate', 'own', '--map', tmp_path)
-    assert 'protocol own: expected two drives of a road or more' in refused('evaluate', 'own', '--out', tmp_path / 'o')
+    assert 'protocol own: expected at least one --map and one --query' in refused('evaluate', '--map', tmp_path)
+    assert 'expected at least one --map and one --query' in refused('evaluate', 'own', '--out', tmp_path / 'o')
+    gone = ['--map', tmp_path / 'gone', '--query', tmp_path]
+    assert f'{tmp_path / "gone"}: no such folder' in refused('evaluate', *gone, '--out', tmp_path / 'o')
 
 
 def test_real_streets_are_driven_both_ways(real_data: Path, tmp_path: Path, done: Callable[..., str]) -> None:
@@ -179,4 +236,4 @@ def test_real_streets_are_driven_both_ways(real_data: Path, tmp_path: Path, done
     assert results['worlds'] == ['dcc', 'kaist']
     told = results['maintenance']['streets']['200']['ring_key']
     assert told['ordered_pairs'] == 12
-    assert results['simulated'] == {'streets': True}
+    assert results['scans'] == {'streets': 'simulated scans'}

@@ -103,6 +103,28 @@ def test_a_refused_scan_is_neither_mapped_nor_ever_right(embedded_street: Street
     found = answers_from(Pair('m', 'g', 'street', 0, 0, 12.0), whole, refused, Rules())
     assert not found.correct[[0, 7]].any()
     assert found.correct[10]
+    # Its right pairs are missed at every threshold: recall ends below 1, as if they were further than any other.
+    level, all_of = (answers_from(Pair('m', 'g', 'street', 0, 0, 12.0), whole, d, Rules()) for d in (refused, whole))
+    assert level.pair_level is not None
+    assert all_of.pair_level is not None
+    assert level.pair_level.average_precision < all_of.pair_level.average_precision
+    assert level.pair_level.precisions[-1] == 0.0 < all_of.pair_level.precisions[-1]
+
+
+def test_what_an_encoder_refuses_to_map_is_still_asked_for(embedded_street: Street) -> None:
+    mapped, query = embedded_street(0, 40), embedded_street(1, 40)
+    uncertainties = mapped.uncertainties.copy()
+    uncertainties[:35] = np.inf
+    refused = dataclasses.replace(mapped, uncertainties=uncertainties)
+    pair = Pair('m', 'g', 'street', 0, 1, 12.0)
+    found, whole = (answers_from(pair, drive, query, Rules()) for drive in (refused, mapped))
+    assert (found.places, whole.places) == (2, 14)
+    np.testing.assert_array_equal(found.positive, whole.positive)
+    assert not found.correct[:20].any()
+    nothing = dataclasses.replace(mapped, uncertainties=np.full(40, np.inf))
+    empty = answers_from(pair, nothing, query, Rules())
+    assert (empty.places, int(empty.correct.sum())) == (0, 0)
+    np.testing.assert_array_equal(empty.positive, whole.positive)
 
 
 def test_the_places_around_a_scan_of_the_same_drive_are_left_out(embedded_street: Street) -> None:

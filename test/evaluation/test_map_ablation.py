@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -15,7 +16,7 @@ from offradar_ros.evaluation.answers import Pair, Rules, answers, answers_from, 
 from offradar_ros.evaluation.embedding_cache import EmbeddedDrive
 from offradar_ros.evaluation.introspection import summarise_ablation
 from offradar_ros.evaluation.maintenance import Ablation, ablate, merges, most_certain, opportunities, with_scans
-from offradar_ros.evaluation.protocol import Maintenance
+from offradar_ros.evaluation.protocol import Maintenance, Protocol
 from offradar_ros.mapping.parent_map import MergeKind, ParentMap
 from offradar_ros.types import Embedding, PlaceTable, Pose
 
@@ -82,15 +83,23 @@ def test_the_maintained_map_is_that_of_a_loop(drives: list[EmbeddedDrive], ablat
     np.testing.assert_array_equal(ablation.maintained.ranks, expected.ranks)
 
 
-def test_all_maps_are_of_one_size_and_maintenance_helps(ablation: Ablation) -> None:
+def test_all_maps_are_of_one_size_and_maintenance_helps(ablation: Ablation, small_protocol: Protocol) -> None:
     sizes = {a.places for a in (ablation.unmaintained, ablation.maintained, *ablation.random)}
     assert sizes == {30}
     assert len(ablation.random) == 3
-    told = summarise_ablation([ablation], threshold=0.6)
+    told = summarise_ablation([ablation], 0.6, small_protocol)
     assert told['M'] > told['O']
     assert told['M'] > told['M_random']
     assert told['QM'] > told['Q']
     assert 0.1 < told['rejected'] < 0.5
+    assert told['gains']['M_over_O']['value'] == pytest.approx(told['M'] - told['O'])
+    assert told['gains']['M_over_M_random']['value'] == pytest.approx(told['M'] - told['M_random'])
+    # One pair says nothing of how pairs differ.
+    assert math.isnan(told['gains']['M_over_O']['low'])
+    several = summarise_ablation([ablation] * 3, math.nan, small_protocol)
+    assert several['gains']['M_over_O']['low'] == pytest.approx(told['M'] - told['O'])
+    assert math.isnan(several['Q'])
+    assert math.isnan(several['rejected'])
 
 
 def test_the_control_draws_anew_each_time_but_the_same_for_a_seed(
@@ -102,12 +111,12 @@ def test_the_control_draws_anew_each_time_but_the_same_for_a_seed(
     assert len({tuple(a.distances.tolist()) for a in ablation.random}) > 1
 
 
-def test_only_certain_queries_are_answered(ablation: Ablation) -> None:
-    told = summarise_ablation([ablation], threshold=0.5)
+def test_only_certain_queries_are_answered(ablation: Ablation, small_protocol: Protocol) -> None:
+    told = summarise_ablation([ablation], 0.5, small_protocol)
     chosen = ablation.unmaintained.positive & (ablation.unmaintained.uncertainties <= 0.5)
     assert told['Q'] == pytest.approx(np.mean(ablation.unmaintained.correct[chosen]))
     assert told['QM'] == pytest.approx(np.mean(ablation.maintained.correct[chosen]))
-    assert np.isnan(summarise_ablation([ablation], threshold=-1.0)['Q'])
+    assert np.isnan(summarise_ablation([ablation], -1.0, small_protocol)['Q'])
 
 
 @settings(max_examples=60, deadline=None)

@@ -139,7 +139,7 @@ def test_a_recorded_road_is_evaluated_both_ways(data: Path, tmp_path: Path) -> N
     assert told['recall_at_1']['value'] > 0.8
     assert np.isnan(told['recall_at_1_clean']['value'])
     assert results['maintenance']['g']['0']['ring_key']['ordered_pairs'] == 6
-    assert results['simulated'] == {'g': False}
+    assert results['scans'] == {'g': 'recorded scans'}
     assert results['drives']['g/r'] == ['d0', 'd1', 'd2']
     assert results['skipped'] == []
     assert results['targets'] == []

@@ -148,8 +148,9 @@ def test_figures_against_a_loop(embedded_street: Callable[..., EmbeddedDrive], s
         assert (row['threshold'], row['kept']) == (static, len(kept))
         assert row['rejected'] == pytest.approx(1.0 - len(kept) / len(rows))
         assert np.array_equal(row['recall_at_1'], np.mean(kept) if kept else math.nan, equal_nan=True)
-    assert 0.0 <= told['ause'] <= told['ausc'] <= 1.0
+    assert 0.0 <= told['ause'] <= told['ausc']['value'] <= 1.0
     assert 0.0 <= told['ece'] <= 1.0
+    assert told['recall_at_5']['value'] == pytest.approx(np.mean([r < 5 for a in several for r in a.ranks[a.positive]]))
     assert told['recall_at_1']['low'] <= told['recall_at_1']['value'] <= told['recall_at_1']['high']
     assert told['recall_at_1']['pairs'] == pytest.approx(
         np.mean([np.mean(a.correct[a.positive]) for a in several]),

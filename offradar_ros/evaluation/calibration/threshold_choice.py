@@ -117,5 +117,6 @@ def _nothing_passes(counts: Counts, error_rate: float, confidence: float) -> str
     best = int(np.argmin(bounds))
     return (
         f'no threshold is sure to keep {wanted}: at best {counts.wrong[best]} of {counts.answered[best]} answers are '
-        f'wrong, up to {bounds[best]:.3f} with that confidence: more drives, a better encoder or a higher --error-rate'
+        f'wrong, by itself up to {bounds[best]:.3f} with that confidence, and more as one chosen of several: more '
+        'drives, a better encoder or a higher --error-rate'
     )

@@ -29,10 +29,10 @@ def bootstrap_interval(
         level: share of the draws that the interval holds.
 
     Returns:
-        Its ends; NaN where no draw gave a number.
+        Its ends; NaN where no draw gave a number, or there are no two groups: one says nothing of how they differ.
     """
     labels, inverse = np.unique(np.asarray(groups), return_inverse=True)
-    if not len(labels):
+    if len(labels) < 2:
         return math.nan, math.nan
     rng = np.random.default_rng(seed)
     drawn = rng.multinomial(len(labels), np.full(len(labels), 1.0 / len(labels)), resamples).astype(np.float64)

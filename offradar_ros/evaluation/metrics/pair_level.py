@@ -38,7 +38,10 @@ class PairTally:
         self._wrong: list[NDArray[np.float32]] = []
 
     def add(self, distances: NDArray[np.float64], right: NDArray[np.bool_], wrong: NDArray[np.bool_]) -> None:
-        """Distances (of any monotonic kind) and which of them are of right and of wrong pairs, all of one shape."""
+        """Distances (of any monotonic kind) and which of them are of right and of wrong pairs, all of one shape.
+
+        Infinite ones are never accepted: a right pair among them is missed at every threshold.
+        """
         self._right.append(distances[right].astype(np.float32))
         self._wrong.append(distances[wrong].astype(np.float32))
 
@@ -49,15 +52,17 @@ class PairTally:
 
 
 def pair_curve(right: ArrayLike, wrong: ArrayLike) -> PrecisionRecallCurve:
-    """The curve of (R,) distances of right pairs and (W,) of wrong ones, with a point at each distance of a right one.
+    """The curve of (R,) distances of right pairs and (W,) of wrong ones: a point at each finite one of a right pair.
 
     Between two of those recall stands still and precision falls, which no area and no F_β gains from.
     """
     good, bad = np.sort(np.asarray(right)), np.sort(np.asarray(wrong))
+    relevant = float(len(good))
+    good = good[np.isfinite(good)]
     last = np.flatnonzero(np.append(good[1:] != good[:-1], True)) if len(good) else np.empty(0, np.intp)
     hits = (last + 1).astype(np.float64)
     accepted = hits + np.searchsorted(bad, good[last], side='right')
-    return PrecisionRecallCurve(good[last].astype(np.float64), accepted, hits, float(len(good)))
+    return PrecisionRecallCurve(good[last].astype(np.float64), accepted, hits, relevant)
 
 
 def precisions_at(curve: PrecisionRecallCurve, recalls: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -7,7 +7,10 @@ from collections.abc import Iterator
 from offradar_ros.evaluation.report.sections import TableSection
 from offradar_ros.evaluation.report.source import Source
 from offradar_ros.evaluation.report.words import map_words, name_of, percent
+from offradar_ros.evaluation.summary import Json
 from offradar_ros.evaluation.table import number
+
+GAINS = {'M_over_O': 'M over O', 'M_over_M_random': 'M over M_random'}
 
 
 def ablation_tables(source: Source) -> Iterator[TableSection]:
@@ -20,6 +23,7 @@ def ablation_tables(source: Source) -> Iterator[TableSection]:
                     (
                         name_of(method),
                         *(percent(methods[method][name]) for name in names),
+                        *(_points(methods[method]['gains'][gain]) for gain in GAINS),
                         percent(methods[method]['rejected']),
                         number(methods[method]['threshold']),
                         f'{methods[method]["replaced"]} of {methods[method]["opportunities"]}',
@@ -32,7 +36,13 @@ def ablation_tables(source: Source) -> Iterator[TableSection]:
                     f'Ablation: {source.title(group)}, {map_words(spacing)}',
                     'Recall@1 in %. O: the map of one drive; M: all drives but that and the query are merged into it; '
                     'M_random: as many replacements, drawn at random; Q, QM: the same of the queries whose U is at '
-                    f'most the threshold; {source.data_word(group)}.',
-                    ('method', *names, 'rejected (%)', 'threshold', 'replacements'),
+                    'most the threshold. Gains in points, with 95 % bootstrap intervals over pairs; '
+                    f'{source.data_word(group)}.',
+                    ('method', *names, *GAINS.values(), 'rejected (%)', 'threshold', 'replacements'),
                     rows,
                 )
+
+
+def _points(gain: Json) -> str:
+    told = [percent(gain[name]) for name in ('value', 'low', 'high')]
+    return told[0] if '-' in told else f'{told[0]} ({told[1]} to {told[2]})'

@@ -59,8 +59,9 @@ def rejection_figures(source: Source) -> Iterator[FigureSection]:
                     axis.plot(
                         100 * SHARES, 100 * _rejection(maintained), '--', color=COLOURS[-1], label='OURS(QM)', lw=2.2
                     )
-            if close:
-                lost = 100.0 * (1.0 - float(np.mean(source.answered(group, spacing, source.shown)['rank'] == 0)))
+            shown = source.answered(group, spacing, source.shown)
+            if close and len(shown):
+                lost = 100.0 * (1.0 - float(np.mean(shown['rank'] == 0)))
                 axis.set_ylim(100.0 - max(3.0 * lost, 1.0), 100.0 + max(0.15 * lost, 0.05))
             word = ', close by' if close else ''
             axis.set_title(f'{source.data_word(group)}, map spacing {spacing} m{word}', fontsize='small')

@@ -53,7 +53,7 @@ def target_tables(source: Source) -> Iterator[TableSection]:
             ' '.join(filter(None, [t['group'], t['spacing_m'] and f'{t["spacing_m"]} m'])),
             t['wanted'],
             number(t['found']),
-            'reached' if t['passed'] else '**missed**',
+            'reached' if t['passed'] else 'missed',
         )
         for t in source.results['targets']
     )

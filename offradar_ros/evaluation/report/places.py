@@ -67,7 +67,9 @@ def _trajectory(source: Source, number: int, pair: Json) -> FigureSection:
     rows = source.rows[source.rows['pair'] == number]
     told = source.results['groups'][pair['group']][source.spacings[0]][source.shown]['at_deployed_threshold']
     threshold = math.inf if told.get('threshold') is None else told['threshold']
-    answered, right = rows['uncertainty'] <= threshold, rows['rank'] == 0
+    # Refused scans have an infinite U: they are rejected whatever the threshold.
+    answered = np.isfinite(rows['uncertainty']) & (rows['uncertainty'] <= threshold)
+    right = rows['rank'] == 0
     kinds = (
         ('rejected, would have been right', REJECTED, '+', ~answered & right),
         ('rejected, would have been wrong', '#000000', 'x', ~answered & ~right),

@@ -17,6 +17,7 @@ RECOGNITION_HEAD = (
     'R@1 (%)',
     'R@5 (%)',
     'R@10 (%)',
+    'R@1, 95 %',
     'F1',
     'F0.5',
     'F2',
@@ -37,11 +38,11 @@ def recognition_table(source: Source, group: str, spacing: str) -> TableSection:
     which = _paper_of(source, group)
     paper = PAPER_TABLES.get(which, {})
     columns = [_recognition(figures) for figures in rows.values()]
-    best = [_places(column) for column in zip(*columns, strict=True)]
-    cells = []
-    for row, name in enumerate(rows):
-        own = [_ranked(text, places[row]) for text, places in zip(columns[row], best, strict=True)]
-        cells.append((NAMES.get(name, name), *own, *(_paper_cells(paper.get(name)) if paper else ())))
+    places = [_places([column[k] for column in columns]) for k in range(len(columns[0]))]
+    cells = [
+        (NAMES.get(name, name), *own, *(_paper_cells(paper.get(name)) if paper else ()))
+        for (name, _), own in zip(rows.items(), columns, strict=True)
+    ]
     first = next(iter(methods.values()))
     beside = f' Right columns: {PAPER_TITLES[which]}, F as printed there' if paper else ''
     if paper and source.data_word(group) != 'recorded scans':
@@ -50,12 +51,16 @@ def recognition_table(source: Source, group: str, spacing: str) -> TableSection:
         f'recognition_{group}_{spacing}m',
         f'Recognition: {source.title(group)}, {map_words(spacing)}',
         f'Pooled over {first["with_positive"]} of {first["queries"]} queries, those that have a right place in the '
-        f'map, of {first["pairs"]} ordered pairs of drives; {source.data_word(group)}. F is the highest over '
-        'thresholds on the distance of the nearest place, for each β by itself; AP over the same, one answer a query. '
-        'R@1 of all counts every query: one without a right place is always wrong. AP of pairs is of every query with '
-        f'every place. **Best**, _second_.{beside}{"." if beside else ""}',
+        f'map, of {first["pairs"]} ordered pairs of drives, with a 95 % bootstrap interval over pairs; '
+        f'{source.data_word(group)}. F is the highest over thresholds on the distance of the nearest place, for each β '
+        'by itself; AP over the same, one answer a query. R@1 of all counts every query: one without a right place is '
+        f'always wrong. AP of pairs is of every query with every place.{beside}{"." if beside else ""}',
         RECOGNITION_HEAD + (tuple(f'paper: {name}' for name in PAPER_HEAD) if paper else ()),
         tuple(cells),
+        *(
+            frozenset((row, k + 1) for k, column in enumerate(places) for row, at in enumerate(column) if at == place)
+            for place in (0, 1)
+        ),
     )
 
 
@@ -66,7 +71,7 @@ def paper_table(which: int) -> TableSection:
         f'paper_table_{which}',
         f'For reference: {PAPER_TITLES[which]}',
         "The paper's own figures, of its own networks on recorded scans: not of the data measured here, and not to be "
-        'compared with it. Its F columns are in no order one standard F_β.',
+        'compared with it. Its F columns cannot be maxima of F_β over thresholds: the second is below Recall@1.',
         ('method', *PAPER_HEAD),
         rows,
     )
@@ -90,7 +95,18 @@ def _recognition(figures: Json) -> list[str]:
     paired = figures.get('pair_level', {}).get('average_precision', {}).get('value')
     every = figures['every_query']['recall_at_1']
     precision = _value(figures['average_precision'])
-    return [*map(percent, recalls), *map(number, [*f_beta, precision]), percent(every), number(paired)]
+    return [
+        *map(percent, recalls),
+        _interval(figures['recall_at_1']),
+        *map(number, [*f_beta, precision]),
+        percent(every),
+        number(paired),
+    ]
+
+
+def _interval(figure: Json) -> str:
+    ends = [percent(figure[end]) for end in ('low', 'high')]
+    return '-' if '-' in ends else ' to '.join(ends)
 
 
 def _value(figure: Json | float | None) -> float | None:
@@ -98,10 +114,8 @@ def _value(figure: Json | float | None) -> float | None:
 
 
 def _places(column: Sequence[str]) -> list[int]:
-    """0 for the best of a column, 1 for the second, and so on; equal ones share a place."""
+    """0 for the best of a column, 1 for the second, and so on; equal ones share a place, what is no number has −1."""
+    if any(' to ' in text for text in column):
+        return [-1] * len(column)
     known = sorted({float(text) for text in column if text != '-'}, reverse=True)
-    return [known.index(float(text)) if text != '-' else len(known) for text in column]
-
-
-def _ranked(text: str, place: int) -> str:
-    return f'**{text}**' if place == 0 else f'_{text}_' if place == 1 else text
+    return [known.index(float(text)) if text != '-' else -1 for text in column]

@@ -7,13 +7,19 @@ import dataclasses
 
 @dataclasses.dataclass(frozen=True)
 class TableSection:
-    """A table: `name` is that of its CSV file, `head` and `rows` are text, cells that start with ``**`` stand out."""
+    """A table: `name` is that of its CSV file, `head` and `rows` are text.
+
+    `best` and `second` are the rows and columns of cells that stand out; Recall@1 and the like is higher there than
+    elsewhere in the column.
+    """
 
     name: str
     title: str
     caption: str
     head: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
+    best: frozenset[tuple[int, int]] = frozenset()
+    second: frozenset[tuple[int, int]] = frozenset()
 
 
 @dataclasses.dataclass(frozen=True)

@@ -62,9 +62,9 @@ class Source:
 
     def data_word(self, group: str) -> str:
         """What its scans are: every caption says so."""
-        told = self.results['simulated']
+        told = self.results['scans']
         kinds = set(told.values()) if group == ALL else {told[group]}
-        return 'simulated scans' if kinds == {True} else 'recorded scans' if kinds == {False} else 'mixed scans'
+        return kinds.pop() if len(kinds) == 1 else 'simulated and recorded scans'
 
     def answered(self, group: str, spacing: str, method: str, maintained: bool = False) -> NDArray[Any]:
         """Rows of queries that have a right place in the map, of the group's searches."""
@@ -88,4 +88,6 @@ def read_source(folder: str | Path) -> Source:
             maps = {name: stored[name] for name in stored.files}
     except (OSError, ValueError, EOFError, KeyError) as error:
         raise DataError(f'{folder}: expected {SCANS_FILE} and {MAPS_FILE} of offradar evaluate ({error})') from None
+    if len(rows) != results['rows'] or len(maps) != 2 * len(results['maps']):
+        raise DataError(f'{folder}: {SCANS_FILE} and {MAPS_FILE} are not of the same evaluation as {RESULTS_FILE}')
     return Source(folder, results, rows, maps)

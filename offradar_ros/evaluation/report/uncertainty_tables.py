@@ -18,7 +18,7 @@ def uncertainty_table(source: Source, group: str, spacing: str) -> TableSection:
     cells: dict[str, Callable[[Json], str]] = {
         'AUROC of U': lambda f: with_interval(f['auroc_wrong']),
         'area under Recall@RR': lambda f: with_interval(f['auc_recall_at_rejection']),
-        'AUSC': lambda f: number(f['ausc']),
+        'AUSC': lambda f: with_interval(f['ausc']),
         'AUSE': lambda f: number(f['ause']),
         'ECE': lambda f: number(f['ece']),
     }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import csv
 import io
+from collections.abc import Iterator
 from pathlib import Path
 
 from offradar_ros.encoders.model_files import write_atomically
@@ -48,7 +49,7 @@ def markdown(report: Report) -> str:
     """The same as Markdown; pictures are those of ``figures/``."""
     parts = [f'# {report.title}', '\n'.join(f'* {remark}' for remark in report.remarks)]
     for table in report.tables:
-        lines = [table.head, ('---',) * len(table.head), *table.rows]
+        lines = [table.head, ('---',) * len(table.head), *_marked(table)]
         text = '\n'.join('| ' + ' | '.join(cell.replace('|', '\\|') for cell in line) + ' |' for line in lines)
         parts += [f'## {table.title}', text, table.caption]
     for figure in report.figures:
@@ -57,10 +58,16 @@ def markdown(report: Report) -> str:
     return '\n\n'.join(parts) + '\n'
 
 
+def _marked(table: TableSection) -> Iterator[list[str]]:
+    for at, row in enumerate(table.rows):
+        marks = ['**' if (at, k) in table.best else '_' if (at, k) in table.second else '' for k in range(len(row))]
+        yield [f'{mark}{cell}{mark}' for mark, cell in zip(marks, row, strict=True)]
+
+
 def comma_separated(table: TableSection) -> str:
-    """A table as CSV, without marks."""
+    """A table as CSV."""
     file = io.StringIO()
     writer = csv.writer(file, lineterminator='\n')
     writer.writerow(table.head)
-    writer.writerows([cell.strip('*_') for cell in row] for row in table.rows)
+    writer.writerows(table.rows)
     return file.getvalue()

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -57,8 +58,15 @@ def test_too_few_scans_and_too_many_errors_are_told_apart() -> None:
         choose_threshold(queries(50), thresholds, 0.05, 0.95)
     hopeless = queries(600)
     hopeless.wrong[::2] = True
-    with pytest.raises(DataError, match=r'no threshold is sure .*at best \d+ of \d+ answers are wrong, up to 0\.\d+'):
+    with pytest.raises(DataError, match='no threshold is sure') as caught:
         choose_threshold(hopeless, thresholds, 0.05, 0.95)
+    found = re.search(r'at best (\d+) of (\d+) answers are wrong, by itself up to (0\.\d+) with', str(caught.value))
+    assert found
+    wrong, answered, bound = int(found[1]), int(found[2]), float(found[3])
+    assert 0.0 < wrong / answered < bound
+    # Fewer wrong answers than these have a chance of at most 0.05 where the bound is the rate.
+    scipy_stats = pytest.importorskip('scipy.stats')
+    assert scipy_stats.binom.cdf(wrong, answered, bound) == pytest.approx(0.05, abs=0.002)
 
 
 def test_it_is_drawn(tmp_path: Path) -> None:

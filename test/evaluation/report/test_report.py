@@ -92,12 +92,16 @@ def test_the_papers_tables_stand_as_printed(folder: Path) -> None:
     assert len(rows_of(folder, 'paper_table_2')) == 7
 
 
-def test_every_printed_row_breaks_the_bound_of_one_f_beta() -> None:
-    """Why nothing is compared with those columns: max F1 is at most the harmonic mean of max F0.5 and max F2."""
-    for rows in PAPER_TABLES.values():
-        for row in rows.values():
-            one, half, two = row.f_printed
-            assert 1.0 / (one - 0.005) < (1.0 / (half + 0.005) + 1.0 / (two + 0.005)) / 2.0
+def test_the_printed_f_columns_are_no_maxima_of_f_beta() -> None:
+    """Why nothing is compared with those columns, whatever β each of them is."""
+    rows = [row for table in PAPER_TABLES.values() for row in table.values()]
+    # To accept everything gives F_β = Recall@1 for every β: no maximum over thresholds is below that.
+    below = sum(row.f_printed[1] + 0.005 < row.recall_at_1 / 100.0 for row in rows)
+    assert (below, len(rows)) == (11, 13)
+    # As printed, F1 is above the harmonic mean of F0.5 and F2 in every row, where it can be at most that.
+    for row in rows:
+        one, half, two = row.f_printed
+        assert 1.0 / (one - 0.005) < (1.0 / (half + 0.005) + 1.0 / (two + 0.005)) / 2.0
 
 
 def test_every_caption_says_that_scans_are_simulated(folder: Path) -> None:
