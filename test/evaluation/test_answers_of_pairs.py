@@ -118,7 +118,7 @@ def test_what_an_encoder_refuses_to_map_is_still_asked_for(embedded_street: Stre
     refused = dataclasses.replace(mapped, uncertainties=uncertainties)
     pair = Pair('m', 'g', 'street', 0, 1, 12.0)
     found, whole = (answers_from(pair, drive, query, Rules()) for drive in (refused, mapped))
-    assert (found.places, whole.places) == (2, 14)
+    assert (found.places, whole.places) == (3, 14)
     np.testing.assert_array_equal(found.positive, whole.positive)
     assert not found.correct[:20].any()
     nothing = dataclasses.replace(mapped, uncertainties=np.full(40, np.inf))
