@@ -33,7 +33,7 @@ setup(
         'typer>=0.9',
     ],
     extras_require={
-        'onnx': ['onnxruntime>=1.18'],
+        'onnx': ['onnxruntime>=1.18', 'safetensors>=0.4'],
         'plot': ['jinja2>=3.0', 'matplotlib>=3.6'],
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
         'test': [

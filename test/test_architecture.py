@@ -60,6 +60,7 @@ LAZY = {
     ('cli.export', 'encoders.shipping'),
     ('cli.card', 'encoders.weights'),
     ('cli.demo', 'demo.run'),
+    ('evaluation.methods', 'encoders.onnx_backend'),
     ('evaluation.methods', 'encoders.weights'),
     ('cli.session', 'ros.sessions'),
     ('cli.train', 'training.config_file'),

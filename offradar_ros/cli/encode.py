@@ -8,6 +8,7 @@ import typer
 from offradar_ros.cli.evaluation_options import (
     DEFAULT_METHODS,
     Data,
+    ExclusionS,
     Maps,
     Methods,
     Params,
@@ -17,6 +18,7 @@ from offradar_ros.cli.evaluation_options import (
     RealWorlds,
     Threads,
     protocol_of,
+    say,
 )
 from offradar_ros.cli.progress import progress_bar
 from offradar_ros.config import load_config
@@ -33,6 +35,7 @@ def encode(
     data: Data = None,
     maps: Maps = None,
     queries: Queries = None,
+    exclusion_s: ExclusionS = None,
     params: Params = None,
     real_worlds: RealWorlds = None,
     processes: Processes = 0,
@@ -45,15 +48,14 @@ def encode(
         cache=cache,
         command='',
         bar=progress_bar,
+        say=say,
         real_worlds=real_worlds,
         recorded=RecordedSource(data, config.radar, config.position),
         encoder=config.encoder,
         processes=processes,
         threads=threads,
     )
-    encoded = encode_drives(protocol_of(protocol, maps, queries), methods or DEFAULT_METHODS, options)
-    for told in encoded.methods:
+    encoded = encode_drives(protocol_of(protocol, maps, queries, exclusion_s), methods or DEFAULT_METHODS, options)
+    for told in encoded:
         typer.echo(f'{told.method}: {told.scans} scans of {told.drives} drives encoded, {told.refused} refused')
-    for text in encoded.lacking:
-        typer.echo(f'note: {text}')
     typer.echo(f'{cache}: ready for offradar evaluate --cache {cache}')

@@ -12,6 +12,7 @@ from rich.console import Console
 from offradar_ros.cli.evaluation_options import (
     DEFAULT_METHODS,
     Data,
+    ExclusionS,
     Maps,
     Methods,
     Params,
@@ -21,6 +22,7 @@ from offradar_ros.cli.evaluation_options import (
     RealWorlds,
     Threads,
     protocol_of,
+    say,
 )
 from offradar_ros.cli.need import pip_hint
 from offradar_ros.cli.progress import progress_bar
@@ -46,6 +48,7 @@ def evaluate(
     data: Data = None,
     maps: Maps = None,
     queries: Queries = None,
+    exclusion_s: ExclusionS = None,
     params: Params = None,
     real_worlds: RealWorlds = None,
     real_scans: Annotated[
@@ -68,6 +71,7 @@ def evaluate(
         cache=cache or out / 'cache',
         command=shlex.join(['offradar', *sys.argv[1:]]),
         bar=progress_bar,
+        say=say,
         real_worlds=real_worlds,
         real_scans=real_scans,
         recorded=RecordedSource(data, config.radar, config.position),
@@ -77,10 +81,8 @@ def evaluate(
         threads=threads,
         pictures=pictures,
     )
-    results = run(protocol_of(protocol, maps, queries), methods or DEFAULT_METHODS, options)
+    results = run(protocol_of(protocol, maps, queries, exclusion_s), methods or DEFAULT_METHODS, options)
     console = Console()
     for table in tables(results):
         console.print(table)
-    for text in results['skipped']:
-        typer.echo(f'note: {text}')
     typer.echo(f'{out / RESULTS_FILE}: written; offradar report {out} makes tables and figures of it')

@@ -36,6 +36,13 @@ Maps = Annotated[
 Queries = Annotated[
     Optional[list[Path]], typer.Option('--query', help='A recording of your own, searched for in the maps.')
 ]
+ExclusionS = Annotated[
+    Optional[float],
+    typer.Option(
+        min=0.0,
+        help='Above 0 drives are also searched for in their own maps, less places within so many seconds of the scan.',
+    ),
+]
 Params = Annotated[
     Optional[Path],
     typer.Option(
@@ -47,21 +54,42 @@ Processes = Annotated[int, typer.Option(min=0, help='Processes that simulate; 0 
 Threads = Annotated[int, typer.Option(min=0, help='Threads of a learned encoder; 0 for one a core.')]
 
 
-def protocol_of(name: Optional[str], maps: Optional[list[Path]], queries: Optional[list[Path]]) -> Protocol:
+def say(note: str) -> None:
+    """Prints what is worth a note."""
+    typer.echo(f'note: {note}')
+
+
+def protocol_of(
+    name: Optional[str],
+    maps: Optional[list[Path]],
+    queries: Optional[list[Path]],
+    exclusion_s: Optional[float] = None,
+) -> Protocol:
     """The protocol of a name, with recordings of one's own in place of what it drives where any are given.
 
-    Then no simulated drives are left to validate on: their U says nothing of another radar's.
+    One that is mapped and searched for is searched for in its own map, too. No simulated drives are left to validate
+    on: their U says nothing of another radar's.
     """
     given = bool(maps or queries)
     protocol = read_protocol(name or ('own' if given else 'simulated'))
+    if exclusion_s is not None:
+        protocol = dataclasses.replace(protocol, exclusion_s=exclusion_s)
     if not given and protocol.groups:
         return protocol
     if not maps or not queries:
         raise ConfigError(f'protocol {protocol.name}: expected at least one --map and one --query')
     for path in (*maps, *queries):
         require_recording(path, 'auto')
-    named = [tuple(str(path.resolve()) for path in paths) for paths in (maps, queries)]
-    road = Recorded('own', maps=named[0], queries=named[1])
+    mapped, asked = (list(dict.fromkeys(str(path.resolve()) for path in paths)) for paths in (maps, queries))
+    both = [path for path in mapped if path in asked]
+    if both and not protocol.exclusion_s > 0.0:
+        raise ConfigError(f'{both[0]}: is searched for in its own map: expected --exclusion-s above 0')
+    road = Recorded(
+        'own',
+        sequences=tuple(both),
+        maps=tuple(path for path in mapped if path not in both),
+        queries=tuple(path for path in asked if path not in both),
+    )
     return dataclasses.replace(
         protocol,
         title='Own recordings',

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from offradar_ros.evaluation.embedding_cache import EmbeddedDrive
 from offradar_ros.evaluation.metrics.pair_level import PairLevel, PairTally
+from offradar_ros.evaluation.nearness import distances_m
 from offradar_ros.evaluation.neighbours import k_least, squared_distances
 from offradar_ros.evaluation.spacing import one_a_cell
 from offradar_ros.types import PlaceTable
@@ -125,7 +126,7 @@ def answers(
     for start in range(0, count if len(places) else 0, _BLOCK):
         part = slice(start, start + _BLOCK)
         squares = squared_distances(query.means[part], places.means)
-        apart_m = _distances_m(truth_m[part], positions_m)
+        apart_m = distances_m(truth_m[part], positions_m)
         if rules.exclusion_ns:
             late_ns = np.abs(places.stamps_ns - query.drive.stamps_ns[part, None])
             squares[late_ns <= rules.exclusion_ns] = np.inf
@@ -156,15 +157,6 @@ def answers(
         query.drive.severities,
         tally.level() if tally else None,
     )
-
-
-def _distances_m(some: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(S, O) metres between (S, 2) and (O, 2) positions."""
-    east, north = (np.subtract.outer(some[:, axis], others[:, axis]) for axis in (0, 1))
-    east *= east
-    north *= north
-    east += north
-    return np.asarray(np.sqrt(east, out=east))
 
 
 def answers_from(pair: Pair, mapped: EmbeddedDrive, query: EmbeddedDrive, rules: Rules) -> Answers:

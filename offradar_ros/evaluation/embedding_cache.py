@@ -51,7 +51,10 @@ def embedded(encoder: Encoder, drive: EvaluatedDrive, folder: Path, progress: Pr
     kept = _load(drive, place, drive.key)
     if kept:
         return kept
-    place.mkdir(parents=True, exist_ok=True)
+    try:
+        place.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DataError(f'{place}: expected a folder for embeddings ({error.strerror})') from None
     starts = range(0, len(drive), BLOCK)
     blocks = [_block(encoder, drive, start, place, progress) for start in starts]
     made = EmbeddedDrive(

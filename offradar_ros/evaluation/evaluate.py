@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from offradar_ros.evaluation.extremes import draw_extremes
 from offradar_ros.evaluation.failures import draw_failures
 from offradar_ros.evaluation.figures import draw_rejection_curves, draw_severity
 from offradar_ros.evaluation.methods import OURS, Method, open_method
+from offradar_ros.evaluation.nearness import nearest_m
 from offradar_ros.evaluation.protocol import VALIDATION, Protocol
 from offradar_ros.evaluation.recorded import measure_recorded, require_recorded
 from offradar_ros.evaluation.recorded_drives import RecordedSource, recorded_drives
@@ -51,7 +52,8 @@ CURVES, PICTURES = 'recall_at_rejection', ('extremes', 'failures', 'severity')
 class Options:
     """Where things are and how much of the machine is used; as `offradar evaluate` explains them.
 
-    `deployed` is the threshold in use where it is not to come from the protocol's validation.
+    `say` hears, as it comes, what is worth a note. `deployed` is the threshold in use where it is not to come from the
+    protocol's validation.
     """
 
     out: Path
@@ -60,6 +62,7 @@ class Options:
     bar: Bar
     real_worlds: Path | None = None
     real_scans: Path | None = None
+    say: Callable[[str], None] = print
     recorded: RecordedSource = dataclasses.field(default_factory=RecordedSource)
     encoder: EncoderConfig = dataclasses.field(default_factory=EncoderConfig)
     deployed: Deployed = NOT_DEPLOYED
@@ -81,9 +84,8 @@ def evaluate(protocol: Protocol, methods: Sequence[str], options: Options) -> Js
         require_recorded(options.real_scans)
     opened = _opened(protocol, methods, options)
     worlds, lacking = open_worlds(protocol, options)
-    _require_searches(worlds, protocol, lacking)
     measured = [measure(method, worlds, protocol, options.cache, options.bar, options.deployed) for method in opened]
-    lacking += [*_unaligned(measured[0], worlds), *_without_threshold(measured, options.deployed)]
+    lacking += _told(options, [*_unmapped(measured[0], worlds), *_without_threshold(measured, options.deployed)])
     results = assemble(measured, worlds, protocol, options.command, lacking)
     results['targets'] = targets(results) if protocol.targets else []
     if options.real_scans:
@@ -106,19 +108,11 @@ def evaluate(protocol: Protocol, methods: Sequence[str], options: Options) -> Js
     return results
 
 
-class Encoded(NamedTuple):
-    """What of a protocol is in the cache, and in words what there is not."""
-
-    methods: list[Encodings]
-    lacking: list[str]
-
-
-def encode_drives(protocol: Protocol, methods: Sequence[str], options: Options) -> Encoded:
+def encode_drives(protocol: Protocol, methods: Sequence[str], options: Options) -> list[Encodings]:
     """Fill the cache with every embedding that `evaluate` would ask for."""
     opened = _opened(protocol, methods, options)
-    worlds, lacking = open_worlds(protocol, options)
-    _require_searches(worlds, protocol, lacking)
-    return Encoded([encode_all(method, worlds, protocol, options.cache, options.bar) for method in opened], lacking)
+    worlds, _ = open_worlds(protocol, options)
+    return [encode_all(method, worlds, protocol, options.cache, options.bar) for method in opened]
 
 
 def _opened(protocol: Protocol, methods: Sequence[str], options: Options) -> list[Method]:
@@ -139,26 +133,51 @@ def _opened(protocol: Protocol, methods: Sequence[str], options: Options) -> lis
     ]
 
 
-def _require_searches(worlds: Worlds, protocol: Protocol, lacking: Sequence[str]) -> None:
-    if not any(
-        searched(mapped, query, protocol)
+def _require_searches(worlds: Worlds, protocol: Protocol, lacking: Sequence[str]) -> list[str]:
+    """ConfigError where nothing can be searched, DataError where nothing can be found; pairs that never meet."""
+    pairs = [
+        (mapped, query)
         for (group, _), drives in worlds.items()
         if group != VALIDATION
-        for mapped in drives
-        for query in drives
-    ):
+        for mapped, query in itertools.product(drives, repeat=2)
+        if searched(mapped, query, protocol)
+    ]
+    if not pairs:
         raise ConfigError(
             f'protocol {protocol.name}: expected two drives of a road or more, found none'
             + ''.join(f'; {text}' for text in lacking)
         )
+    away = {(m.name, q.name): nearest_m(m, q) for m, q in pairs}
+    apart = [
+        f'{query}: no scan within {protocol.tolerance_m:g} m of {mapped}, the nearest {metres:.0f} m away: other '
+        'roads, or positions that do not agree'
+        for (mapped, query), metres in away.items()
+        if metres > protocol.tolerance_m
+    ]
+    if len(apart) == len(away):
+        raise DataError(apart[0])
+    return apart
 
 
 def open_worlds(protocol: Protocol, options: Options) -> tuple[Worlds, list[str]]:
-    """Every drive of the protocol that there is, and in words what there is not."""
+    """Every drive of the protocol that there is, and in words what there is not, which is told before anything is made.
+
+    ConfigError where nothing can be searched, DataError where no drives that are searched ever meet.
+    """
     simulated = list(drives_of(protocol, options.real_worlds))
     recorded = recorded_drives(protocol, options.recorded)
+    lacking = [*_skipped_streets(protocol, options.real_worlds), *recorded.lacking]
+    if all(drive.group == VALIDATION for drive in (*simulated, *recorded.drives)):
+        _require_searches({}, protocol, lacking)
+    _told(options, lacking)
     worlds = opened_worlds(simulated, recorded.drives, options.cache, options.bar, options.processes)
-    return worlds, [*_skipped_streets(protocol, options.real_worlds), *recorded.lacking]
+    return worlds, lacking + _told(options, _require_searches(worlds, protocol, lacking))
+
+
+def _told(options: Options, notes: list[str]) -> list[str]:
+    for note in notes:
+        options.say(note)
+    return notes
 
 
 def _skipped_streets(protocol: Protocol, real_worlds: Path | None) -> list[str]:
@@ -168,17 +187,15 @@ def _skipped_streets(protocol: Protocol, real_worlds: Path | None) -> list[str]:
     return [f'{", ".join(names)}: maps and traversals are not given (--real-worlds)'] if names else []
 
 
-def _unaligned(measured: Measured, worlds: Worlds) -> Iterator[str]:
-    """Pairs of drives that never come near each other: another road, or positions of another frame."""
+def _unmapped(measured: Measured, worlds: Worlds) -> Iterator[str]:
+    """Drives of which no scan is mapped, and those that never come back to where they were."""
     told = {(a.pair.group, a.pair.world, a.pair.map_index, a.pair.query_index): a for a in measured.answers}
     for answers in told.values():
         mapped, query = drives_of_pair(answers.pair, worlds)
-        if not answers.positive.any() and mapped is query:
-            yield f'{query.name}: never comes back to where it was'
-        elif not answers.positive.any():
-            yield f'{query.name}: no scan is near {mapped.name}: other roads, or positions that do not agree'
         if not answers.places:
             yield f'{mapped.name}: none of its scans can be mapped'
+        if mapped is query and not answers.positive.any():
+            yield f'{query.name}: never comes back to where it was'
 
 
 def _without_threshold(measured: Sequence[Measured], deployed: Deployed) -> Iterator[str]:

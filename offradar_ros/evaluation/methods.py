@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import difflib
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Protocol
@@ -103,8 +104,12 @@ def open_method(
     name, _, weights = text.partition('=')
     if name == 'rad_vlad' and not weights:
         return RadVladOfMap(folder / 'rad_vlad', seed, spacing_m)
+    if name == 'ring_key' and weights:
+        raise ConfigError(f'--method {text}: ring_key has no weights')
     if not name or (name != 'ring_key' and not weights):
-        raise ConfigError(f'--method {text}: expected NAME=WEIGHTS; only ring_key and rad_vlad need no weights')
+        meant = difflib.get_close_matches(name, METHODS, 1)
+        hint = f'; did you mean {meant[0]}?' if meant and meant[0] != name else ', such as ours=compact'
+        raise ConfigError(f'--method {text}: expected NAME=WEIGHTS{hint} (only ring_key and rad_vlad need no weights)')
     if weights and Path(weights).is_dir():
         weights = str(Path(weights) / BEST)
     elif weights and name != 'rad_vlad':
@@ -116,7 +121,12 @@ def open_method(
 
 
 def _kind_of(weights: str) -> str:
-    """Name of the encoder that a safetensors file is of."""
+    """Name of the encoder that a weights file is of."""
+    if weights.endswith('.onnx'):
+        require_package('onnxruntime', weights)
+        from offradar_ros.encoders.onnx_backend import OnnxEncoder  # noqa: PLC0415
+
+        return OnnxEncoder(weights).info.name
     require_package('safetensors', weights)
     from offradar_ros.encoders.weights import read_header  # noqa: PLC0415
 

@@ -144,8 +144,15 @@ def _opened(
         tested = np.flatnonzero(_tested(split, poses[known], frame, path))
         kept = tested[one_a_cell(driven_m[tested], protocol.drive_spacing_m)]
         if not len(kept):
-            raise DataError(f'{path}: no scan is in the test region of {road.split}')
-        yield _drive(group.name, road.name, index, sequence, known[kept], poses[known[kept]], driven_m[kept], part)
+            lacking.append(f'{sequence.name}: no scan is in the test region of {road.split}: left out')
+            continue
+        drive = _drive(group.name, road.name, index, sequence, known[kept], poses[known[kept]], driven_m[kept], part)
+        yield dataclasses.replace(drive, title=_title(path, [source.path(other.name) for other in parts]))
+
+
+def _title(path: Path, paths: Sequence[Path]) -> str:
+    """The folder's name, with that of the folder it is in where another is called the same."""
+    return path.name if [other.name for other in paths].count(path.name) == 1 else f'{path.parent.name}/{path.name}'
 
 
 def _poses(stamps_ns: NDArray[np.int64], metric: Trajectory, max_gap_s: float) -> NDArray[np.float64]:
@@ -201,7 +208,6 @@ def _drive(
         kinds=np.full(len(rows), ''),
         severities=np.full(len(rows), np.nan),
         read_scan=read_scan,
-        title=sequence.name,
         mapped=part.mapped,
         queried=part.queried,
         layout=sequence.layout,

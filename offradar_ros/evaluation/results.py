@@ -9,6 +9,7 @@ import io
 import itertools
 import json
 import math
+import os
 import platform
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -18,9 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros import __version__
+from offradar_ros.datasets.splits import read_split
 from offradar_ros.encoders.model_files import write_atomically
 from offradar_ros.errors import DataError
 from offradar_ros.evaluation.answers import Answers
+from offradar_ros.evaluation.evaluated_drive import EvaluatedDrive
 from offradar_ros.evaluation.introspection import summarise_ablation
 from offradar_ros.evaluation.protocol import ALL, Protocol
 from offradar_ros.evaluation.runner import Measured, Worlds, drives_of_pair
@@ -60,16 +63,21 @@ def assemble(
     measured: Sequence[Measured], worlds: Worlds, protocol: Protocol, command: str, skipped: Sequence[str]
 ) -> Json:
     """Everything but the targets and the recorded scans; NaN becomes null when it is written."""
+    told = dataclasses.asdict(protocol)
+    for group in told['groups']:
+        for road in group['recorded']:
+            road['source'] = read_split(road['split']).source if road['split'] else ''
     groups = [g.name for g in protocol.groups if any(a.pair.group == g.name for m in measured for a in m.answers)]
     return {
         'format': FORMAT,
         'created': datetime.datetime.now(datetime.timezone.utc).isoformat(timespec='seconds'),
         'command': command,
         'versions': versions(),
-        'protocol': dataclasses.asdict(protocol),
+        'protocol': told,
         'worlds': sorted({a.pair.world for m in measured for a in m.answers}),
         'scans': {g.name: g.scans for g in protocol.groups},
-        'drives': {f'{group}/{world}': [d.name for d in drives] for (group, world), drives in worlds.items()},
+        'drives': {f'{group}/{world}': list(map(_drive, drives)) for (group, world), drives in worlds.items()},
+        'machine': {'processor': _processor(), 'cores': len(os.sched_getaffinity(0))},
         'seeds': _seeds(protocol),
         'skipped': list(skipped),
         'methods': {m.method: _method(m) for m in measured},
@@ -80,6 +88,22 @@ def assemble(
         },
         'maintenance': {group: _maintenance(measured, protocol, group) for group in [*groups, ALL]},
     }
+
+
+def _drive(drive: EvaluatedDrive) -> Json:
+    roles = ' and '.join(word for word, so in (('mapped', drive.mapped), ('searched', drive.queried)) if so)
+    way_m = float(drive.driven_m[-1] - drive.driven_m[0])
+    return {'index': drive.index, 'name': drive.name, 'scans': len(drive), 'way_m': way_m, 'roles': roles}
+
+
+def _processor() -> str:
+    """As Linux names it."""
+    try:
+        lines = Path('/proc/cpuinfo').read_text(encoding='utf-8').splitlines()
+    except OSError:
+        return platform.machine()
+    names = [line.partition(':')[2].strip() for line in lines if line.startswith('model name')]
+    return names[0] if names else platform.machine()
 
 
 def versions() -> dict[str, str]:
@@ -158,6 +182,9 @@ def read_results(path: str | Path) -> Json:
         raise DataError(f'{path}: expected the results.json of offradar evaluate ({error})') from None
     if not isinstance(results, dict) or results.get('format') != FORMAT:
         raise DataError(f'{path}: expected the results.json of offradar evaluate, format {FORMAT}')
+    lacks = [key for key in ('protocol', 'methods', 'groups', 'uncertainty', 'maintenance') if key not in results]
+    if lacks:
+        raise DataError(f'{path}: damaged: without {", ".join(lacks)}')
     return results
 
 

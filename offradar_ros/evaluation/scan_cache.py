@@ -34,6 +34,9 @@ def cached_drives(
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise DataError(f'{folder}: expected a folder for simulated scans ({error.strerror})') from None
+    for partial in folder.glob('*.partial.*'):
+        if not Path('/proc', partial.name.split('.')[-3]).exists():
+            partial.unlink(missing_ok=True)
     paths = {drive: _json_path(folder, drive) for drive in drives}
     missing = [drive for drive, path in paths.items() if not path.is_file()]
     shared_out(render, [(drive, paths[drive]) for drive in missing], processes, progress)

@@ -16,7 +16,8 @@ def tables(results: Json) -> Iterator[Table]:
     titles = {group['name']: group['title'] for group in results['protocol']['groups']} | {'all': 'All groups'}
     for group, spacings in told_apart(results['groups']).items():
         for spacing, methods in spacings.items():
-            yield _methods_table(f'{titles[group]}: a map every {spacing} m', methods)
+            words = f'a map every {spacing} m' if float(spacing) else 'every scan mapped'
+            yield _methods_table(f'{titles[group]}: {words}', methods)
     maintenance = told_apart(results['maintenance'])
     if any(methods for spacings in maintenance.values() for methods in spacings.values()):
         yield _maintenance_table(maintenance)
@@ -55,11 +56,22 @@ def _methods_table(title: str, methods: Json) -> Table:
         'AUROC of the other maps': lambda f: number(f['auroc_wrong_by_other_maps']),
         'Recall@RR .1 .2 .3 .4 .5': lambda f: ' '.join(number(r) for share, r in f['recall_at_rejection'][1:6]),
         'area under Recall@RR': lambda f: with_interval(f['auc_recall_at_rejection']),
-        'queries, places': lambda f: f'{f["with_positive"]} of {f["queries"]}, {f["places"]:.0f}',
+        'threshold, rejected, precision': _deployed,
+        'queries with a place, places a map': lambda f: f'{f["with_positive"]} of {f["queries"]}, {f["places"]:.0f}',
     }
     for name, cell in rows.items():
-        table.add_row(name, *(cell(figures) for figures in methods.values()))
+        cells = [cell(figures) for figures in methods.values()]
+        # Of recorded scans nobody knows how degraded they are.
+        if any(set(text) - set('-, ') for text in cells):
+            table.add_row(name, *cells)
     return table
+
+
+def _deployed(figures: Json) -> str:
+    told = figures['at_deployed_threshold']
+    if told.get('threshold') is None or math.isnan(told['threshold']):
+        return '-'
+    return f'{number(told["threshold"])}, {number(told["rejected_of_every_query"])}, {number(told["precision"])}'
 
 
 def _maintenance_table(maintenance: Json) -> Table:

@@ -73,7 +73,7 @@ def test_what_is_no_road_is_refused(
 ) -> None:
     out = tmp_path / 'params.yaml'
     aside = write_bag(street(count=4, lane_m=400.0, name='aside'), tmp_path / 'aside')
-    assert 'drive_0, aside: no scan is within 25 m of another drive' in refused(
+    assert 'drive_0: no scan within 25 m of another drive, the nearest 400 m away' in refused(
         'calibrate', road[0], aside, '--out', out
     )
     assert 'expected each folder once' in refused('calibrate', road[0], road[0], '--out', out)

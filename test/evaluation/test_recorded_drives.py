@@ -83,8 +83,11 @@ def test_only_the_test_region_of_a_split_counts(data: Path, tmp_path: Path) -> N
     np.testing.assert_allclose(drive.poses[:, 0] - 5.0, 1.25 * np.arange(4, 13), atol=0.05)
     split['region']['circles'][0]['northing_m'] += 5000.0  # type: ignore[index]
     (tmp_path / 's.yaml').write_text(json.dumps(split))
-    with pytest.raises(DataError, match='no scan is in the test region'):
-        opened(data, protocol_of(Recorded('r', split=str(tmp_path / 's.yaml'))))
+    found = recorded_drives(protocol_of(Recorded('r', split=str(tmp_path / 's.yaml'))), RecordedSource(data))
+    assert found.drives == []
+    assert [text.split(' of ')[0] for text in found.lacking] == [
+        f'{n}: no scan is in the test region' for n in ('d0', 'd1')
+    ]
 
 
 def test_what_is_missing_is_told_and_the_rest_goes_on(data: Path) -> None:
@@ -115,7 +118,7 @@ def test_an_unreadable_scan_is_refused_not_fatal(data: Path, tmp_path: Path, str
         drive.scan(2)
     options = quiet_options(tmp_path / 'out', tmp_path)
     told = encode_drives(protocol_of(Recorded('r', sequences=('a', 'b'))), ['ring_key'], options)
-    assert [(m.method, m.drives, m.scans, m.refused) for m in told.methods] == [('ring_key', 2, 12, 1)]
+    assert [(m.method, m.drives, m.scans, m.refused) for m in told] == [('ring_key', 2, 12, 1)]
 
 
 def quiet_options(out: Path, data: Path) -> Options:
@@ -140,20 +143,26 @@ def test_a_recorded_road_is_evaluated_both_ways(data: Path, tmp_path: Path) -> N
     assert np.isnan(told['recall_at_1_clean']['value'])
     assert results['maintenance']['g']['0']['ring_key']['ordered_pairs'] == 6
     assert results['scans'] == {'g': 'recorded scans'}
-    assert results['drives']['g/r'] == ['d0', 'd1', 'd2']
+    assert [drive['name'] for drive in results['drives']['g/r']] == ['d0', 'd1', 'd2']
+    assert [drive['scans'] for drive in results['drives']['g/r']] == [24, 24, 24]
     assert results['skipped'] == []
     assert results['targets'] == []
 
 
 def test_drives_that_never_meet_are_told_of(data: Path, tmp_path: Path) -> None:
-    results = evaluate(
-        protocol_of(Recorded('r', sequences=('d0', 'elsewhere'))), ['ring_key'], quiet_options(tmp_path, data)
-    )
-    assert results['skipped'] == [
-        'elsewhere: no scan is near d0: other roads, or positions that do not agree',
-        'd0: no scan is near elsewhere: other roads, or positions that do not agree',
-    ]
-    assert np.isnan(results['groups']['g']['0']['ring_key']['recall_at_1']['value'])
+    away = 'the nearest 300 m away: other roads, or positions that do not agree'
+    with pytest.raises(DataError, match=f'^elsewhere: no scan within 3 m of d0, {away}$'):
+        evaluate(protocol_of(Recorded('r', sequences=('d0', 'elsewhere'))), ['ring_key'], quiet_options(tmp_path, data))
+    road = Recorded('r', maps=('d0',), queries=('d1', 'elsewhere'))
+    results = evaluate(protocol_of(road), ['ring_key'], quiet_options(tmp_path, data))
+    assert results['skipped'] == [f'elsewhere: no scan within 3 m of d0, {away}']
+    assert results['groups']['g']['0']['ring_key']['with_positive'] == 24
+
+
+def test_folders_of_one_name_are_told_apart(data: Path, tmp_path: Path, street: Callable[..., object]) -> None:
+    write_bag(street(count=6), tmp_path / 'd0')
+    drives = opened(data, protocol_of(Recorded('r', sequences=('d0', str(tmp_path / 'd0')))))
+    assert [drive.name for drive in drives] == [f'{data.name}/d0', f'{tmp_path.name}/d0']
 
 
 def test_nothing_to_search_is_one_line(data: Path, tmp_path: Path) -> None:

@@ -10,6 +10,12 @@ from offradar_ros.evaluation.report.words import map_words, name_of, percent
 from offradar_ros.evaluation.summary import Json
 from offradar_ros.evaluation.table import number
 
+CAPTION = (
+    'Recall@1 in %. O: the map of one drive; M: every other drive of which maps are made, but never the query, is '
+    'merged into it; M_random: as many replacements, drawn at random; Q, QM: the same of the queries whose U is at most '
+    'the threshold. Replacements: merged scans that took a place over, of those that had one within D_t. Gains in '
+    'points, with 95 % bootstrap intervals over pairs.'
+)
 GAINS = {'M_over_O': 'M over O', 'M_over_M_random': 'M over M_random'}
 
 
@@ -34,10 +40,7 @@ def ablation_tables(source: Source) -> Iterator[TableSection]:
                 yield TableSection(
                     f'ablation_{group}_{spacing}m',
                     f'Ablation: {source.title(group)}, {map_words(spacing)}',
-                    'Recall@1 in %. O: the map of one drive; M: all drives but that and the query are merged into it; '
-                    'M_random: as many replacements, drawn at random; Q, QM: the same of the queries whose U is at '
-                    'most the threshold. Gains in points, with 95 % bootstrap intervals over pairs; '
-                    f'{source.data_word(group)}.',
+                    f'{CAPTION} {source.data_word(group).capitalize()}.',
                     ('method', *names, *GAINS.values(), 'rejected (%)', 'threshold', 'replacements'),
                     rows,
                 )

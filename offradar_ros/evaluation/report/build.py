@@ -6,10 +6,9 @@ from collections.abc import Iterator
 
 from offradar_ros.evaluation.report.ablation_tables import ablation_tables
 from offradar_ros.evaluation.report.curves import precision_recall_figures, rejection_figures
-from offradar_ros.evaluation.report.other_tables import cost_table, recorded_tables, target_tables
-from offradar_ros.evaluation.report.paper_tables import PAPER_TABLES
+from offradar_ros.evaluation.report.other_tables import cost_table, drives_table, recorded_tables, target_tables
 from offradar_ros.evaluation.report.places import map_figures, trajectory_figures
-from offradar_ros.evaluation.report.recognition_tables import paper_table, recognition_table
+from offradar_ros.evaluation.report.recognition_tables import recognition_table
 from offradar_ros.evaluation.report.sections import FigureSection, Report, TableSection
 from offradar_ros.evaluation.report.source import Source
 from offradar_ros.evaluation.report.uncertainty_tables import deployed_tables, threshold_tables, uncertainty_table
@@ -58,12 +57,11 @@ def build_report(source: Source) -> Report:
 
 
 def _tables(source: Source) -> Iterator[TableSection]:
-    """Those of the paper's form first."""
+    """What was driven, then those of the paper's form."""
+    yield drives_table(source)
     places = [(group, spacing) for group in source.groups for spacing in source.spacings]
     for group, spacing in places:
         yield recognition_table(source, group, spacing)
-    if not any(group['paper'] for group in source.results['protocol']['groups']):
-        yield from map(paper_table, PAPER_TABLES)
     yield from ablation_tables(source)
     for group, spacing in places:
         yield uncertainty_table(source, group, spacing)
@@ -82,6 +80,7 @@ def _remarks(source: Source) -> Iterator[str]:
     for group in protocol['groups']:
         worlds = [key.split('/', 1)[1] for key in results['drives'] if key.startswith(f'{group["name"]}/')]
         yield f'{group["title"]}: {", ".join(worlds) or "nothing"}; {source.data_word(group["name"])}.'
+        yield from (f'Split {road["split"]}: {road["source"]}' for road in group['recorded'] if road.get('source'))
     yield (
         f'A place within {protocol["tolerance_m"]:g} m of the query is right; pairs farther apart than '
         f'{protocol["negative_m"]:g} m are wrong ones. Maps are maintained with D_t = '
@@ -89,9 +88,10 @@ def _remarks(source: Source) -> Iterator[str]:
     )
     for name in source.methods:
         told = results['methods'][name]
-        weights = f', weights {told["weights"]}' if told['weights'] else ''
-        yield f'{name}: {told["encoder"]}{weights}, fingerprint {told["fingerprint"][:12]}.'
-    yield from (f'Left out: {text}.' for text in results['skipped'])
+        weights = f' weights {told["weights"]},' if told['weights'] else ''
+        encoder = '' if told['encoder'] == name else f' {told["encoder"]},'
+        yield f'{name}:{encoder}{weights} fingerprint {told["fingerprint"][:12]}.'
+    yield from (f'Note: {text}.' for text in results['skipped'])
 
 
 def _pictures(source: Source) -> Iterator[FigureSection]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -22,6 +23,10 @@ COLOURS = ('#0072B2', '#E69F00', '#009E73', '#CC79A7', '#56B4E9', '#8C8C8C', '#D
 """Okabe and Ito's, which most people tell apart; ours has the last."""
 
 
+WORTH_A_LOOK = 0.2
+"""Curves that lose less than this are also drawn close by."""
+
+
 def png_of(figure: Any) -> bytes:
     """The figure as the content of a PNG file."""
     file = io.BytesIO()
@@ -39,7 +44,8 @@ def colour_of(source: Source, method: str) -> str:
 def rejection_figures(source: Source) -> Iterator[FigureSection]:
     """Recall@1 against the share of rejected queries, as the paper's two figures; a figure for each group."""
     for group in source.groups:
-        panels = [(spacing, close) for spacing in source.spacings for close in (False, True)]
+        panels = [(spacing, False) for spacing in source.spacings]
+        panels += [(spacing, True) for spacing in source.spacings if 0.0 < _lost(source, group, spacing) < WORTH_A_LOOK]
         figure = new_figure(5.2 * len(panels), 4.0)
         axes = figure.subplots(1, len(panels), squeeze=False)[0]
         for axis, (spacing, close) in zip(axes, panels, strict=True):
@@ -59,9 +65,8 @@ def rejection_figures(source: Source) -> Iterator[FigureSection]:
                     axis.plot(
                         100 * SHARES, 100 * _rejection(maintained), '--', color=COLOURS[-1], label='OURS(QM)', lw=2.2
                     )
-            shown = source.answered(group, spacing, source.shown)
-            if close and len(shown):
-                lost = 100.0 * (1.0 - float(np.mean(shown['rank'] == 0)))
+            if close:
+                lost = 100.0 * _lost(source, group, spacing)
                 axis.set_ylim(100.0 - max(3.0 * lost, 1.0), 100.0 + max(0.15 * lost, 0.05))
             word = ', close by' if close else ''
             axis.set_title(f'{source.data_word(group)}, map spacing {spacing} m{word}', fontsize='small')
@@ -69,14 +74,22 @@ def rejection_figures(source: Source) -> Iterator[FigureSection]:
             axis.grid(alpha=0.3)
         axes[0].set_ylabel('Recall@1 of what is left (%)')
         axes[0].legend(fontsize='x-small')
+        closer = ', of all methods and, close by, of the best' if any(close for _, close in panels) else ''
+        ours_words = ' OURS(Q) searches the map of one drive, OURS(QM) the maintained map.' * (OURS in source.methods)
         yield FigureSection(
             f'recall_at_rejection_{group}',
             f'Introspective query rejection: {source.title(group)}',
-            'Recall@1 as the most uncertain queries are rejected, of all methods and of the best. OURS(Q) '
-            f'searches the map of one drive, OURS(QM) the maintained map; {source.data_word(group)}.',
+            'Recall@1 as the most uncertain queries are rejected'
+            f'{closer}.{ours_words} {source.data_word(group).capitalize()}.',
             f'Curves of Recall@1 against the rejected share for {len(source.methods)} methods',
             png_of(figure),
         )
+
+
+def _lost(source: Source, group: str, spacing: str) -> float:
+    """Share of wrong answers of the method that is shown; NaN without any."""
+    rows = source.answered(group, spacing, source.shown)
+    return 1.0 - float(np.mean(rows['rank'] == 0)) if len(rows) else math.nan
 
 
 def _rejection(rows: NDArray[Any]) -> NDArray[np.float64]:

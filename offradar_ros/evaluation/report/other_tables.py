@@ -10,21 +10,47 @@ from offradar_ros.evaluation.report.words import name_of
 from offradar_ros.evaluation.table import number
 
 
+def drives_table(source: Source) -> TableSection:
+    """What was driven, and how often it counts."""
+    rows = tuple(
+        (
+            drive['name'],
+            key.split('/', 1)[1],
+            str(drive['scans']),
+            f'{drive["way_m"]:.0f}',
+            drive['roles'] or 'validation',
+        )
+        for key, drives in source.results['drives'].items()
+        for drive in drives
+    )
+    return TableSection(
+        'drives',
+        'What was driven',
+        'A scan counts as often as there are maps in which it is searched. Scans that are left out, for their spacing, '
+        'region or want of a position, are not counted here.',
+        ('drive', 'road', 'scans', 'way (m)', 'role'),
+        rows,
+    )
+
+
 def cost_table(source: Source) -> TableSection:
     """Time and memory of every method."""
     rows = []
+    machine = source.results['machine']
+    peaks = [told['cost']['peak_memory_mb'] for told in source.results['methods'].values()]
     for name in source.methods:
         told = source.results['methods'][name]
         cost = told['cost']
-        numbers = [cost['encode_ms'], cost['search_ms'], cost['bytes_a_place'] / 1000.0, cost['peak_memory_mb']]
+        numbers = [cost['encode_ms'], cost['search_ms'], cost['bytes_a_place'] / 1000.0]
         texts = ('-' if value is None else f'{value:.3g}' for value in numbers)
         rows.append((name_of(name), str(told['dimension']), *texts))
     return TableSection(
         'cost',
         'Cost',
-        'Medians on the machine of this evaluation: encoding one scan from its polar image, finding ten places in a '
-        'map of the mean size, memory of a descriptor, peak of the whole process until then.',
-        ('method', 'dimension', 'encode (ms)', 'search (ms)', 'a place (kB)', 'peak memory (MB)'),
+        f'Medians on {machine["processor"]}, {machine["cores"]} cores: encoding one scan from its polar image, finding '
+        'ten places in a map of the mean size; memory of a descriptor. The evaluation took '
+        f'{max(peaks):.0f} MB of memory at most.',
+        ('method', 'dimension', 'encode (ms)', 'search (ms)', 'a place (kB)'),
         tuple(rows),
     )
 

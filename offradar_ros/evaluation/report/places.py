@@ -13,7 +13,7 @@ from offradar_ros.evaluation.report.sections import FigureSection
 from offradar_ros.evaluation.report.source import Source
 from offradar_ros.evaluation.summary import Json
 
-RIGHT, WRONG, UNMAPPED, REJECTED = '#009E73', '#D55E00', '#CC79A7', '#999999'
+RIGHT, WRONG, UNMAPPED, REJECTED = '#009E73', '#D55E00', '#CC79A7', '#444444'
 MOST = 6
 """Worlds that are drawn."""
 
@@ -71,22 +71,24 @@ def _trajectory(source: Source, number: int, pair: Json) -> FigureSection:
     answered = np.isfinite(rows['uncertainty']) & (rows['uncertainty'] <= threshold)
     right = rows['rank'] == 0
     kinds = (
-        ('rejected, would have been right', REJECTED, '+', ~answered & right),
-        ('rejected, would have been wrong', '#000000', 'x', ~answered & ~right),
         ('match', RIGHT, 'o', answered & right),
         ('miss', WRONG, 's', answered & ~right & rows['positive']),
         ('miss: the map has no place here', UNMAPPED, 'D', answered & ~rows['positive']),
+        ('rejected, would have been right', REJECTED, '+', ~answered & right),
+        ('rejected, would have been wrong', '#000000', 'x', ~answered & ~right),
     )
     figure = new_figure(8.2, 5.6)
     axis = figure.subplots()
     for label, colour, marker, chosen in kinds:
+        if not chosen.any():
+            continue
         axis.scatter(
             rows['x_m'][chosen],
             rows['y_m'][chosen],
             s=16,
             c=colour,
             marker=marker,
-            linewidths=0.9 if marker in '+x' else 0,
+            linewidths=1.2 if marker in '+x' else 0,
             label=f'{label}: {int(chosen.sum())}',
         )
     axis.set_aspect('equal', 'datalim')
@@ -94,11 +96,12 @@ def _trajectory(source: Source, number: int, pair: Json) -> FigureSection:
     axis.set_ylabel('north (m)')
     axis.grid(alpha=0.3)
     axis.legend(fontsize='x-small')
-    names = source.results['drives'][f'{pair["group"]}/{pair["world"]}']
+    drives = source.results['drives'][f'{pair["group"]}/{pair["world"]}']
+    names = {drive['index']: drive['name'] for drive in drives}
     mapped, query = names[pair['map_index']], names[pair['query_index']]
     word = source.data_word(pair['group'])
     limit = 'no threshold' if math.isinf(threshold) else f'threshold {threshold:.3f}'
-    figure.suptitle(f'{query} searched in the map of {mapped} ({word}, {limit})', fontsize='medium')
+    figure.suptitle(f'{query}\nsearched in the map of {mapped} ({word}, {limit})', fontsize='small')
     return FigureSection(
         f'trajectory_{pair["group"]}_{pair["world"]}',
         f'Along the way: {pair["world"]}',

@@ -57,23 +57,7 @@ def recognition_table(source: Source, group: str, spacing: str) -> TableSection:
         f'always wrong. AP of pairs is of every query with every place.{beside}{"." if beside else ""}',
         RECOGNITION_HEAD + (tuple(f'paper: {name}' for name in PAPER_HEAD) if paper else ()),
         tuple(cells),
-        *(
-            frozenset((row, k + 1) for k, column in enumerate(places) for row, at in enumerate(column) if at == place)
-            for place in (0, 1)
-        ),
-    )
-
-
-def paper_table(which: int) -> TableSection:
-    """One of the paper's tables by itself."""
-    rows = tuple((NAMES.get(name, name), *_paper_cells(row)) for name, row in PAPER_TABLES[which].items())
-    return TableSection(
-        f'paper_table_{which}',
-        f'For reference: {PAPER_TITLES[which]}',
-        "The paper's own figures, of its own networks on recorded scans: not of the data measured here, and not to be "
-        'compared with it. Its F columns cannot be maxima of F_β over thresholds: the second is below Recall@1.',
-        ('method', *PAPER_HEAD),
-        rows,
+        *(_standing_out(places, place) for place in (0, 1)),
     )
 
 
@@ -111,6 +95,12 @@ def _interval(figure: Json) -> str:
 
 def _value(figure: Json | float | None) -> float | None:
     return figure['value'] if isinstance(figure, dict) else figure
+
+
+def _standing_out(places: Sequence[Sequence[int]], place: int) -> frozenset[tuple[int, int]]:
+    """Rows and columns of the cells with this place; none in a table of one row: nothing is best of one."""
+    cells = [(row, k + 1, at) for k, column in enumerate(places) for row, at in enumerate(column) if len(column) > 1]
+    return frozenset((row, k) for row, k, at in cells if at == place)
 
 
 def _places(column: Sequence[str]) -> list[int]:

@@ -25,8 +25,10 @@ def write_report(report: Report, folder: Path) -> list[Path]:
         **{f'figures/{figure.name}.png': figure.png for figure in report.figures},
     }
     try:
-        for inner in ('tables', 'figures'):
+        for inner, ending in (('tables', 'csv'), ('figures', 'png')):
             (folder / inner).mkdir(parents=True, exist_ok=True)
+            for stale in (folder / inner).glob(f'*.{ending}'):
+                stale.unlink()
     except OSError as error:
         raise DataError(f'{folder}: expected a folder for the report ({error.strerror})') from None
     for name, content in contents.items():
