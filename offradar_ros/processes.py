@@ -52,8 +52,12 @@ def shared_out(
                     progress(done, len(tasks))
         except KeyboardInterrupt:
             pool.shutdown(wait=False, cancel_futures=True)
-            for worker in set(multiprocessing.active_children()) - before:
+            workers = set(multiprocessing.active_children()) - before
+            for worker in workers:
                 worker.terminate()
+            # What they still take from their queue may need what the caller is about to close.
+            for worker in workers:
+                worker.join(_END_S)
             raise
         except (concurrent.futures.BrokenExecutor, SystemExit) as error:
             raise DataError(f'a process was killed: expected more memory, or fewer than {processes}') from error
@@ -62,6 +66,9 @@ def shared_out(
             raise
         return [future.result() for future in futures]
 
+
+_END_S = 2.0
+"""So long is waited for a worker that was asked to end."""
 
 _ENDED = threading.Event()
 """In a worker: that it was asked to end. The task that is then in its queue already cannot be cancelled."""

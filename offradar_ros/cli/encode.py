@@ -20,6 +20,7 @@ from offradar_ros.cli.evaluation_options import (
     protocol_of,
     say,
 )
+from offradar_ros.cli.interrupt import resumable
 from offradar_ros.cli.progress import progress_bar
 from offradar_ros.config import load_config
 from offradar_ros.evaluation.evaluate import Options, encode_drives
@@ -55,7 +56,8 @@ def encode(
         processes=processes,
         threads=threads,
     )
-    encoded = encode_drives(protocol_of(protocol, maps, queries, exclusion_s), methods or DEFAULT_METHODS, options)
+    with resumable():
+        encoded = encode_drives(protocol_of(protocol, maps, queries, exclusion_s), methods or DEFAULT_METHODS, options)
     for told in encoded:
         typer.echo(f'{told.method}: {told.scans} scans of {told.drives} drives encoded, {told.refused} refused')
     typer.echo(f'{cache}: ready for offradar evaluate --cache {cache}')

@@ -24,6 +24,7 @@ from offradar_ros.cli.evaluation_options import (
     protocol_of,
     say,
 )
+from offradar_ros.cli.interrupt import resumable
 from offradar_ros.cli.need import pip_hint
 from offradar_ros.cli.progress import progress_bar
 from offradar_ros.config import load_config, read_parameters
@@ -81,7 +82,8 @@ def evaluate(
         threads=threads,
         pictures=pictures,
     )
-    results = run(protocol_of(protocol, maps, queries, exclusion_s), methods or DEFAULT_METHODS, options)
+    with resumable():
+        results = run(protocol_of(protocol, maps, queries, exclusion_s), methods or DEFAULT_METHODS, options)
     console = Console()
     for table in tables(results):
         console.print(table)

@@ -6,6 +6,8 @@ from collections.abc import Callable, Iterator
 from types import FrameType
 from typing import Optional
 
+import typer
+
 
 @contextlib.contextmanager
 def held_interrupt() -> Iterator[Callable[[], None]]:
@@ -22,6 +24,16 @@ def held_interrupt() -> Iterator[Callable[[], None]]:
                 raise KeyboardInterrupt from None
 
         yield interrupt
+
+
+@contextlib.contextmanager
+def resumable() -> Iterator[None]:
+    """Ends a command on Ctrl-C with a line that says that the same command goes on."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        typer.echo('\ninterrupted: the same command goes on from here', err=True)
+        raise typer.Exit(130) from None
 
 
 class Signalled(Exception):

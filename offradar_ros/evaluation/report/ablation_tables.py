@@ -12,8 +12,8 @@ from offradar_ros.evaluation.table import number
 
 CAPTION = (
     'Recall@1 in %. O: the map of one drive; M: every other drive of which maps are made, but never the query, is '
-    'merged into it; M_random: as many replacements, drawn at random; Q, QM: the same of the queries whose U is at most '
-    'the threshold. Replacements: merged scans that took a place over, of those that had one within D_t. Gains in '
+    'merged into it; M_random: as many replacements, drawn at random; Q, QM: the same of the queries whose U is at '
+    'most the threshold. Replacements: merged scans that took a place over, of those that had one within D_t. Gains in '
     'points, with 95 % bootstrap intervals over pairs.'
 )
 GAINS = {'M_over_O': 'M over O', 'M_over_M_random': 'M over M_random'}
