@@ -25,6 +25,8 @@ from offradar_ros.evaluation.calibration.error_control import LEAST_CONFIDENCE
 from offradar_ros.evaluation.spacing import MAP_SPACING_M
 
 LEVELS = 20
+REJECTED, WRONG, SURE = 0.01, 0.05, 0.95
+"""What is wanted where nothing is said."""
 
 
 def calibrate(
@@ -40,14 +42,25 @@ def calibrate(
         Optional[Path], typer.Option(help='Parameter file with the encoder to calibrate; the rest of it is kept.')
     ] = None,
     reject_at_most: Annotated[
-        float, typer.Option(min=0.0, max=0.5, help='One drive: share of ordinary scans that may be rejected.')
-    ] = 0.01,
+        Optional[float],
+        typer.Option(
+            min=0.0001,
+            max=0.5,
+            help=f'One drive: share of ordinary scans that may be rejected; {REJECTED:g} if not given.',
+        ),
+    ] = None,
     error_rate: Annotated[
-        float, typer.Option(min=0.001, max=0.5, help='Several drives: share of the answers that may be wrong.')
-    ] = 0.05,
+        Optional[float],
+        typer.Option(
+            min=0.001, max=0.5, help=f'Several drives: share of the answers that may be wrong; {WRONG:g} if not given.'
+        ),
+    ] = None,
     confidence: Annotated[
-        float, typer.Option(min=LEAST_CONFIDENCE, max=0.9999, help='Several drives: with which it is kept.')
-    ] = 0.95,
+        Optional[float],
+        typer.Option(
+            min=LEAST_CONFIDENCE, max=0.9999, help=f'Several drives: with which it is kept; {SURE:g} if not given.'
+        ),
+    ] = None,
     spacing_m: Annotated[
         float, typer.Option(min=0.0, help='Several drives: metres driven between two scans that are taken; 0: all.')
     ] = MAP_SPACING_M,
@@ -67,6 +80,10 @@ def calibrate(
     Over one drive: few ordinary scans are rejected. Over several: few answers are wrong. docs/calibration.md says what
     is certain of either.
     """
+    one, several = {'--reject-at-most': reject_at_most}, {'--error-rate': error_rate, '--confidence': confidence}
+    unfit = [name for name, value in (several if len(sources) == 1 else one).items() if value is not None]
+    if unfit:
+        raise ConfigError(f'{unfit[0]}: expected {"several drives" if len(sources) == 1 else "one drive"} for it')
     if plot is not None and len(sources) == 1:
         raise ConfigError('--plot: one drive has no wrong answers to draw: expected several of one road')
     if plot is not None and importlib.util.find_spec('matplotlib') is None:
@@ -77,12 +94,14 @@ def calibrate(
     if len(sources) == 1:
         sequence = open_source(sources[0], layout, config.radar)
         require_writable(out)
-        done = calibrated_drive(sequence, config, reject_at_most)
+        done = calibrated_drive(sequence, config, reject_at_most or REJECTED)
     else:
         require_writable(out)
         if plot is not None:
             require_file(plot)
-        done, choice = calibrated_road(sources, layout, config, Wanted(error_rate, confidence, spacing_m))
+        done, choice = calibrated_road(
+            sources, layout, config, Wanted(error_rate or WRONG, confidence or SURE, spacing_m)
+        )
         if plot is not None:
             draw(choice, plot)
     write_parameters(out, _typed(given, config) | done.values, f'Written by offradar calibrate over {done.source}.')

@@ -17,8 +17,10 @@ from offradar_ros.evaluation.runner import Worlds, drives_of_pair
 from offradar_ros.radar.cartesian import PolarToCartesian
 
 SHOWN = 10
-IMAGE = CartesianConfig(side_px=256, resolution_m=1.28)
-"""To 164 m, as far as the networks that ship see."""
+FURTHEST_M = 164.0
+"""As far as the networks that ship see."""
+
+SIDE_PX = 256
 
 _RINGS = 128
 
@@ -30,7 +32,7 @@ class _Extreme(NamedTuple):
 
 
 def draw_extremes(several: Sequence[Answers], worlds: Worlds, path: Path) -> None:
-    """Ten most uncertain scans (top) and ten least uncertain ones, each as an image to 164 m above its ring key.
+    """Ten most uncertain scans (top) and ten least uncertain ones, each as an image above its ring key.
 
     A ring key is the mean power against range, in the recorded bytes. Titles say U and what the simulation spoiled, or
     which recording it is of. Scans that the encoder refuses are left out;
@@ -43,7 +45,7 @@ def draw_extremes(several: Sequence[Answers], worlds: Worlds, path: Path) -> Non
     columns = max(len(row) for row in picked)
     figure = new_figure(2.0 * columns, 6.4)
     axes = figure.subplots(4, columns, squeeze=False, height_ratios=(2.0, 1.0, 2.0, 1.0))
-    to_image = PolarToCartesian(IMAGE)
+    to_image = images_of([extreme.drive.scan(extreme.row).max_range_m for row in picked for extreme in row])
     for number, row in enumerate(picked):
         for column, extreme in enumerate(row):
             _draw(axes[2 * number][column], axes[2 * number + 1][column], extreme, to_image)
@@ -54,6 +56,12 @@ def draw_extremes(several: Sequence[Answers], worlds: Worlds, path: Path) -> Non
         fontsize='medium',
     )
     figure.savefig(path)
+
+
+def images_of(ranges_m: Sequence[float]) -> PolarToCartesian:
+    """Images that show scans of these ranges, to 164 m at most."""
+    reach_m = min(max(ranges_m), FURTHEST_M)
+    return PolarToCartesian(CartesianConfig(side_px=SIDE_PX, resolution_m=2.0 * reach_m / SIDE_PX))
 
 
 def _sorted(several: Sequence[Answers], worlds: Worlds) -> list[_Extreme]:
@@ -72,9 +80,10 @@ def _draw(image_axis: Any, key_axis: Any, extreme: _Extreme, to_image: PolarToCa
     image_axis.set_axis_off()
     kind = str(drive.kinds[row])
     spoiled = f'{kind} {drive.severities[row]:.2f}' if kind else 'clean' if drive.severities[row] == 0.0 else drive.name
-    image_axis.set_title(f'U {uncertainty:.4g}\n{spoiled}', fontsize='x-small')
-    reach_m = min(scan.max_range_m, IMAGE.side_px * IMAGE.resolution_m / 2)
-    key = ring_power(scan, _RINGS, reach_m, IMAGE.min_range_m).mean(axis=0)
+    image_axis.set_title(f'U {uncertainty:.4g}\n{spoiled}', fontsize='small')
+    reach_m = min(scan.max_range_m, FURTHEST_M)
+    key = ring_power(scan, _RINGS, reach_m, CartesianConfig().min_range_m).mean(axis=0)
     key_axis.plot((np.arange(_RINGS) + 0.5) * reach_m / _RINGS, key, linewidth=0.8)
     key_axis.set_ylim(0, 120)
+    key_axis.set_xlabel('range (m)', fontsize='xx-small')
     key_axis.tick_params(labelsize='xx-small')

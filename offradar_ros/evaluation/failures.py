@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -11,7 +11,7 @@ import numpy as np
 from offradar_ros.errors import RefusedInput
 from offradar_ros.evaluation.answers import Answers
 from offradar_ros.evaluation.evaluated_drive import EvaluatedDrive
-from offradar_ros.evaluation.extremes import IMAGE
+from offradar_ros.evaluation.extremes import images_of
 from offradar_ros.evaluation.figures import new_figure
 from offradar_ros.evaluation.runner import Worlds, drives_of_pair
 from offradar_ros.radar.cartesian import PolarToCartesian
@@ -30,15 +30,15 @@ class _Failure(NamedTuple):
 def draw_failures(several: Sequence[Answers], worlds: Worlds, path: Path) -> None:
     """The wrong answers that the encoder was surest of, a row each: query, found place, nearest right place.
 
-    All as images to 164 m, as they were scanned: a place seen from another direction is turned. Nothing is drawn where
-    no answer is wrong.
+    All as images to the radar's range, as they were scanned: a place seen from another direction is turned. Nothing is
+    drawn where no answer is wrong.
     """
     picked = _surest(several, worlds)
     if not picked:
         return
     figure = new_figure(7.2, 2.6 * len(picked) + 0.6)
     axes = figure.subplots(len(picked), 3, squeeze=False)
-    to_image = PolarToCartesian(IMAGE)
+    to_image = images_of([range_m for failure in picked for range_m in _ranges_m(failure, worlds)])
     for row, (uncertainty, answers, at) in zip(axes, picked, strict=True):
         mapped, query = drives_of_pair(answers.pair, worlds)
         right_m = float(np.hypot(*(mapped.poses[answers.right[at], :2] - query.poses[at, :2])))
@@ -50,11 +50,18 @@ def draw_failures(several: Sequence[Answers], worlds: Worlds, path: Path) -> Non
     figure.savefig(path)
 
 
+def _ranges_m(failure: _Failure, worlds: Worlds) -> Iterator[float]:
+    """Of the query and of what it found: one road may be driven with several radars."""
+    mapped, query = drives_of_pair(failure.answers.pair, worlds)
+    for drive, row in ((query, failure.row), (mapped, int(failure.answers.found[failure.row]))):
+        yield drive.scan(row).max_range_m
+
+
 def _surest(several: Sequence[Answers], worlds: Worlds) -> list[_Failure]:
     failures = [
         _Failure(float(answers.uncertainties[row]), answers, row)
         for answers in several
-        for row in np.flatnonzero(answers.positive & ~answers.correct & np.isfinite(answers.uncertainties)).tolist()
+        for row in np.flatnonzero(answers.positive & ~answers.correct & np.isfinite(answers.distances)).tolist()
     ]
     picked: list[_Failure] = []
     for failure in sorted(failures, key=lambda f: f.uncertainty):

@@ -25,7 +25,7 @@ from offradar_ros.errors import DataError
 from offradar_ros.evaluation.answers import Answers
 from offradar_ros.evaluation.evaluated_drive import EvaluatedDrive
 from offradar_ros.evaluation.introspection import summarise_ablation
-from offradar_ros.evaluation.protocol import ALL, Protocol
+from offradar_ros.evaluation.protocol import ALL, VALIDATION, Protocol
 from offradar_ros.evaluation.runner import Measured, Worlds, drives_of_pair
 from offradar_ros.evaluation.summary import Json, describe_uncertainty, summarise
 
@@ -92,6 +92,7 @@ def assemble(
 
 def _drive(drive: EvaluatedDrive) -> Json:
     roles = ' and '.join(word for word, so in (('mapped', drive.mapped), ('searched', drive.queried)) if so)
+    roles = 'validation' if drive.group == VALIDATION else roles
     way_m = float(drive.driven_m[-1] - drive.driven_m[0])
     return {'index': drive.index, 'name': drive.name, 'scans': len(drive), 'way_m': way_m, 'roles': roles}
 

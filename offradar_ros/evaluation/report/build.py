@@ -16,14 +16,14 @@ from offradar_ros.evaluation.report.uncertainty_tables import deployed_tables, t
 PICTURES = {
     'extremes': (
         'Most and least uncertain scans',
-        'Ten most (top) and ten least uncertain scans of {method}, to 164 m, each above its ring key: mean power '
-        'against range; {word}.',
+        'Ten most (top) and ten least uncertain scans of {method}, to the range of the radar (164 m at most), each '
+        'above its ring key: mean power, in recorded bytes, against range; {word}.',
         'Twenty radar scans with their ring keys',
     ),
     'failures': (
         'Failures',
-        'Wrong answers that {method} was surest of, one a stretch of road: the query, the place that it found, and the '
-        'right place nearest to it; {word}.',
+        'Wrong answers that {method} was surest of, whatever the threshold, one a stretch of road: the query, the '
+        'place that it found and how far from the query that is, and the right place nearest to it; {word}.',
         'Radar scans of queries beside the wrong and the right places',
     ),
     'severity': (

@@ -18,7 +18,7 @@ def drives_table(source: Source) -> TableSection:
             key.split('/', 1)[1],
             str(drive['scans']),
             f'{drive["way_m"]:.0f}',
-            drive['roles'] or 'validation',
+            drive['roles'],
         )
         for key, drives in source.results['drives'].items()
         for drive in drives
