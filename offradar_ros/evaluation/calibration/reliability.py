@@ -53,10 +53,14 @@ def _draw_curves(axis: Any, choice: ThresholdChoice) -> None:
         [interval(int(k), int(n), choice.confidence) for k, n in zip(wrong[some], answered[some], strict=True)]
     )
     thresholds = choice.thresholds
-    axis.fill_between(thresholds[some], 1.0 - ends[:, 1], 1.0 - ends[:, 0], color='tab:blue', alpha=0.2)
     axis.plot(thresholds[some], 1.0 - shares, 'o-', markersize=3, color='tab:blue', label='right, of the answers')
+    band = f'its interval, confidence {choice.confidence:g}'
+    axis.fill_between(thresholds[some], 1.0 - ends[:, 1], 1.0 - ends[:, 0], color='tab:blue', alpha=0.2, label=band)
     rejected = 1.0 - answered / len(choice.queries)
     axis.plot(thresholds, rejected, 'o-', markersize=3, color='tab:orange', label='rejected, of all scans')
-    axis.axhline(1.0 - choice.error_rate, color='tab:blue', linestyle=':', label=f'{1.0 - choice.error_rate:g} wanted')
+    wanted = 1.0 - choice.error_rate
+    axis.axhline(wanted, color='tab:blue', linestyle=':', label=f'right answers wanted: {wanted:g}')
+    # Lower thresholds answer nothing.
+    axis.set_xlim(float(thresholds[max(0, int(np.argmax(some)) - 1)]) - 0.02, float(thresholds[-1]) + 0.02)
     axis.set_xlabel('static threshold on U')
     axis.set_ylabel('share')
