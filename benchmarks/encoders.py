@@ -1,0 +1,211 @@
+"""What a scan costs with each encoder, and with the size of the image: see README.md beside this file."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import onnx
+from drives import SEED, decoded_scans, simulated_drive
+from machine_peaks import gigabytes_per_s, gigaflops
+from measuring import interleaved, rounded, write_results
+from numpy.typing import NDArray
+from sample_networks import drawn, exported, in_integers
+
+from offradar_ros.config import EncoderConfig
+from offradar_ros.encoders.mc_dropout import PASSES
+from offradar_ros.encoders.network_config import NetworkConfig
+from offradar_ros.encoders.onnx_backend import OnnxEncoder
+from offradar_ros.encoders.rad_vlad import RadVladEncoder
+from offradar_ros.encoders.rad_vlad_fit import fit_rad_vlad
+from offradar_ros.encoders.registry import make_encoder
+from offradar_ros.types import PolarScan
+
+RESULTS = Path(__file__).parent / 'results' / 'encoders.json'
+PICTURE = Path(__file__).parents[1] / 'docs' / 'encoder_cost.png'
+SCANS = 20
+REPEATS, SECONDS = 40, 120.0
+SIDES = (128, 192, 256, 320, 384)
+POLAR = ((104, 64), (200, 128), (400, 256))
+
+Encode = Callable[[PolarScan], object]
+
+
+def full_passes(path: Path) -> Encode:
+    """MC Dropout in every layer: the whole network runs for each of the T = 20 passes, here as one batch."""
+    encoder = OnnxEncoder(path)
+    return lambda scan: encoder.infer(np.repeat(encoder.image(scan)[np.newaxis], PASSES, axis=0))
+
+
+def encoders(folder: Path, drive: Path, scans: Sequence[PolarScan]) -> dict[str, Encode]:
+    """Ours, and what a user would pick instead. Weights that do not ship are drawn at random: they take as long."""
+    weights = drawn(folder, 'vgg16', NetworkConfig(backbone='vgg16'))
+    vgg16, int8 = exported(weights, folder), in_integers(weights, folder, drive)
+    stun = exported(drawn(folder, 'stun_resnet50', NetworkConfig(method='stun', backbone='resnet50')), folder)
+    dropout = drawn(folder, 'mc_dropout_vgg16', NetworkConfig(method='mc_dropout', backbone='vgg16'))
+    return {
+        'vgg16': OnnxEncoder(vgg16).encode,
+        'vgg16_int8': OnnxEncoder(int8).encode,
+        'compact': make_encoder(EncoderConfig(name='variational', weights='compact', backend='onnx')).encode,
+        'stun_resnet50': OnnxEncoder(stun).encode,
+        'mc_dropout_head': OnnxEncoder(exported(dropout, folder)).encode,
+        'mc_dropout_full': full_passes(vgg16),
+        'rad_vlad': RadVladEncoder(fit_rad_vlad(iter(scans), SEED)).encode,
+        'ring_key': make_encoder(EncoderConfig(name='ring_key')).encode,
+    }
+
+
+class InTurn:
+    """Calls a function with the next of the scans each time."""
+
+    def __init__(self, encode: Encode, scans: Sequence[PolarScan]) -> None:
+        self._encode, self._scans, self._next = encode, scans, 0
+
+    def __call__(self) -> object:
+        """Of that scan."""
+        self._next += 1
+        return self._encode(self._scans[self._next % len(self._scans)])
+
+
+def multiplications(path: Path) -> int:
+    """Multiply-adds of one image: those of convolutions and matrix products, which are nearly all there are."""
+    graph = onnx.shape_inference.infer_shapes(onnx.load(path)).graph
+    weights = {tensor.name: tuple(tensor.dims) for tensor in graph.initializer}
+    sizes = {
+        value.name: [dimension.dim_value or 1 for dimension in value.type.tensor_type.shape.dim]
+        for value in (*graph.value_info, *graph.output)
+    }
+    total = 0
+    for node in graph.node:
+        if node.op_type == 'Conv':
+            kernel, made = _shape_of(node.input[1], weights, sizes), sizes[node.output[0]]
+            total += int(np.prod(kernel[1:]) * np.prod(made[1:]))
+        elif node.op_type == 'Gemm':
+            total += int(np.prod(_shape_of(node.input[1], weights, sizes)))
+    return total
+
+
+def _shape_of(name: str, weights: Mapping[str, tuple[int, ...]], sizes: Mapping[str, list[int]]) -> Sequence[int]:
+    return weights.get(name) or sizes[name]
+
+
+def image_sizes(folder: Path, drive: Path) -> dict[str, dict[str, Any]]:
+    """The network alone against the size of its image."""
+    files: dict[str, tuple[Path, tuple[int, int]]] = {}
+    for side in SIDES:
+        weights = drawn(folder, f'vgg16_{side}', NetworkConfig(backbone='vgg16', side_px=side))
+        files[f'vgg16 {side}'] = exported(weights, folder), (side, side)
+        files[f'vgg16_int8 {side}'] = in_integers(weights, folder, drive), (side, side)
+    for rows, columns in POLAR:
+        config = NetworkConfig(backbone='compact', azimuths=rows, range_bins=columns)
+        files[f'compact {rows}'] = exported(drawn(folder, f'compact_{rows}', config), folder), (rows, columns)
+    rng = np.random.default_rng(SEED)
+    calls: dict[str, Callable[[], object]] = {}
+    for name, (path, shape) in files.items():
+        encoder, image = OnnxEncoder(path), rng.integers(0, 255, (1, *shape), dtype=np.uint8)
+        calls[name] = _infer(encoder, image)
+    timings = interleaved(calls, REPEATS, seconds=SECONDS)
+    return {
+        name: {
+            'network': name.split()[0],
+            'pixels': shape[0] * shape[1],
+            **timings[name].as_dict(),
+            'gigaflop': rounded(2e-9 * multiplications(path)) if 'int8' not in name else None,
+            'file_mb': rounded(path.stat().st_size / 1e6),
+        }
+        for name, (path, shape) in files.items()
+    }
+
+
+def _infer(encoder: OnnxEncoder, image: NDArray[np.uint8]) -> Callable[[], object]:
+    return lambda: encoder.infer(image)
+
+
+def draw(sizes: Mapping[str, Mapping[str, Any]], peak_gflops: float, bandwidth_gb_s: float, picture: Path) -> None:
+    """Milliseconds against pixels, with what the machine could do at best."""
+    import matplotlib  # noqa: PLC0415
+
+    matplotlib.use('Agg')
+    from matplotlib import pyplot  # noqa: PLC0415
+
+    figure, axes = pyplot.subplots(figsize=(8, 5), layout='constrained')
+    for network in dict.fromkeys(row['network'] for row in sizes.values()):
+        rows = [row for row in sizes.values() if row['network'] == network]
+        pixels = [row['pixels'] for row in rows]
+        (line,) = axes.plot(pixels, [row['median_ms'] for row in rows], 'o-', label=network)
+        if all(row['gigaflop'] for row in rows):
+            floor = [row['gigaflop'] / peak_gflops * 1e3 for row in rows]
+            axes.plot(
+                pixels,
+                floor,
+                ':',
+                color=line.get_color(),
+                label=f'{network}: its products at {peak_gflops:.0f} GFLOP/s',
+            )
+        reading = [row['file_mb'] / bandwidth_gb_s for row in rows]
+        axes.plot(
+            pixels,
+            reading,
+            '--',
+            color=line.get_color(),
+            lw=0.8,
+            label=f'{network}: its weights at {bandwidth_gb_s:.0f} GB/s',
+        )
+    axes.set(
+        xscale='log',
+        yscale='log',
+        xlabel='pixels of the image',
+        ylabel='ms a scan, two cores',
+        title='The network alone',
+    )
+    axes.grid(alpha=0.3, which='both')
+    axes.legend(fontsize=7)
+    figure.savefig(picture, dpi=110)
+
+
+def main() -> None:
+    """Print the table, write results and picture."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--folder', type=Path, default=Path('build/bench'), help='where drives and networks are kept')
+    parser.add_argument('--out', type=Path, default=RESULTS)
+    parser.add_argument('--picture', type=Path, default=PICTURE)
+    arguments = parser.parse_args()
+    folder = arguments.folder.resolve()
+    drive = simulated_drive(folder)
+    scans = decoded_scans(drive, SCANS)
+    timings = interleaved(
+        {name: InTurn(encode, scans) for name, encode in encoders(folder, drive, scans).items()},
+        REPEATS,
+        seconds=SECONDS,
+    )
+    reference = timings['vgg16'].median_ms
+    print(f'{"encoder":16} {"median":>10} {"quartiles":>20} {"p99":>10} {"of vgg16":>9}')
+    for name, timing in timings.items():
+        quartiles = '{:.1f} to {:.1f} ms'.format(*timing.quartiles_ms)
+        share = timing.median_ms / reference
+        print(f'{name:16} {timing.median_ms:7.1f} ms {quartiles:>20} {timing.p99_ms:7.1f} ms {share:9.3f}')
+    sizes = image_sizes(folder, drive)
+    peak, bandwidth = gigaflops(), gigabytes_per_s()
+    for name, row in sizes.items():
+        print(f'{name:16} {row["median_ms"]:7.1f} ms')
+    write_results(
+        arguments.out,
+        {
+            'encoders': {
+                name: timing.as_dict() | {'ratio_to_vgg16': rounded(timing.median_ms / reference)}
+                for name, timing in timings.items()
+            },
+            'image_sizes': sizes,
+            'peak_gflops': rounded(peak),
+            'read_gb_s': rounded(bandwidth),
+        },
+        {'drive': SEED, 'weights': SEED, 'images': SEED},
+    )
+    draw(sizes, peak, bandwidth, arguments.picture)
+
+
+if __name__ == '__main__':
+    main()

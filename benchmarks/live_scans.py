@@ -1,0 +1,147 @@
+"""Scans published into running nodes as a radar would, and when each was answered."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+import threading
+import time
+from pathlib import Path
+from types import TracebackType
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from sensor_msgs.msg import Image, NavSatFix, PointCloud2
+
+from offradar_ros.bags.reader import STAMP, STAMP_OFFSET, Bag, header_stamp_ns, scan_topic
+from offradar_ros.bags.topics import FIX, FIX_TYPE
+from offradar_ros.nodes.encoder_node import SCANS
+from offradar_ros.ros import qos
+
+MEET_S = 20.0
+SETTLE_S = 3.0
+WARM_UP_HZ = 10.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Recording:
+    """CDR bytes of a drive: `scans[i]` was taken where `fixes[i]` was."""
+
+    scans: tuple[bytes, ...]
+    fixes: tuple[bytes, ...]
+
+
+def read_recording(path: Path) -> Recording:
+    """Every scan of a bag with the position recorded next to it."""
+    with Bag(path) as bag:
+        scans = [(message.log_ns, message.cdr) for message in bag.messages([scan_topic(bag)])]
+        fixes = [(message.log_ns, message.cdr) for message in bag.messages(bag.topics_of(FIX_TYPE))]
+    nearest = [min(fixes, key=lambda fix: abs(fix[0] - log_ns))[1] for log_ns, _ in scans]
+    return Recording(tuple(cdr for _, cdr in scans), tuple(nearest))
+
+
+@dataclasses.dataclass(frozen=True)
+class Driven:
+    """How many scans were sent, and seconds until the answer of each that was answered, in order."""
+
+    sent: int
+    latencies_s: tuple[float, ...]
+
+
+class LiveScans:
+    """A node of the benchmark's own: a radar's driver, and whoever waits for the answers.
+
+    The process's environment must name the domain of the nodes before this is made.
+    """
+
+    def __init__(self, recording: Recording) -> None:
+        self._recording = recording
+        self._context = Context()
+        rclpy.init(context=self._context, domain_id=int(os.environ['ROS_DOMAIN_ID']))
+        self._node = Node('radar', context=self._context)
+        self._scans = self._node.create_publisher(Image, SCANS, qos.SCANS)
+        self._fixes = self._node.create_publisher(NavSatFix, FIX.lstrip('/'), qos.POSITIONS)
+        self._sent_s: dict[int, float] = {}
+        self._latency_s: dict[int, float] = {}
+        self._next = 0
+        self.first_embedding_s = 0.0
+        self.told: dict[str, dict[str, str]] = {}
+        self._node.create_subscription(PointCloud2, 'embedding', self._on_embedding, qos.RESULTS, raw=True)
+        for kind, topic in ((PointCloud2, 'matches'), (DiagnosticArray, 'rejections')):
+            self._node.create_subscription(kind, topic, self._on_answer, qos.UPDATES, raw=True)
+        self._node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, qos.RESULTS)
+        self._executor = SingleThreadedExecutor(context=self._context)
+        self._executor.add_node(self._node)
+        self._thread = threading.Thread(target=self._executor.spin, daemon=True)
+
+    def __enter__(self) -> LiveScans:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._executor.shutdown(SETTLE_S)
+        self._thread.join(SETTLE_S)
+        self._node.destroy_node()
+        rclpy.shutdown(context=self._context)
+
+    def warm_up(self, scans: int) -> None:
+        """Send until so many have been answered, so that everybody has met; SystemExit if that takes too long."""
+        deadline_s = time.monotonic() + MEET_S
+        while len(self._latency_s) < scans:
+            if time.monotonic() > deadline_s:
+                raise SystemExit(f'error: {len(self._latency_s)} of {scans} warm-up scans answered in {MEET_S:g} s')
+            self._send()
+            time.sleep(1.0 / WARM_UP_HZ)
+        self._settle()
+
+    def drive(self, seconds: float, rate_hz: float) -> Driven:
+        """Send a scan every 1 / `rate_hz` seconds, the drive again and again, and wait for the last answers."""
+        self._sent_s, self._latency_s = {}, {}
+        started_s = time.monotonic()
+        for k in range(round(seconds * rate_hz)):
+            while (left_s := started_s + k / rate_hz - time.monotonic()) > 0.0:
+                time.sleep(left_s)
+            self._send()
+        self._settle()
+        latencies_s = dict(self._latency_s)
+        return Driven(len(self._sent_s), tuple(latencies_s[stamp] for stamp in sorted(latencies_s)))
+
+    def _send(self) -> None:
+        index = self._next % len(self._recording.scans)
+        self._next += 1
+        now_ns = time.time_ns()
+        scan, fix = (_stamped(cdr[index], now_ns) for cdr in (self._recording.scans, self._recording.fixes))
+        self._sent_s[now_ns] = time.monotonic()
+        self._scans.publish(scan)
+        self._fixes.publish(fix)
+
+    def _settle(self) -> None:
+        """Wait until all is answered, or nothing more has come for a while."""
+        last, quiet_s = -1, time.monotonic()
+        while len(self._latency_s) < len(self._sent_s) and time.monotonic() - quiet_s < SETTLE_S:
+            if len(self._latency_s) != last:
+                last, quiet_s = len(self._latency_s), time.monotonic()
+            time.sleep(0.01)
+
+    def _on_embedding(self, _cdr: bytes) -> None:
+        self.first_embedding_s = self.first_embedding_s or time.monotonic()
+
+    def _on_answer(self, cdr: bytes) -> None:
+        stamp_ns = header_stamp_ns(cdr)
+        if stamp_ns in self._sent_s:
+            self._latency_s[stamp_ns] = time.monotonic() - self._sent_s[stamp_ns]
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            self.told[status.name.partition(':')[0]] = {item.key: item.value for item in status.values}
+
+
+def _stamped(cdr: bytes, stamp_ns: int) -> bytes:
+    changed = bytearray(cdr)
+    STAMP.pack_into(changed, STAMP_OFFSET, *divmod(stamp_ns, 10**9))
+    return bytes(changed)

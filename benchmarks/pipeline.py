@@ -1,0 +1,257 @@
+"""A scan published → its match or rejection received, through the nodes over DDS: see README.md beside this file."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import os
+import time
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from drives import SEED, decoded_scans, origin_of, simulated_drive, write_map
+from live_scans import Driven, LiveScans, Recording, read_recording
+from measuring import Timing, rounded, write_results
+from sample_networks import drawn, exported, in_integers
+
+from offradar_ros.config import EncoderConfig
+from offradar_ros.encoders.image_encoder import ImageEncoder
+from offradar_ros.encoders.network_config import NetworkConfig
+from offradar_ros.encoders.protocol import Encoder
+from offradar_ros.encoders.registry import make_encoder
+from offradar_ros.ros.processes import Stack, isolated_environment
+from offradar_ros.types import PolarScan
+
+RESULTS = Path(__file__).parent / 'results' / 'pipeline.json'
+RATE_HZ = 4.0
+PLACES = 10_000
+DOMAIN_ID = 91
+WARM_UP = 12
+BARE_S = 15.0
+OVERLOAD_HZ = 8.0
+OVERLOAD_S = 60.0
+REPORTED_S = 1.5
+"""By then the nodes' diagnostics, once a second, count all of it."""
+ANY_U = {'query.delta': 1e6}
+"""Nothing is rejected as uncertain: weights drawn at random give any U."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Candidate:
+    """An encoder to measure: the name in the results, and what a node is told."""
+
+    name: str
+    encoder: str
+    weights: str = ''
+    drawn_at_random: bool = False
+
+    def config(self, threads: int) -> EncoderConfig:
+        """As this process would use it."""
+        return EncoderConfig(name=self.encoder, weights=self.weights, threads=threads)
+
+    def parameters(self, threads: int) -> dict[str, object]:
+        """As the encoder node is told."""
+        values: dict[str, object] = {'encoder.name': self.encoder, 'encoder.threads': threads}
+        return values | ({'encoder.weights': self.weights} if self.weights else {})
+
+
+NAMES = ('vgg16', 'vgg16_int8', 'compact', 'ring_key')
+
+
+def candidate(name: str, folder: Path, drive: Path, vgg16: str = '') -> Candidate:
+    """The paper's network in single precision or in integers, the compact one, or the ring key, its files made."""
+    if name == 'ring_key':
+        return Candidate(name, 'ring_key')
+    if name == 'compact':
+        return Candidate(name, 'variational', 'compact')
+    weights = Path(vgg16) if vgg16 else drawn(folder, 'vgg16', NetworkConfig(backbone='vgg16'))
+    path = exported(weights, folder) if name == 'vgg16' else in_integers(weights, folder, drive)
+    return Candidate(name, 'variational', str(path), not vgg16)
+
+
+def paced(function: Callable[[PolarScan], object], scans: Sequence[PolarScan], seconds: float) -> list[float]:
+    """Seconds of each call, one every quarter of a second as scans come: caches and clocks are as cold then."""
+    taken, started_s = [], time.perf_counter()
+    for k in range(round(seconds * RATE_HZ)):
+        time.sleep(max(0.0, started_s + k / RATE_HZ - time.perf_counter()))
+        begun_s = time.perf_counter()
+        function(scans[k % len(scans)])
+        taken.append(time.perf_counter() - begun_s)
+    return taken
+
+
+class Bare:
+    """The encoder alone in this process, before and after the nodes run."""
+
+    def __init__(self, config: EncoderConfig, scans: Sequence[PolarScan]) -> None:
+        self._encoder: Encoder = make_encoder(config)
+        self.info = self._encoder.info
+        self._scans = scans
+        self.network_s: list[float] = []
+        self.image_s: list[float] = []
+
+    def measure(self, seconds: float) -> None:
+        """Time the network, and apart from it what makes its image."""
+        encoder = self._encoder
+        if isinstance(encoder, ImageEncoder):
+            images = {id(scan): encoder.image(scan)[np.newaxis] for scan in self._scans}
+            self.network_s += paced(lambda scan: encoder.infer(images[id(scan)]), self._scans, seconds)
+            self.image_s += paced(encoder.image, self._scans, min(seconds, 5.0))
+        else:
+            self.network_s += paced(encoder.encode, self._scans, seconds)
+
+
+@dataclasses.dataclass(frozen=True)
+class Setting:
+    """Where and how the nodes run."""
+
+    folder: Path
+    drive: Path
+    recording: Recording
+    scans: Sequence[PolarScan]
+    seconds: float
+
+
+def at_four_hertz(encoder: Candidate, setting: Setting) -> dict[str, Any]:
+    """What the whole way takes at 4 Hz, and what of it the network does."""
+    bare = Bare(encoder.config(threads=0), setting.scans)
+    bare.measure(min(BARE_S, setting.seconds))
+    map_path = write_map(setting.folder / 'search.db', bare.info, origin_of(setting.drive), PLACES)
+    parameters = {**encoder.parameters(threads=0), **ANY_U, 'map.path': map_path, 'map.autosave_s': 0.0}
+    started_s = time.monotonic()
+    nodes = Stack(setting.folder / 'logs' / encoder.name, DOMAIN_ID, parameters)
+    with nodes, LiveScans(setting.recording) as live:
+        live.warm_up(WARM_UP)
+        first_s = live.first_embedding_s - started_s
+        before = nodes.usage()
+        driven = live.drive(setting.seconds, RATE_HZ)
+        after = nodes.usage()
+        told = dict(live.told)
+    bare.measure(min(BARE_S, setting.seconds))
+    whole, network = Timing.of(list(driven.latencies_s)), Timing.of(bare.network_s)
+    return {
+        **_figures(driven, whole),
+        'network_ms': rounded(network.median_ms),
+        'ratio_to_network': rounded(whole.median_ms / network.median_ms),
+        'rest_ms': rounded(whole.median_ms - network.median_ms),
+        'image_ms': rounded(Timing.of(bare.image_s).median_ms) if bare.image_s else 0.0,
+        'encoder_node_ms': float(told.get('encoder', {}).get('latency_p50_ms', 'nan')),
+        'query_node_ms': float(told.get('query', {}).get('latency_p50_ms', 'nan')),
+        'start_to_first_embedding_s': rounded(first_s),
+        'nodes': {
+            name: {
+                'rss_mb': rounded(after[name].rss_mb),
+                'peak_mb': rounded(after[name].peak_mb),
+                'cpu_share': rounded((after[name].cpu_s - before[name].cpu_s) / setting.seconds),
+            }
+            for name in after
+        },
+        'weights': 'drawn at random' if encoder.drawn_at_random else encoder.weights,
+    }
+
+
+def overloaded(encoder: Candidate, setting: Setting) -> dict[str, Any]:
+    """Twice as many scans as come, on one core that cannot keep up: what is answered, and how late."""
+    core = min(os.sched_getaffinity(0))
+    others = os.sched_getaffinity(0) - {core} or {core}
+    own = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, {core})
+    bare = Bare(encoder.config(threads=1), setting.scans)
+    bare.measure(min(BARE_S, setting.seconds))
+    os.sched_setaffinity(0, others)
+    map_path = write_map(setting.folder / 'search.db', bare.info, origin_of(setting.drive), PLACES)
+    parameters = {**encoder.parameters(threads=1), **ANY_U, 'map.path': map_path, 'map.autosave_s': 0.0}
+    seconds = min(OVERLOAD_S, setting.seconds)
+    try:
+        nodes = Stack(setting.folder / 'logs' / 'overload', DOMAIN_ID, parameters, cpus={core})
+        with nodes, LiveScans(setting.recording) as live:
+            live.warm_up(3)
+            live.drive(seconds / 4, OVERLOAD_HZ)
+            before, overtaken_before = nodes.usage(), overtaken(live)
+            driven = live.drive(seconds, OVERLOAD_HZ)
+            after, overtaken_after = nodes.usage(), overtaken(live)
+    finally:
+        os.sched_setaffinity(0, own)
+    whole, network = Timing.of(list(driven.latencies_s)), Timing.of(bare.network_s)
+    return {
+        'encoder': encoder.name,
+        'rate_hz': OVERLOAD_HZ,
+        **_figures(driven, whole),
+        'max_ms': rounded(max(driven.latencies_s) * 1e3),
+        'network_ms': rounded(network.median_ms),
+        'ratio_p99_to_network': rounded(whole.p99_ms / network.median_ms),
+        'counted_overtaken': overtaken_after - overtaken_before,
+        'rss_growth_mb': rounded(sum(after[name].rss_mb - before[name].rss_mb for name in after)),
+    }
+
+
+def overtaken(live: LiveScans) -> int:
+    """Scans that the encoder says it has dropped for newer ones, once it has had time to say so."""
+    time.sleep(REPORTED_S)
+    return int(live.told.get('encoder', {}).get('dropped.overtaken', 0))
+
+
+def _figures(driven: Driven, whole: Timing) -> dict[str, Any]:
+    figures = {key: value for key, value in whole.as_dict().items() if key != 'repeats'}
+    return {**figures, 'scans': driven.sent, 'dropped': driven.sent - len(driven.latencies_s)}
+
+
+HEADING = (
+    f'{"encoder":12} {"median":>8} {"p99":>8} {"network":>8} {"ratio":>6} {"rest":>7} {"scans":>6} {"dropped":>7} '
+    f'{"start":>7}  RSS of the nodes'
+)
+
+
+def line(name: str, row: Mapping[str, Any]) -> str:
+    """Of the printed table."""
+    memory = ', '.join(f'{node.removesuffix("_node")} {use["rss_mb"]:.0f}' for node, use in row['nodes'].items())
+    return (
+        f'{name:12} {row["median_ms"]:5.1f} ms {row["p99_ms"]:5.1f} ms {row["network_ms"]:5.1f} ms '
+        f'{row["ratio_to_network"]:6.2f} {row["rest_ms"]:4.1f} ms {row["scans"]:6} {row["dropped"]:7} '
+        f'{row["start_to_first_embedding_s"]:5.2f} s  {memory} MB'
+    )
+
+
+def overload_line(row: Mapping[str, Any]) -> str:
+    """What is printed of the overload."""
+    return (
+        f'overload: {row["encoder"]} at {row["rate_hz"]:g} Hz on one core: {row["scans"]} scans, {row["dropped"]} '
+        f'overtaken ({row["counted_overtaken"]} counted by the node), latency median {row["median_ms"]:.0f} ms, p99 '
+        f'{row["p99_ms"]:.0f} ms, {row["ratio_p99_to_network"]:.2f} inferences, memory {row["rss_growth_mb"]:+.1f} MB'
+    )
+
+
+def main() -> None:
+    """Measure every encoder, then the overload; print and write both."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--seconds', type=float, default=60.0, help='of driving with each encoder (default 60)')
+    parser.add_argument('--folder', type=Path, default=Path('build/bench'), help='where drives and networks are kept')
+    parser.add_argument('--vgg16', default='', metavar='FILE', help='trained weights (.safetensors); default: drawn')
+    parser.add_argument(
+        '--only', nargs='+', default=[], metavar='NAME', choices=NAMES, help='encoders to measure (default: all)'
+    )
+    parser.add_argument('--overload', default='vgg16', choices=NAMES, help='encoder to overload (default vgg16)')
+    parser.add_argument('--out', type=Path, default=RESULTS, help=f'results (default {RESULTS.name})')
+    arguments = parser.parse_args()
+    os.environ.update(isolated_environment(DOMAIN_ID))
+    folder = arguments.folder.resolve()
+    drive = simulated_drive(folder)
+    setting = Setting(folder, drive, read_recording(drive), decoded_scans(drive, 20), arguments.seconds)
+    results: dict[str, dict[str, Any]] = {}
+    print(HEADING, flush=True)
+    for name in arguments.only or NAMES:
+        results[name] = at_four_hertz(candidate(name, folder, drive, arguments.vgg16), setting)
+        print(line(name, results[name]), flush=True)
+    overload = overloaded(candidate(arguments.overload, folder, drive, arguments.vgg16), setting)
+    print(overload_line(overload))
+    write_results(
+        arguments.out,
+        {'rate_hz': RATE_HZ, 'seconds': arguments.seconds, 'places': PLACES, 'encoders': results, 'overload': overload},
+        {'drive': SEED, 'map': SEED, 'weights': SEED},
+    )
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,83 @@
+"""How much faster than the radar: bags replayed in lockstep, Oxford scans converted: see README.md beside this file."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from drives import SCANS, SEED, offradar, origin_of, simulated_drive, write_map
+from measuring import rounded, write_results
+from pipeline import ANY_U, DOMAIN_ID, NAMES, PLACES, RATE_HZ, Candidate, candidate
+
+from offradar_ros.encoders.registry import make_encoder
+from offradar_ros.ros.processes import Stack, isolated_environment
+
+RESULTS = Path(__file__).parent / 'results' / 'throughput.json'
+LOOPS = 3
+CONVERSIONS = 5
+REPLAY_S = 300.0
+
+
+def replayed(encoder: Candidate, folder: Path, drive: Path) -> dict[str, Any]:
+    """Scans a second of `replay_node --lockstep`, with the nodes mapping and searching 10,000 places."""
+    info = make_encoder(encoder.config(threads=0)).info
+    map_path = write_map(folder / 'search.db', info, origin_of(drive), PLACES)
+    parameters = {**encoder.parameters(threads=0), **ANY_U, 'map.path': map_path, 'map.autosave_s': 0.0}
+    report = folder / 'replay.json'
+    with Stack(folder / 'logs' / f'replay_{encoder.name}', DOMAIN_ID, parameters) as nodes:
+        nodes.wait_until_ready()
+        replay = nodes.start(
+            'replay_node', [str(drive), '--lockstep', '--loop', str(LOOPS), '--report', str(report)], 'replay'
+        )
+        try:
+            if replay.wait(REPLAY_S):
+                raise SystemExit(f'error: replay failed: {replay.last_words()}')
+        finally:
+            replay.stop()
+    told = json.loads(report.read_text(encoding='utf-8'))
+    rate = told['scans'] / told['seconds']
+    return {
+        'scans': told['scans'],
+        'unanswered': told['unanswered'],
+        'scans_per_s': rounded(rate),
+        'times_real_time': rounded(rate / RATE_HZ),
+        'median_ms': rounded(float(np.median(told['latencies_s'])) * 1e3),
+    }
+
+
+def converted(folder: Path) -> dict[str, Any]:
+    """Scans a second of `offradar convert`, an Oxford folder to a bag, the start of the interpreter included."""
+    source, taken_s = simulated_drive(folder, 'oxford'), []
+    for _ in range(CONVERSIONS):
+        started_s = time.perf_counter()
+        offradar('convert', source, folder / 'converted', '--overwrite')
+        taken_s.append(time.perf_counter() - started_s)
+    return {'scans': SCANS, 'conversions': CONVERSIONS, 'scans_per_s': rounded(SCANS / float(np.median(taken_s)))}
+
+
+def main() -> None:
+    """Print and write both."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--folder', type=Path, default=Path('build/bench'), help='where drives and networks are kept')
+    parser.add_argument('--vgg16', default='', metavar='FILE', help='trained weights (.safetensors); default: drawn')
+    parser.add_argument('--out', type=Path, default=RESULTS)
+    arguments = parser.parse_args()
+    os.environ.update(isolated_environment(DOMAIN_ID))
+    folder = arguments.folder.resolve()
+    drive = simulated_drive(folder)
+    replays = {}
+    for name in NAMES:
+        replays[name] = row = replayed(candidate(name, folder, drive, arguments.vgg16), folder, drive)
+        print(f'{name:12} {row["scans_per_s"]:6.1f} scans/s, {row["times_real_time"]:.1f} times real time', flush=True)
+    conversion = converted(folder)
+    print(f'Oxford PNGs converted: {conversion["scans_per_s"]:.1f} scans/s')
+    write_results(arguments.out, {'lockstep': replays, 'conversion': conversion}, {'drive': SEED, 'weights': SEED})
+
+
+if __name__ == '__main__':
+    main()

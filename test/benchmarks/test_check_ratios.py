@@ -1,0 +1,56 @@
+"""Ratios of a new run against those that are committed."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import check_ratios
+import pytest
+
+COMMITTED: dict[str, Any] = {
+    'machine': {'cores': 2},
+    'encoders': {'compact': {'median_ms': 10.0, 'ratio_to_network': 2.0}, 'ring_key': {'ratio_to_network': 1.5}},
+}
+
+
+def run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fresh: dict[str, Any], name: str = 'pipeline.json') -> int:
+    for folder, record, file in (('fresh', fresh, name), ('committed', COMMITTED, 'pipeline.json')):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / file).write_text(json.dumps(record))
+    words = ['check_ratios.py', str(tmp_path / 'fresh'), '--committed', str(tmp_path / 'committed'), '--slack', '0.2']
+    monkeypatch.setattr('sys.argv', words)
+    return check_ratios.main()
+
+
+def changed(**values: float) -> dict[str, Any]:
+    compact = {**COMMITTED['encoders']['compact'], **values}
+    return {**COMMITTED, 'encoders': {**COMMITTED['encoders'], 'compact': compact}}
+
+
+def test_times_may_differ_ratios_may_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(tmp_path, monkeypatch, changed(median_ms=100.0, ratio_to_network=2.3)) == 0
+    assert '2 ratios compared, 0 grown' in capsys.readouterr().out
+
+
+def test_a_ratio_that_has_grown_is_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(tmp_path, monkeypatch, changed(ratio_to_network=2.5)) == 1
+    said = capsys.readouterr().out
+    assert 'GROWN encoders.compact.ratio_to_network: 2.5, committed 2' in said
+    assert '2 ratios compared, 1 grown' in said
+
+
+def test_a_smaller_ratio_is_welcome(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert run(tmp_path, monkeypatch, changed(ratio_to_network=0.5)) == 0
+
+
+def test_nothing_to_compare_is_no_success(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run(tmp_path, monkeypatch, COMMITTED, name='other.json') == 2
+    assert 'expected results that are also in' in capsys.readouterr().err
