@@ -5,7 +5,7 @@ from pathlib import Path
 from setuptools import find_packages, setup
 
 PACKAGE = 'offradar_ros'
-PARAMS = sorted({path.parent for path in Path('params').rglob('*.yaml')})
+PARAMS = sorted({path.parent for path in Path('params').rglob('*') if path.is_file()})
 NODES = ('encoder_node', 'map_server_node', 'query_node', 'replay_node')
 
 setup(
@@ -15,7 +15,10 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),
-        *((f'share/{PACKAGE}/{folder}', sorted(map(str, folder.glob('*.yaml')))) for folder in PARAMS),
+        *(
+            (f'share/{PACKAGE}/{folder}', sorted(str(path) for path in folder.iterdir() if path.is_file()))
+            for folder in PARAMS
+        ),
         (f'share/{PACKAGE}/launch', sorted(map(str, Path('launch').glob('*.launch.py')))),
         # Wheels ignore setup.cfg's install_scripts: these files are what `ros2 run` finds after `pip install`.
         (f'lib/{PACKAGE}', [f'scripts/{name}' for name in (*NODES, 'offradar')]),

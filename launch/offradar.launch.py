@@ -1,12 +1,15 @@
 """The three nodes: `ros2 launch offradar_ros offradar.launch.py map:=/data/town.db`."""
 
-from launch.actions import DeclareLaunchArgument
-from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch.actions import DeclareLaunchArgument, SetEnvironmentVariable
+from launch.substitutions import EnvironmentVariable, LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
 from launch import LaunchDescription
+
+# Read by Jazzy's Fast DDS; other middlewares pass it over.
+DDS_PROFILE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -18,6 +21,8 @@ def generate_launch_description() -> LaunchDescription:
     scans = ('radar_data/b_scan_image', LaunchConfiguration('scans'))
     fixes = ('gps/fix', LaunchConfiguration('fixes'))
     odometry = ('ground_truth/odometry', LaunchConfiguration('odometry'))
+
+    shipped = PathJoinSubstitution([FindPackageShare('offradar_ros'), 'params', 'fastdds.xml'])
 
     def node(executable: str, name: str, *parameters: object, remappings: list[tuple[object, object]]) -> Node:
         return Node(
@@ -49,6 +54,12 @@ def generate_launch_description() -> LaunchDescription:
                 default_value='ground_truth/odometry',
                 description='topic of the positions where position.source is odometry',
             ),
+            DeclareLaunchArgument(
+                'dds_profile',
+                default_value=EnvironmentVariable(DDS_PROFILE, default_value=shipped),
+                description='XML profile of Fast DDS; ours, unless the environment names one, has room for scans',
+            ),
+            SetEnvironmentVariable(DDS_PROFILE, LaunchConfiguration('dds_profile')),
             node('encoder_node', 'encoder', remappings=[scans]),
             node('map_server_node', 'map_server', {'map.path': map_file}, remappings=[fixes, odometry]),
             node('query_node', 'query', {'query.map_path': map_file}, remappings=[]),

@@ -173,6 +173,12 @@ class EncoderConfig:
         choices=('auto', 'onnx', 'torch'),
     )
     threads: int = parameter(0, 'inference threads; 0 uses every core', minimum=0, maximum=1024)
+    backlog: int = parameter(
+        1,
+        'scans that wait while one is encoded: when another comes, the oldest that waits is dropped',
+        minimum=1,
+        maximum=1000,
+    )
     ring_key: RingKeyConfig = dataclasses.field(default_factory=RingKeyConfig)
 
 

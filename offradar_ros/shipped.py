@@ -24,6 +24,14 @@ def shipped_file(folder: str, text: str | Path) -> Path:
     return found[str(text)]
 
 
+def installed_file(name: str) -> Path:
+    """``params/NAME``; ConfigError where it is not installed."""
+    found = [place / name for place in _places() if (place / name).is_file()]
+    if not found:
+        raise ConfigError(f'params/{name}: not installed: expected it in share/offradar_ros of the environment')
+    return found[-1]
+
+
 def _places() -> Iterator[Path]:
     """Where ``params`` may be; of files of one name the last counts."""
     share = Path('share', 'offradar_ros', 'params')

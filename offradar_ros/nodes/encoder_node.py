@@ -1,8 +1,15 @@
-"""Polar images in, embeddings out."""
+"""Polar images in, embeddings out.
+
+A callback only takes each scan; a worker decodes, encodes and publishes, so that no scan waits for more than is in hand
+and `encoder.backlog` others. ONNX Runtime and NumPy let the interpreter go while they compute.
+"""
 
 from __future__ import annotations
 
+import dataclasses
+import functools
 import sys
+import time
 from collections.abc import Callable
 from typing import Any
 
@@ -12,38 +19,65 @@ from std_srvs.srv import Trigger
 
 from offradar_ros.bags.records import scan_from_image, stamp_ns
 from offradar_ros.encoders.registry import make_encoder
+from offradar_ros.errors import RefusedInput
 from offradar_ros.pipeline import EncodeStage
 from offradar_ros.ros import navtech, qos
 from offradar_ros.ros.embedding_message import embedding_message, model_message
+from offradar_ros.ros.newest import NewestWorker
 from offradar_ros.ros.run import run
 from offradar_ros.ros.stage_node import StageNode
 from offradar_ros.types import PolarScan
 
 SCANS = 'radar_data/b_scan_image'
+B_SCANS = 'radar_data/b_scan_msg'
+
+
+@dataclasses.dataclass(frozen=True)
+class Received:
+    """A scan as it came, and what was known then.
+
+    Attributes:
+        topic: where it came.
+        header: its std_msgs/Header.
+        decode: makes a scan of it, or raises RefusedInput.
+        recording: number of recordings that had been announced before it.
+        received_s: when, by the steady clock.
+    """
+
+    topic: str
+    header: Any
+    decode: Callable[[], PolarScan]
+    recording: int
+    received_s: float
 
 
 class EncoderNode(StageNode):
-    """Encodes every scan of `radar_data/b_scan_image` to `embedding`, stamped as the scan."""
+    """Encodes the scans of `radar_data/b_scan_image` to `embedding`, stamped as the scan.
+
+    Each is answered, but for those dropped because more came than can be encoded (`overtaken`): the newest goes first.
+    """
 
     stages = ('radar', 'encoder')
-    timed_topic = SCANS
 
     def __init__(self, **options: Any) -> None:
         super().__init__('encoder', **options)
         self._radar = self.config.radar
         self._has_b_scans = False
+        self._recording = self._encoded_recording = 0
+        self._worker: NewestWorker[Received] | None = None
         self._embeddings = self.publisher(PointCloud2, 'embedding', qos.RESULTS)
         self._model = self.publisher(DiagnosticStatus, 'embedding/model', qos.LATCHED)
         self.subscribe(Image, SCANS, qos.SCANS, self._on_image)
         types = navtech.message_types()
         if types:
-            self.subscribe(types[0], 'radar_data/b_scan_msg', qos.SCANS, self._on_b_scan)
+            self.subscribe(types[0], B_SCANS, qos.SCANS, self._on_b_scan)
             self.subscribe(types[1], 'radar_data/configuration_data', qos.RESULTS, self._on_configuration)
         self.create_service(Trigger, '~/start_recording', self._start_recording)
 
     def configure(self) -> None:
         """Load the encoder."""
         self._stage = EncodeStage(make_encoder(self.config.encoder), self.config.radar.restart_after_s)
+        self._worker = NewestWorker(self._answer, self._overtaken, self.config.encoder.backlog)
 
     def activated(self) -> None:
         """Tell the map and the query which model this is."""
@@ -52,15 +86,29 @@ class EncoderNode(StageNode):
         self.status.facts |= {'model': info.name, 'fingerprint': info.fingerprint, 'dimension': str(info.dimension)}
         self.get_logger().info(f'active: {info.name}, d = {info.dimension}, {info.fingerprint[:12]}, reads {SCANS}')
 
+    def deactivating(self) -> None:
+        """Answer what is in hand, and forget what waits."""
+        if self._worker:
+            self._worker.forget()
+
+    def close(self) -> None:
+        """End the worker, after what it has in hand."""
+        if self._worker:
+            self._worker.stop()
+
     def _on_image(self, message: Image) -> None:
         # The same scan comes with its angles on the other topic, stamped by another clock.
-        if self._has_b_scans:
-            return
-        self._encode(message.header, lambda: scan_from_image(message, self._radar))
+        if not self._has_b_scans:
+            self._receive(SCANS, message.header, functools.partial(scan_from_image, message, self._radar))
 
     def _on_b_scan(self, message: Any) -> None:
         self._has_b_scans = True
-        self._encode(message.b_scan_img.header, lambda: navtech.scan_from_b_scan(message, self._radar))
+        header = message.b_scan_img.header
+        self._receive(B_SCANS, header, functools.partial(navtech.scan_from_b_scan, message, self._radar))
+
+    def _receive(self, topic: str, header: Any, decode: Callable[[], PolarScan]) -> None:
+        if self._worker:
+            self._worker.put(Received(topic, header, decode, self._recording, time.monotonic()))
 
     def _on_configuration(self, message: Any) -> None:
         self._radar = navtech.configured(self.config.radar, message)
@@ -70,16 +118,28 @@ class EncoderNode(StageNode):
         response.message = 'the encoder is not active'
         if self.active:
             self._has_b_scans = False
-            self._stage.start_recording()
+            # Those that still wait are of the recording before.
+            self._recording += 1
             response.message = 'a recording starts with the next scan'
         return response
 
-    def _encode(self, header: Any, decode: Callable[[], PolarScan]) -> None:
-        encoded = self._stage.encode(stamp_ns(header.stamp), decode)
+    def _overtaken(self, scan: Received) -> None:
+        problem = 'scans come faster than they are encoded: the newest go first'
+        self.refuse(RefusedInput('overtaken', problem), scan.topic)
+
+    def _answer(self, scan: Received) -> None:
+        if self.survive(scan.topic, functools.partial(self._encode, scan)):
+            self.status.handle(scan.received_s)
+
+    def _encode(self, scan: Received) -> None:
+        if scan.recording != self._encoded_recording:
+            self._encoded_recording = scan.recording
+            self._stage.start_recording()
+        encoded = self._stage.encode(stamp_ns(scan.header.stamp), scan.decode)
         if encoded.restarted:
             self.get_logger().info('stamps jumped back: the recording starts again')
         if encoded.embedding is not None:
-            self._embeddings.publish(embedding_message(encoded.embedding, header.frame_id))
+            self._embeddings.publish(embedding_message(encoded.embedding, scan.header.frame_id))
         if encoded.problem:
             raise encoded.problem
 

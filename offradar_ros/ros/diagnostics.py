@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections
+import threading
 import time
 from collections import Counter
 
@@ -15,7 +16,10 @@ WINDOW = 256
 
 
 class NodeStatus:
-    """Counts what a node handled and dropped; latencies in seconds over the last `WINDOW` messages."""
+    """Counts what a node handled and dropped; latencies in seconds over the last `WINDOW` messages.
+
+    `handle`, `drop` and `message` may be called by several threads.
+    """
 
     def __init__(self, name: str) -> None:
         self._name = name
@@ -28,14 +32,25 @@ class NodeStatus:
         self._last_report_s = time.monotonic()
         self._last_handled = 0
         self._last_drops = 0
+        self._lock = threading.Lock()
 
-    def handle(self, started_s: float) -> None:
-        """One message handled, begun at `started_s` of the steady clock."""
-        self.handled += 1
-        self._latencies_s.append(time.monotonic() - started_s)
+    def handle(self, received_s: float) -> None:
+        """One message handled, received at `received_s` of the steady clock."""
+        with self._lock:
+            self.handled += 1
+            self._latencies_s.append(time.monotonic() - received_s)
+
+    def drop(self, cause: str) -> None:
+        """One message dropped."""
+        with self._lock:
+            self.drops[cause] += 1
 
     def message(self, stamp_ns: int) -> DiagnosticArray:
         """Report, and start the next period; WARN if anything was dropped in this one."""
+        with self._lock:
+            return self._message(stamp_ns)
+
+    def _message(self, stamp_ns: int) -> DiagnosticArray:
         now_s = time.monotonic()
         rate_hz = (self.handled - self._last_handled) / max(now_s - self._last_report_s, 1e-9)
         dropped = self.drops.total()

@@ -7,12 +7,14 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import IO
 
 from offradar_ros.errors import OffradarError
+from offradar_ros.ros.dds_profile import with_profile
+from offradar_ros.ros.process_usage import ProcessUsage, process_usage
 
 STOP_S = 10.0
 READY = 'active: '
@@ -20,9 +22,12 @@ READY = 'active: '
 
 
 def isolated_environment(domain_id: int) -> dict[str, str]:
-    """This process's environment with a ROS domain of its own, whose traffic stays on this machine."""
+    """This process's environment with a ROS domain of its own, whose traffic stays on this machine.
+
+    Shared memory has room for scans, unless the environment names another profile of Fast DDS.
+    """
     return {
-        **os.environ,
+        **with_profile(os.environ),
         'ROS_DOMAIN_ID': str(domain_id),
         'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
         'PYTHONUNBUFFERED': '1',
@@ -40,9 +45,16 @@ def parameter_arguments(values: Mapping[str, object], files: Sequence[Path] = ()
 
 
 class NodeProcess:
-    """One node as a process of its own; its output goes to `log`."""
+    """One node as a process of its own, on `cpus` alone if they are given; its output goes to `log`."""
 
-    def __init__(self, name: str, arguments: Sequence[str], environment: Mapping[str, str], log: Path) -> None:
+    def __init__(
+        self,
+        name: str,
+        arguments: Sequence[str],
+        environment: Mapping[str, str],
+        log: Path,
+        cpus: Collection[int] | None = None,
+    ) -> None:
         self.name, self.log = name, log
         self._output: IO[bytes] = log.open('wb')
         self.process = subprocess.Popen(
@@ -52,6 +64,12 @@ class NodeProcess:
             stdout=self._output,
             stderr=subprocess.STDOUT,
         )
+        if cpus is not None:
+            os.sched_setaffinity(self.process.pid, cpus)
+
+    def usage(self) -> ProcessUsage:
+        """Memory and CPU time so far; OffradarError if it has ended."""
+        return process_usage(self.process.pid)
 
     def wait(self, timeout_s: float) -> int:
         """Exit status; OffradarError with the end of the log if it takes longer."""
@@ -79,7 +97,11 @@ class NodeProcess:
 
 
 class Stack:
-    """The encoder, map server and query nodes as processes; all are ended on leaving the context."""
+    """The encoder, map server and query nodes as processes; all are ended on leaving the context.
+
+    `parameters` and parameter `files` are for all nodes, `own_parameters` for single ones, by the names of their
+    executables; so are `environment`, beside what `isolated_environment` gives, and `cpus`, which no node may leave.
+    """
 
     def __init__(
         self,
@@ -88,17 +110,24 @@ class Stack:
         parameters: Mapping[str, object],
         files: Sequence[Path] = (),
         names: Sequence[str] = ('encoder_node', 'map_server_node', 'query_node'),
+        *,
+        own_parameters: Mapping[str, Mapping[str, object]] | None = None,
+        environment: Mapping[str, str] | None = None,
+        cpus: Collection[int] | None = None,
     ) -> None:
         self.folder = folder
-        self.environment = isolated_environment(domain_id)
-        self._arguments = parameter_arguments(parameters, files)
-        self._names = names
+        self.environment = isolated_environment(domain_id) | dict(environment or {})
+        own = own_parameters or {}
+        self._arguments = {
+            name: parameter_arguments(dict(parameters) | dict(own.get(name, {})), files) for name in names
+        }
+        self._cpus = cpus
         self.nodes: dict[str, NodeProcess] = {}
 
     def __enter__(self) -> Stack:
         self.folder.mkdir(parents=True, exist_ok=True)
-        for name in self._names:
-            self.nodes[name] = self.start(name, self._arguments)
+        for name, arguments in self._arguments.items():
+            self.nodes[name] = self.start(name, arguments)
         return self
 
     def __exit__(
@@ -109,7 +138,11 @@ class Stack:
 
     def start(self, name: str, arguments: Sequence[str], log_name: str | None = None) -> NodeProcess:
         """Start one more node of the package in the same domain; the caller ends it."""
-        return NodeProcess(name, arguments, self.environment, self.folder / f'{log_name or name}.log')
+        return NodeProcess(name, arguments, self.environment, self.folder / f'{log_name or name}.log', self._cpus)
+
+    def usage(self) -> dict[str, ProcessUsage]:
+        """Memory and CPU time of each node so far; OffradarError if one has ended."""
+        return {name: node.usage() for name, node in self.nodes.items()}
 
     def wait_until_ready(self, timeout_s: float = 30.0) -> None:
         """Wait until every node has said that it is active; OffradarError if one ends or takes too long."""

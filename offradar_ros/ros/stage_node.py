@@ -68,6 +68,9 @@ class StageNode(LifecycleNode):
     def activated(self) -> None:
         """Called when the node has become active."""
 
+    def deactivating(self) -> None:
+        """Called when inputs are ignored already, and outputs can still be published."""
+
     def close(self) -> None:
         """Release the core objects; OffradarError, with nothing released, if that would lose something."""
 
@@ -105,6 +108,7 @@ class StageNode(LifecycleNode):
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lifecycle transition."""
         self.active = False
+        self.deactivating()
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -144,20 +148,9 @@ class StageNode(LifecycleNode):
                 self._latched[topic] = lambda: guarded(message)
             if not self.active:
                 return
-            started_s = time.monotonic()
-            try:
-                handle(message)
-            except RefusedInput as problem:
-                self.refuse(problem, topic)
-            except OffradarError as error:
-                self.refuse(RefusedInput('not_possible', str(error)), topic)
-            except Exception:
-                # What was in hand when the node was interrupted has nowhere to go.
-                if self.context.ok():
-                    self.refuse(RefusedInput('internal_error', traceback.format_exc()), topic)
-            else:
-                if topic == self.timed_topic:
-                    self.status.handle(started_s)
+            received_s = time.monotonic()
+            if self.survive(topic, lambda: handle(message)) and topic == self.timed_topic:
+                self.status.handle(received_s)
 
         return self.create_subscription(
             message_type,
@@ -166,6 +159,22 @@ class StageNode(LifecycleNode):
             profile,
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
+
+    def survive(self, topic: str, work: Callable[[], None]) -> bool:
+        """Do what a message of `topic` asks for; count and say what is wrong with it. Whether nothing was."""
+        try:
+            work()
+        except RefusedInput as problem:
+            self.refuse(problem, topic)
+        except OffradarError as error:
+            self.refuse(RefusedInput('not_possible', str(error)), topic)
+        except Exception:
+            # What was in hand when the node was interrupted has nowhere to go.
+            if self.context.ok():
+                self.refuse(RefusedInput('internal_error', traceback.format_exc()), topic)
+        else:
+            return True
+        return False
 
     def say(self, text: str) -> None:
         """Log, also at exit, when the log topic is gone."""
@@ -179,9 +188,9 @@ class StageNode(LifecycleNode):
 
     def refuse(self, problem: RefusedInput, topic: str) -> None:
         """Count a drop and say why, each cause at most once in a few seconds."""
-        self.status.drops[problem.cause] += 1
+        self.status.drop(problem.cause)
         now_s = time.monotonic()
-        if now_s - self._last_logged_s.get(problem.cause, -LOG_PERIOD_S) >= LOG_PERIOD_S:
+        if self.context.ok() and now_s - self._last_logged_s.get(problem.cause, -LOG_PERIOD_S) >= LOG_PERIOD_S:
             self._last_logged_s[problem.cause] = now_s
             self.get_logger().warning(f'{topic}: {problem}')
 

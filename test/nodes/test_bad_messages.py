@@ -88,7 +88,7 @@ def test_wrong_size_is_refused_where_the_parameters_say_what_to_expect(
 def test_repeated_and_backward_stamps_are_dropped_and_a_restart_is_not(
     observer: Observer, start_node: Callable[..., StageNode]
 ) -> None:
-    node = start_node(EncoderNode)
+    node = start_node(EncoderNode, {'encoder.backlog': 10})
     embeddings = observer.hear(PointCloud2, 'embedding')
     send = observer.speaker(Image, 'radar_data/b_scan_image', qos.SCANS)
     for stamp_s in (100.0, 100.25, 100.25, 100.0, 100.5, 50.0, 50.25):
@@ -102,7 +102,7 @@ def test_repeated_and_backward_stamps_are_dropped_and_a_restart_is_not(
 def test_the_last_scan_again_is_answered_where_a_recording_starts(
     observer: Observer, start_node: Callable[..., StageNode]
 ) -> None:
-    node = start_node(EncoderNode)
+    node = start_node(EncoderNode, {'encoder.backlog': 10})
     embeddings = observer.hear(PointCloud2, 'embedding')
     send = observer.speaker(Image, 'radar_data/b_scan_image', qos.SCANS)
     for stamp_s in (100.0, 100.25):

@@ -19,6 +19,7 @@ from offradar_ros.ros.processes import Stack
 from offradar_ros.types import Match, Outcome, PlaceTable
 
 PARAMETERS = {'map.match_distance_m': 4.0, 'query.top_k': 3, 'query.delta': 0.4, 'encoder.ring_key.variance_scale': 2.1}
+PARAMETERS |= {'encoder.backlog': 10}  # a busy machine must not cost a scan
 SCANS = 16
 
 

@@ -212,7 +212,7 @@ def test_what_the_nodes_said_when_it_was_recorded_is_not_played(
     observer: Observer, stack: Callable[..., Stack], everything: Path
 ) -> None:
     doors = observer.hear(Bool, 'door_open')
-    with stack() as nodes:
+    with stack({'encoder.backlog': 10}) as nodes:
         nodes.wait_until_ready()
         printed = replay(nodes, everything, '--rate', '4', '--restamp')
         assert '6 scans, 6 embeddings, 0 matches, 6 rejections (6 map_empty), 0 unanswered' in printed

@@ -1,0 +1,130 @@
+"""The Fast DDS profile is readable, has room for scans, is installed, and gives way to one of the user's own."""
+
+from __future__ import annotations
+
+import runpy
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import pytest
+import setuptools
+
+from offradar_ros.errors import ConfigError
+from offradar_ros.ros.dds_profile import VARIABLE, with_profile
+from offradar_ros.ros.processes import isolated_environment
+from offradar_ros.shipped import installed_file
+
+PROJECT = Path(__file__).resolve().parents[2]
+PROFILE = PROJECT / 'params' / 'fastdds.xml'
+NAMESPACE = {'d': 'http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles'}
+SCAN_BYTES = 400 * 7536
+
+
+def test_the_profile_has_shared_memory_for_scans_and_udp_for_other_machines() -> None:
+    root = ET.parse(PROFILE).getroot()
+    described = {
+        one.findtext('d:transport_id', None, NAMESPACE): one
+        for one in root.iterfind('.//d:transport_descriptor', NAMESPACE)
+    }
+    (participant,) = root.iterfind('.//d:participant', NAMESPACE)
+    used = [one.text for one in participant.iterfind('.//d:userTransports/d:transport_id', NAMESPACE)]
+    assert participant.get('is_default_profile') == 'true'
+    assert [described[name].findtext('d:type', None, NAMESPACE) for name in used] == ['SHM', 'UDPv4']
+    segment = described[used[0]].findtext('d:segment_size', '', NAMESPACE)
+    assert int(segment) > 8 * SCAN_BYTES
+
+
+def test_one_of_the_users_own_is_kept() -> None:
+    assert with_profile({'A': 'b'}) == {'A': 'b', VARIABLE: str(PROFILE)}
+    assert with_profile({VARIABLE: '/my/own.xml'}) == {VARIABLE: '/my/own.xml'}
+
+
+def test_nodes_that_are_started_have_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv(VARIABLE, raising=False)
+    assert isolated_environment(1)[VARIABLE] == str(PROFILE)
+    monkeypatch.setenv(VARIABLE, '/my/own.xml')
+    assert isolated_environment(1)[VARIABLE] == '/my/own.xml'
+
+
+def test_where_it_is_missing_that_is_said() -> None:
+    with pytest.raises(ConfigError, match=r'params/nothing\.xml: not installed'):
+        installed_file('nothing.xml')
+
+
+def test_fast_dds_takes_it_without_a_word_and_has_the_memory() -> None:
+    """Shared memory is part of what the process maps. No announcement from elsewhere is listened to, by DDS' port."""
+    program = (
+        'import re, rclpy\n'
+        'rclpy.init(domain_id=100)\n'
+        'node = rclpy.create_node("large")\n'
+        'ranges = re.findall(r"(\\w+)-(\\w+) rw-s .*/fastrtps_", open("/proc/self/maps").read())\n'
+        'print(max(int(end, 16) - int(start, 16) for start, end in ranges))\n'
+        'ports = [line.split()[1].rpartition(":")[2] for line in list(open("/proc/net/udp"))[1:]]\n'
+        'print(sum(int(port, 16) == 7400 + 250 * 100 for port in ports))\n'
+    )
+    environment = isolated_environment(100)
+    done = subprocess.run([sys.executable, '-c', program], env=environment, capture_output=True, text=True, check=True)
+    assert done.stderr == ''
+    mapped, listening = map(int, done.stdout.split())
+    assert mapped > 32 * 2**20
+    assert listening == 0
+
+
+def test_it_is_installed(monkeypatch: pytest.MonkeyPatch) -> None:
+    given: dict[str, Any] = {}
+    monkeypatch.chdir(PROJECT)
+    monkeypatch.setattr(setuptools, 'setup', given.update)
+    runpy.run_path('setup.py')
+    installed = dict(given['data_files'])
+    assert 'params/fastdds.xml' in installed['share/offradar_ros/params']
+    assert 'params/offradar.yaml' in installed['share/offradar_ros/params']
+
+
+class Recorded:
+    """Stands for whatever the launch file makes: where `launch` is not installed, what it was made of is enough."""
+
+    def __init__(self, *arguments: Any, **options: Any) -> None:
+        self.arguments, self.options = arguments, options
+
+
+@contextmanager
+def without_launch() -> Iterator[None]:
+    made = {
+        'launch': ('LaunchDescription',),
+        'launch.actions': ('DeclareLaunchArgument', 'SetEnvironmentVariable'),
+        'launch.substitutions': ('EnvironmentVariable', 'LaunchConfiguration', 'PathJoinSubstitution'),
+        'launch_ros': (),
+        'launch_ros.actions': ('Node',),
+        'launch_ros.parameter_descriptions': ('ParameterValue',),
+        'launch_ros.substitutions': ('FindPackageShare',),
+    }
+    with pytest.MonkeyPatch.context() as patch:
+        for name, classes in made.items():
+            module = ModuleType(name)
+            for each in classes:
+                setattr(module, each, type(each, (Recorded,), {}))
+            patch.setitem(sys.modules, name, module)
+        yield
+
+
+def test_the_launch_file_sets_it_before_the_nodes_and_gives_way() -> None:
+    with without_launch():
+        launch_file = runpy.run_path(str(PROJECT / 'launch' / 'offradar.launch.py'))
+        ((actions,), _) = vars(launch_file['generate_launch_description']()).values()
+    kinds = [type(action).__name__ for action in actions]
+    (index,) = (i for i, kind in enumerate(kinds) if kind == 'SetEnvironmentVariable')
+    assert kinds.count('Node') == 3
+    assert 'Node' not in kinds[:index]
+    name, value = actions[index].arguments
+    assert name == VARIABLE
+    assert value.arguments == ('dds_profile',)
+    (declared,) = (action for action in actions[:index] if action.arguments[:1] == ('dds_profile',))
+    default = declared.options['default_value']
+    assert default.arguments == (VARIABLE,)
+    assert default.options['default_value'].arguments[0][1:] == ['params', 'fastdds.xml']

@@ -1,0 +1,164 @@
+"""The newest is handled, what it overtakes is dropped and told of, and nothing stops the worker but `stop`."""
+
+from __future__ import annotations
+
+import gc
+import threading
+import time
+import weakref
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+from offradar_ros.ros.newest import NewestWorker
+
+WAIT_S = 10.0
+
+
+class Slow:
+    """A handler that takes up each item, and lays it down when told to."""
+
+    def __init__(self) -> None:
+        self.begun: list[Any] = []
+        self.done: list[Any] = []
+        self._taken_up, self._lay_down = threading.Semaphore(0), threading.Semaphore(0)
+
+    def __call__(self, item: Any) -> None:
+        self.begun.append(item)
+        self._taken_up.release()
+        assert self._lay_down.acquire(timeout=WAIT_S)
+        self.done.append(item)
+
+    def wait_until_busy(self) -> None:
+        assert self._taken_up.acquire(timeout=WAIT_S)
+
+    def let_go(self, count: int = 1) -> None:
+        self._lay_down.release(count)
+
+
+@pytest.fixture
+def make() -> Iterator[Callable[..., NewestWorker[Any]]]:
+    made: list[NewestWorker[Any]] = []
+
+    def make(handle: Callable[[Any], None], *arguments: Any) -> NewestWorker[Any]:
+        made.append(NewestWorker(handle, *arguments))
+        return made[-1]
+
+    yield make
+    for worker in made:
+        worker.stop()
+
+
+@pytest.mark.parametrize(('backlog', 'answered'), [(1, [0, 9]), (3, [0, 7, 8, 9])])
+def test_what_is_overtaken_is_dropped_and_told_of(
+    make: Callable[..., NewestWorker[int]], backlog: int, answered: list[int]
+) -> None:
+    slow, overtaken = Slow(), list[int]()
+    worker = make(slow, overtaken.append, backlog)
+    worker.put(0)
+    slow.wait_until_busy()
+    for item in range(1, 10):
+        worker.put(item)
+    slow.let_go(len(answered))
+    for _ in answered[1:]:
+        slow.wait_until_busy()
+    worker.forget()
+    assert slow.done == answered
+    assert overtaken == [item for item in range(10) if item not in answered]
+
+
+def test_one_that_finds_the_worker_idle_overtakes_nothing(make: Callable[..., NewestWorker[int]]) -> None:
+    slow, overtaken = Slow(), list[int]()
+    worker = make(slow, overtaken.append)
+    slow.let_go(100)
+    for item in range(100):
+        worker.put(item)
+        slow.wait_until_busy()
+    worker.forget()
+    assert slow.done == list(range(100))
+    assert overtaken == []
+
+
+def test_an_exception_costs_one_item(make: Callable[..., NewestWorker[int]], capfd: pytest.CaptureFixture[str]) -> None:
+    handled = threading.Semaphore(0)
+    seen: list[int] = []
+
+    def handle(item: int) -> None:
+        seen.append(item)
+        handled.release()
+        if item == 1:
+            raise ValueError('spoiled')
+
+    worker = make(handle, lambda item: None)
+    for item in range(3):
+        worker.put(item)
+        assert handled.acquire(timeout=WAIT_S)
+    assert seen == [0, 1, 2]
+    assert 'ValueError: spoiled' in capfd.readouterr().err
+
+
+def test_stop_ends_what_is_in_hand_and_forgets_the_rest(make: Callable[..., NewestWorker[int]]) -> None:
+    slow, overtaken = Slow(), list[int]()
+    worker = make(slow, overtaken.append)
+    worker.put(0)
+    slow.wait_until_busy()
+    worker.put(1)
+    ended = threading.Thread(target=worker.stop)
+    ended.start()
+    time.sleep(0.05)
+    assert ended.is_alive()
+    slow.let_go()
+    ended.join(WAIT_S)
+    assert not ended.is_alive()
+    worker.put(2)
+    worker.stop()
+    assert slow.begun == slow.done == [0]
+    assert overtaken == []
+
+
+def test_forget_waits_for_what_is_in_hand_and_goes_on(make: Callable[..., NewestWorker[int]]) -> None:
+    slow = Slow()
+    worker = make(slow, lambda item: None)
+    worker.put(0)
+    slow.wait_until_busy()
+    worker.put(1)
+    forgotten = threading.Thread(target=worker.forget)
+    forgotten.start()
+    time.sleep(0.05)
+    assert forgotten.is_alive()
+    slow.let_go()
+    forgotten.join(WAIT_S)
+    assert slow.done == [0]
+    worker.put(2)
+    slow.wait_until_busy()
+    slow.let_go()
+    worker.forget()
+    assert slow.done == [0, 2]
+
+
+def test_no_more_is_kept_than_waits(make: Callable[..., NewestWorker[Any]]) -> None:
+    class Scan:
+        """What a weak reference can be had of."""
+
+    begun, go_on = threading.Semaphore(0), threading.Event()
+
+    def handle(item: Scan) -> None:
+        begun.release()
+        assert go_on.wait(WAIT_S)
+
+    worker = make(handle, lambda item: None, 2)
+    scans = [Scan() for _ in range(50)]
+    alive = [weakref.ref(scan) for scan in scans]
+    worker.put(scans.pop(0))
+    assert begun.acquire(timeout=WAIT_S)
+    while scans:
+        worker.put(scans.pop(0))
+    gc.collect()
+    assert sum(reference() is not None for reference in alive) == 3
+    go_on.set()
+    for _ in range(2):
+        assert begun.acquire(timeout=WAIT_S)
+    worker.forget()
+    gc.collect()
+    assert not any(reference() is not None for reference in alive)
