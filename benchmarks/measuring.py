@@ -1,0 +1,134 @@
+"""What the benchmarks share: the machine, functions timed in turn, results as JSON.
+
+Times are wall clock. Functions to compare are timed alternately in one run, so that whatever else the machine does
+meets all of them alike.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib.metadata
+import json
+import os
+import platform
+import sys
+import time
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from offradar_ros import __version__
+
+PACKAGES = ('numpy', 'scipy', 'opencv-python-headless', 'onnxruntime', 'torch', 'rosbags', 'ros-jazzy-rclpy')
+THREADS = ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS')
+
+
+@dataclasses.dataclass(frozen=True)
+class Timing:
+    """Of one function, wall clock in milliseconds: the median, both quartiles and the 99th percentile."""
+
+    median_ms: float
+    quartiles_ms: tuple[float, float]
+    p99_ms: float
+    repeats: int
+
+    @classmethod
+    def of(cls, seconds: list[float]) -> Timing:
+        """Of single calls; ValueError without any."""
+        if not seconds:
+            raise ValueError('a timing of no calls')
+        low, median, high, p99 = (float(v) for v in np.quantile(seconds, (0.25, 0.5, 0.75, 0.99)) * 1e3)
+        return cls(median, (low, high), p99, len(seconds))
+
+    def as_dict(self) -> dict[str, Any]:
+        """Under the attributes' names, to four significant digits: fit for JSON."""
+        low, high = self.quartiles_ms
+        return {
+            'median_ms': rounded(self.median_ms),
+            'quartiles_ms': [rounded(low), rounded(high)],
+            'p99_ms': rounded(self.p99_ms),
+            'repeats': self.repeats,
+        }
+
+
+def interleaved(
+    functions: Mapping[str, Callable[[], object]], repeats: int = 50, warm_up: int = 3, seconds: float = 60.0
+) -> dict[str, Timing]:
+    """Time each function `repeats` times, one call of each in turn; no round is begun after `seconds`.
+
+    The first `warm_up` rounds are not counted. At least one round is.
+    """
+    for _ in range(warm_up):
+        for function in functions.values():
+            function()
+    taken: dict[str, list[float]] = {name: [] for name in functions}
+    end_s = time.perf_counter() + seconds
+    for round_ in range(repeats):
+        if round_ and time.perf_counter() > end_s:
+            break
+        for name, function in functions.items():
+            start_s = time.perf_counter()
+            function()
+            taken[name].append(time.perf_counter() - start_s)
+    return {name: Timing.of(calls) for name, calls in taken.items()}
+
+
+def machine() -> dict[str, Any]:
+    """Processor, cores that this process may use, memory and system."""
+    return {
+        'processor': _from_proc('cpuinfo', 'model name') or platform.processor() or platform.machine(),
+        'architecture': platform.machine(),
+        'cores': len(os.sched_getaffinity(0)),
+        'memory_gib': round(os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES') / 2**30, 1),
+        'system': f'{platform.system()} {platform.release()}',
+    }
+
+
+def versions() -> dict[str, str]:
+    """Of Python, of this package and of those that a figure may depend on, where they are installed."""
+    found = {'python': platform.python_version(), 'offradar_ros': __version__}
+    for package in PACKAGES:
+        try:
+            found[package] = importlib.metadata.version(package)
+        except importlib.metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def write_results(path: Path, results: Mapping[str, Any], seeds: Mapping[str, int] | None = None) -> None:
+    """Write `results` as JSON, with what they were measured on and by which command."""
+    record = {
+        'command': ' '.join(['python', *_relative(sys.argv)]),
+        'machine': machine(),
+        'versions': versions(),
+        'threads': {name: os.environ[name] for name in THREADS if name in os.environ},
+        'seeds': dict(seeds or {}),
+        **results,
+    }
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text(json.dumps(record, indent=1, ensure_ascii=False) + '\n', encoding='utf-8')
+
+
+def rounded(value: float, digits: int = 4) -> float:
+    """To so many significant digits."""
+    return float(f'{value:.{digits}g}')
+
+
+def memory_bytes(what: str = 'VmRSS') -> int:
+    """Of this process: held now (`VmRSS`), or at most so far (`VmHWM`)."""
+    return int(_from_proc('self/status', what).split()[0]) * 1024
+
+
+def _from_proc(name: str, key: str) -> str:
+    try:
+        lines = Path('/proc', name).read_text(encoding='utf-8').splitlines()
+    except OSError:
+        return ''
+    return next((line.partition(':')[2].strip() for line in lines if line.startswith(key)), '')
+
+
+def _relative(words: list[str]) -> list[str]:
+    root = str(Path(__file__).resolve().parents[1]) + os.sep
+    return [word.removeprefix(root) for word in words]
