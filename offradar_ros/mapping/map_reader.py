@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import sqlite3
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -56,9 +57,9 @@ def read_committed(path: Path, start: Callable[[int, int], SinkT]) -> tuple[str,
         dimension = model.dimension if model else 0
         running = connection.execute("SELECT max(session_id) FROM sessions WHERE state = 'running'").fetchone()[0]
         before = {} if running is None else _before(connection, dimension, running).get(running, {})
-        sink = start(dimension, room_for(_count(connection)))
-        for rows in _batches(_place_cursor(connection)):
-            table = rows_to_table([row[:9] for row in rows], dimension)
+        sink = start(dimension, _room(connection, dimension))
+        for rows in _batches(connection.execute(f'SELECT {CONTENT_COLUMNS} FROM places ORDER BY place_id')):
+            table = rows_to_table(rows, dimension)
             inside = {i: before[i] for i in before.keys() & set(table.place_ids.tolist())} if before else {}
             try:
                 sink.upsert(revert(table, inside) if inside else table)
@@ -154,20 +155,20 @@ def _model(meta: dict[str, Any]) -> ModelInfo | None:
     return ModelInfo(**meta['model']) if meta['model'] else None
 
 
-def _count(connection: sqlite3.Connection) -> int:
-    return int(connection.execute('SELECT count(*) FROM places').fetchone()[0])
-
-
-def _place_cursor(connection: sqlite3.Connection) -> sqlite3.Cursor:
-    return connection.execute(f'SELECT {CONTENT_COLUMNS}, anchor_x_m, anchor_y_m FROM places ORDER BY place_id')
+def _room(connection: sqlite3.Connection, dimension: int) -> int:
+    """Capacity for the places of a map and more: as many as its file may hold. Counting them would read all of it."""
+    newest = connection.execute('SELECT max(place_id) FROM places').fetchone()[0]
+    size = (connection.execute(f'PRAGMA {name}').fetchone()[0] for name in ('page_count', 'page_size'))
+    return room_for(min((newest or 0) + 1, math.prod(size) // max(4 * dimension, 1)))
 
 
 def _places(connection: sqlite3.Connection, dimension: int) -> tuple[PlaceColumns, NDArray[np.float64]]:
-    count = _count(connection)
-    columns, anchors_m = PlaceColumns(dimension, room_for(count)), np.empty((count, 2), np.float64)
-    for batch in _batches(_place_cursor(connection)):
-        anchors_m[len(columns) : len(columns) + len(batch)] = [row[9:] for row in batch]
-        columns.upsert(rows_to_table([row[:9] for row in batch], dimension))
+    columns, anchors = PlaceColumns(dimension, _room(connection, dimension)), [np.empty((0, 2))]
+    cursor = connection.execute(f'SELECT {CONTENT_COLUMNS}, anchor_x_m, anchor_y_m FROM places ORDER BY place_id')
+    for batch in _batches(cursor):
+        columns.upsert(rows_to_table(batch, dimension))
+        anchors.append(np.array([row[9:] for row in batch], np.float64))
+    anchors_m = np.concatenate(anchors)
     if not np.isfinite(anchors_m).all():
         raise ValueError('a place has no finite position')
     return columns, anchors_m
@@ -185,7 +186,7 @@ def _before(connection: sqlite3.Connection, dimension: int, session_id: int | No
         for row in batch:
             before.setdefault(row[9], {})[row[0]] = None
         kept = [row for row in batch if row[10]]
-        table = rows_to_table([row[:9] for row in kept], dimension)
+        table = rows_to_table(kept, dimension)
         for i, row in enumerate(kept):
             before[row[9]][row[0]] = place_of(table, i)
     return before
