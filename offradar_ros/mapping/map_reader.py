@@ -53,7 +53,7 @@ def read_committed(path: Path, start: Callable[[int, int], SinkT]) -> tuple[str,
     """
 
     def stream(connection: sqlite3.Connection) -> tuple[str, SinkT]:
-        model = _model(_meta(connection))
+        model, _, _ = _head(connection)
         dimension = model.dimension if model else 0
         running = connection.execute("SELECT max(session_id) FROM sessions WHERE state = 'running'").fetchone()[0]
         before = {} if running is None else _before(connection, dimension, running).get(running, {})
@@ -128,15 +128,14 @@ def _refuse_foreign(path: Path, connection: sqlite3.Connection) -> None:
 
 
 def _content(connection: sqlite3.Connection) -> StoredMap:
-    meta = _meta(connection)
-    model = _model(meta)
+    model, origin, next_place_id = _head(connection)
     dimension = model.dimension if model else 0
     columns, anchors_m = _places(connection, dimension)
     rows = connection.execute('SELECT session_id, name, stamp_ns, state, report FROM sessions ORDER BY session_id')
     return StoredMap(
         model=model,
-        origin=GeoPoint(**meta['origin']) if meta['origin'] else None,
-        next_place_id=int(meta['next_place_id']),
+        origin=origin,
+        next_place_id=next_place_id,
         columns=columns,
         anchors_m=anchors_m,
         sessions=tuple(
@@ -147,12 +146,11 @@ def _content(connection: sqlite3.Connection) -> StoredMap:
     )
 
 
-def _meta(connection: sqlite3.Connection) -> dict[str, Any]:
-    return {key: json.loads(value) for key, value in connection.execute('SELECT key, value FROM meta')}
-
-
-def _model(meta: dict[str, Any]) -> ModelInfo | None:
-    return ModelInfo(**meta['model']) if meta['model'] else None
+def _head(connection: sqlite3.Connection) -> tuple[ModelInfo | None, GeoPoint | None, int]:
+    """Model, origin and next place id."""
+    meta = {key: json.loads(value) for key, value in connection.execute('SELECT key, value FROM meta')}
+    model = ModelInfo(**meta['model']) if meta['model'] else None
+    return model, GeoPoint(**meta['origin']) if meta['origin'] else None, int(meta['next_place_id'])
 
 
 def _room(connection: sqlite3.Connection, dimension: int) -> int:

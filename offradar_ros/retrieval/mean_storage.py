@@ -90,7 +90,7 @@ def is_precise(products: Products) -> bool:
     rng = np.random.default_rng(0)
     for length in (3, 128, 1000):
         means = (100.0 * rng.standard_normal((64, length))).astype(np.float16)
-        query = rng.standard_normal(length).astype(np.float32)
+        query = rng.standard_normal(length).astype(np.float16).astype(np.float32)
         found, slack = products(means, query)
         lengths = np.linalg.norm(means.astype(np.float64), axis=1)
         bound = lengths * (length * ROUND_OFF * float(np.linalg.norm(query)) + slack)
