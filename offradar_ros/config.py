@@ -277,6 +277,12 @@ class QueryConfig:
         maximum=1000.0,
         read_only=False,
     )
+    storage: str = parameter(
+        'float32',
+        'how the searched means are kept: float16 rounds them to 11 bits and takes half the memory (and, with numkong '
+        'installed, less time)',
+        choices=('float32', 'float16'),
+    )
     map_path: str = parameter(
         '', 'SQLite map opened read-only at start: for maps too large for a message, or to query without a map server'
     )

@@ -4,8 +4,14 @@ from __future__ import annotations
 
 import math
 
-_STRIDE = 2**32
-"""Columns of cells apart in a key. Keys may coincide for cells that far apart, which only adds candidates."""
+import numpy as np
+from numpy.typing import NDArray
+
+_STRIDE = 2**29
+"""Columns of cells apart in a key. Keys may coincide for cells that far apart, which only adds candidates.
+
+The keys of all positions on Earth (1e8 m) in cells of a centimetre or more fit 64 bits.
+"""
 
 
 class PositionGrid:
@@ -13,7 +19,8 @@ class PositionGrid:
 
     def __init__(self, cell_m: float) -> None:
         self._cell_m = cell_m
-        self._cells: dict[int, list[int]] = {}
+        # Tuples of numbers are nothing to the garbage collector, which would walk a million lists now and then.
+        self._cells: dict[int, tuple[int, ...]] = {}
 
     def _cell(self, value_m: float) -> int:
         return math.floor(value_m / self._cell_m)
@@ -23,13 +30,27 @@ class PositionGrid:
 
     def add(self, index: int, x_m: float, y_m: float) -> None:
         """Put `index` at a finite position."""
-        self._cells.setdefault(self._key(x_m, y_m), []).append(index)
+        key = self._key(x_m, y_m)
+        self._cells[key] = (*self._cells.get(key, ()), index)
+
+    def fill(self, positions_m: NDArray[np.float64]) -> None:
+        """Hold the indices 0 … N − 1 of (N, 2) finite positions, and no others."""
+        cells = np.floor(positions_m / self._cell_m).astype(np.int64)
+        keys = cells[:, 0] * _STRIDE + cells[:, 1]
+        order = np.argsort(keys, kind='stable')
+        found, starts = np.unique(keys[order], return_index=True)
+        bounds = [*starts.tolist(), len(keys)]
+        indices = order.tolist()
+        spans = zip(found.tolist(), bounds[:-1], bounds[1:], strict=True)
+        self._cells = {key: tuple(indices[start:end]) for key, start, end in spans}
 
     def remove(self, index: int, x_m: float, y_m: float) -> None:
         """Take `index` away from the position it was added at."""
         key = self._key(x_m, y_m)
-        self._cells[key].remove(index)
-        if not self._cells[key]:
+        left = tuple(other for other in self._cells[key] if other != index)
+        if left:
+            self._cells[key] = left
+        else:
             del self._cells[key]
 
     def near(self, x_m: float, y_m: float, radius_m: float) -> list[int]:

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,12 +17,23 @@ from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.errors import MapError, RefusedInput
 from offradar_ros.geometry import GeoPoint
 from offradar_ros.mapping import schema
-from offradar_ros.mapping.place_columns import PlaceColumns, place_of
+from offradar_ros.mapping.place_columns import PlaceColumns, place_of, room_for
 from offradar_ros.mapping.place_rows import CONTENT_COLUMNS, rows_to_table
-from offradar_ros.mapping.stored_map import Before, StoredMap, StoredSession
+from offradar_ros.mapping.stored_map import Before, StoredMap, StoredSession, revert
 from offradar_ros.types import PlaceTable
 
-_BATCH = 16384
+_BATCH = 1024
+"""Rows read at once: few enough to stay in the processor's cache."""
+
+Content = TypeVar('Content')
+SinkT = TypeVar('SinkT', bound='PlaceSink')
+
+
+class PlaceSink(Protocol):
+    """Takes places in ascending order of id, some at a time."""
+
+    def upsert(self, table: PlaceTable) -> None:
+        """Take these; RefusedInput if they cannot be held."""
 
 
 def read_map(path: Path) -> StoredMap:
@@ -30,6 +42,35 @@ def read_map(path: Path) -> StoredMap:
     Without a write-ahead log beside it the file is read as immutable, since SQLite's ordinary read-only mode leaves
     a log behind. Should a writer start meanwhile, what was read is thrown away and read again beside that writer.
     """
+    return _consistently(path, _content)
+
+
+def read_committed(path: Path, start: Callable[[int, int], SinkT]) -> tuple[str, SinkT]:
+    """The map at `path` as of its last ended session, without ever holding it twice; MapError as `read_map`.
+
+    `start(dimension, capacity)` makes what takes the places, a batch at a time in ascending order of id; it is called
+    again should a writer start meanwhile. Returns the model's fingerprint ('' for a map that never had one) as well.
+    """
+
+    def stream(connection: sqlite3.Connection) -> tuple[str, SinkT]:
+        model, _, _ = _head(connection)
+        dimension = model.dimension if model else 0
+        running = connection.execute("SELECT max(session_id) FROM sessions WHERE state = 'running'").fetchone()[0]
+        before = {} if running is None else _before(connection, dimension, running).get(running, {})
+        sink = start(dimension, _room(connection, dimension))
+        for rows in _batches(connection.execute(f'SELECT {CONTENT_COLUMNS} FROM places ORDER BY place_id')):
+            table = rows_to_table(rows, dimension)
+            inside = {i: before[i] for i in before.keys() & set(table.place_ids.tolist())} if before else {}
+            try:
+                sink.upsert(revert(table, inside) if inside else table)
+            except RefusedInput as problem:
+                raise MapError(f'{path}: {problem}') from problem
+        return model.fingerprint if model else '', sink
+
+    return _consistently(path, stream)
+
+
+def _consistently(path: Path, read: Callable[[sqlite3.Connection], Content]) -> Content:
     if not path.is_file():
         raise MapError(f'{path}: no map file there')
     if not path.stat().st_size:
@@ -37,14 +78,14 @@ def read_map(path: Path) -> StoredMap:
     state = _state(path)
     if not _has_log(path):
         try:
-            content = _read(path, 'mode=ro&immutable=1')
+            content = _read(path, 'mode=ro&immutable=1', read)
         except MapError:
             if _state(path) == state and not _has_log(path):
                 raise
         else:
             if _state(path) == state and not _has_log(path):
                 return content
-    return _read(path, 'mode=ro')
+    return _read(path, 'mode=ro', read)
 
 
 def _state(path: Path) -> tuple[int, int]:
@@ -57,12 +98,12 @@ def _has_log(path: Path) -> bool:
     return log.exists() and log.stat().st_size > 0
 
 
-def _read(path: Path, mode: str) -> StoredMap:
+def _read(path: Path, mode: str, read: Callable[[sqlite3.Connection], Content]) -> Content:
     try:
         with contextlib.closing(sqlite3.connect(f'{path.resolve().as_uri()}?{mode}', uri=True)) as connection:
             connection.execute('BEGIN')
             _refuse_foreign(path, connection)
-            return _content(connection)
+            return read(connection)
     except sqlite3.DatabaseError as error:
         if 'not a database' in str(error):
             raise MapError(f'{path}: not a map: expected a SQLite file written by offradar') from error
@@ -87,16 +128,15 @@ def _refuse_foreign(path: Path, connection: sqlite3.Connection) -> None:
 
 
 def _content(connection: sqlite3.Connection) -> StoredMap:
-    meta = {key: json.loads(value) for key, value in connection.execute('SELECT key, value FROM meta')}
-    model = ModelInfo(**meta['model']) if meta['model'] else None
+    model, origin, next_place_id = _head(connection)
     dimension = model.dimension if model else 0
-    places, anchors_m = _places(connection, dimension)
+    columns, anchors_m = _places(connection, dimension)
     rows = connection.execute('SELECT session_id, name, stamp_ns, state, report FROM sessions ORDER BY session_id')
     return StoredMap(
         model=model,
-        origin=GeoPoint(**meta['origin']) if meta['origin'] else None,
-        next_place_id=int(meta['next_place_id']),
-        places=places,
+        origin=origin,
+        next_place_id=next_place_id,
+        columns=columns,
         anchors_m=anchors_m,
         sessions=tuple(
             StoredSession(session_id, name, stamp_ns, state, json.loads(report))
@@ -106,28 +146,45 @@ def _content(connection: sqlite3.Connection) -> StoredMap:
     )
 
 
-def _places(connection: sqlite3.Connection, dimension: int) -> tuple[PlaceTable, NDArray[np.float64]]:
-    count = int(connection.execute('SELECT count(*) FROM places').fetchone()[0])
+def _head(connection: sqlite3.Connection) -> tuple[ModelInfo | None, GeoPoint | None, int]:
+    """Model, origin and next place id."""
+    meta = {key: json.loads(value) for key, value in connection.execute('SELECT key, value FROM meta')}
+    model = ModelInfo(**meta['model']) if meta['model'] else None
+    return model, GeoPoint(**meta['origin']) if meta['origin'] else None, int(meta['next_place_id'])
+
+
+def _room(connection: sqlite3.Connection, dimension: int) -> int:
+    """Capacity for the places of a map and more: as many as its file may hold. Counting them would read all of it."""
+    newest = connection.execute('SELECT max(place_id) FROM places').fetchone()[0]
+    size = (connection.execute(f'PRAGMA {name}').fetchone()[0] for name in ('page_count', 'page_size'))
+    return room_for(min((newest or 0) + 1, math.prod(size) // max(4 * dimension, 1)))
+
+
+def _places(connection: sqlite3.Connection, dimension: int) -> tuple[PlaceColumns, NDArray[np.float64]]:
+    columns, anchors = PlaceColumns(dimension, _room(connection, dimension)), [np.empty((0, 2))]
     cursor = connection.execute(f'SELECT {CONTENT_COLUMNS}, anchor_x_m, anchor_y_m FROM places ORDER BY place_id')
-    columns, anchors_m = PlaceColumns(dimension, count), np.empty((count, 2), np.float64)
     for batch in _batches(cursor):
-        anchors_m[len(columns) : len(columns) + len(batch)] = [row[9:] for row in batch]
-        columns.upsert(rows_to_table([row[:9] for row in batch], dimension))
+        columns.upsert(rows_to_table(batch, dimension))
+        anchors.append(np.array([row[9:] for row in batch], np.float64))
+    anchors_m = np.concatenate(anchors)
     if not np.isfinite(anchors_m).all():
         raise ValueError('a place has no finite position')
-    return columns.table, anchors_m
+    return columns, anchors_m
 
 
-def _before(connection: sqlite3.Connection, dimension: int) -> dict[int, Before]:
+def _before(connection: sqlite3.Connection, dimension: int, session_id: int | None = None) -> dict[int, Before]:
+    """What places held before each session, or before one."""
     before: dict[int, Before] = {}
     cursor = connection.execute(
-        f'SELECT {CONTENT_COLUMNS}, by_session, existed FROM undo ORDER BY by_session, place_id'
+        f'SELECT {CONTENT_COLUMNS}, by_session, existed FROM undo WHERE by_session = coalesce(?, by_session) '
+        'ORDER BY by_session, place_id',
+        (session_id,),
     )
     for batch in _batches(cursor):
         for row in batch:
             before.setdefault(row[9], {})[row[0]] = None
         kept = [row for row in batch if row[10]]
-        table = rows_to_table([row[:9] for row in kept], dimension)
+        table = rows_to_table(kept, dimension)
         for i, row in enumerate(kept):
             before[row[9]][row[0]] = place_of(table, i)
     return before

@@ -157,15 +157,14 @@ class ParentMap:
             self._grid.remove(row, x_m, y_m)
         self._columns.remove(ids)
 
-    def load(self, table: PlaceTable, anchors_m: NDArray[np.float64], next_place_id: int) -> None:
-        """Fill an empty map with stored places; `table` in ascending order of id, `anchors_m` (N, 2)."""
+    def load(self, places: PlaceColumns, anchors_m: NDArray[np.float64], next_place_id: int) -> None:
+        """Fill an empty map with stored places, which are the map's from here on; `anchors_m` (N, 2)."""
         if len(self):
             raise ValueError('a map is loaded into an empty one only')
-        self._columns.upsert(table)
+        self._columns = places
         self._set_anchors(0, anchors_m)
         self.next_place_id = next_place_id
-        for row, (x_m, y_m) in enumerate(self._match_positions(np.arange(len(self))).tolist()):
-            self._grid.add(row, x_m, y_m)
+        self._grid.fill(self._match_positions(np.arange(len(self))))
 
     def _set_anchors(self, row: int, anchors_m: NDArray[np.float64]) -> None:
         end = row + len(anchors_m)

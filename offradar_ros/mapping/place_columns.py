@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
 from offradar_ros.types import Place, PlaceTable, Pose
 
@@ -30,7 +31,12 @@ def place_of(table: PlaceTable, row: int) -> Place:
     )
 
 
-def _allocate(capacity: int, dimension: int) -> PlaceTable:
+def room_for(places: int) -> int:
+    """Capacity for a stored map and a drive's new places: the first of them would have all of it copied otherwise."""
+    return places + max(places // 4, 16)
+
+
+def _allocate(capacity: int, dimension: int, means_type: np.dtype[Any]) -> PlaceTable:
     return PlaceTable(
         place_ids=np.empty(capacity, np.int64),
         session_ids=np.empty(capacity, np.int32),
@@ -38,19 +44,21 @@ def _allocate(capacity: int, dimension: int) -> PlaceTable:
         positions_m=np.empty((capacity, 3), np.float64),
         yaws_rad=np.empty(capacity, np.float64),
         uncertainties=np.empty(capacity, np.float32),
-        means=np.empty((capacity, dimension), np.float32),
+        means=np.empty((capacity, dimension), means_type),
     )
 
 
 class PlaceColumns:
     """A `PlaceTable` that rows are written into: an entry is replaced in microseconds, memory doubles when it is full.
 
-    Rows are in ascending order of place id, always.
+    Rows are in ascending order of place id, always. Means are rounded to `means_type`. What `capacity` is not used yet
+    costs address space, no memory.
     """
 
-    def __init__(self, dimension: int, capacity: int = 16) -> None:
+    def __init__(self, dimension: int, capacity: int = 16, means_type: DTypeLike = np.float32) -> None:
         self.dimension = dimension
-        self._memory = _allocate(capacity, dimension)
+        self._means_type = np.dtype(means_type)
+        self._memory = _allocate(capacity, dimension, self._means_type)
         self._size = 0
 
     def __len__(self) -> int:
@@ -101,7 +109,7 @@ class PlaceColumns:
         capacity = len(self._memory)
         if size > capacity:
             full = self._memory
-            self._memory = _allocate(max(size, 2 * capacity), self.dimension)
+            self._memory = _allocate(max(size, 2 * capacity), self.dimension, self._means_type)
             self._write(slice(0, capacity), full)
 
 

@@ -14,8 +14,9 @@ CONTENT_COLUMNS = 'place_id, session_id, stamp_ns, x_m, y_m, z_m, yaw_rad, uncer
 
 
 def rows_to_table(rows: Sequence[Sequence[Any]], dimension: int) -> PlaceTable:
-    """Rows of `CONTENT_COLUMNS` as columns; ValueError for a value that no map holds."""
-    ids, sessions, stamps, x_m, y_m, z_m, yaws, uncertainties, means = zip(*rows, strict=True) if rows else [()] * 9
+    """Rows that begin with `CONTENT_COLUMNS` as columns; ValueError for a value that no map holds."""
+    columns = list(zip(*rows, strict=True)) if rows else [()] * 9
+    ids, sessions, stamps, x_m, y_m, z_m, yaws, uncertainties, means = columns[:9]
     table = PlaceTable(
         place_ids=np.array(ids, np.int64),
         session_ids=np.array(sessions, np.int32),

@@ -62,7 +62,7 @@ class SessionMap:
     def _load(self, stored: StoredMap) -> None:
         self._model, self._origin = stored.model, stored.origin
         self._parent = ParentMap(self.config, stored.model.dimension if stored.model else 0)
-        self._parent.load(stored.places, stored.anchors_m, stored.next_place_id)
+        self._parent.load(stored.columns, stored.anchors_m, stored.next_place_id)
         self._next_session_id = max((session.session_id for session in stored.sessions), default=0) + 1
         for session in reversed([session for session in stored.sessions if session.state != 'undone']):
             before = stored.before.get(session.session_id, {})

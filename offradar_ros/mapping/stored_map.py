@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.geometry import GeoPoint
-from offradar_ros.mapping.place_columns import take_rows
+from offradar_ros.mapping.place_columns import PlaceColumns, take_rows
 from offradar_ros.types import Place, PlaceTable
 
 Before = dict[int, Place | None]
@@ -37,7 +37,7 @@ class StoredMap:
         model: whose embeddings it holds; None for a map that never held any.
         origin: where the local frame starts; None if unknown yet.
         next_place_id: the id that the next new place gets.
-        places: every place, in ascending order of id, a saved but unended session's changes included.
+        columns: every place, a saved but unended session's changes included; whoever changes it changes `places` too.
         anchors_m: (N, 2) float64, east and north where each place was first mapped.
         sessions: every session, oldest first.
         before: for each session that can be undone, what the places it changed held before.
@@ -46,10 +46,15 @@ class StoredMap:
     model: ModelInfo | None
     origin: GeoPoint | None
     next_place_id: int
-    places: PlaceTable
+    columns: PlaceColumns
     anchors_m: NDArray[np.float64]
     sessions: tuple[StoredSession, ...]
     before: Mapping[int, Before]
+
+    @property
+    def places(self) -> PlaceTable:
+        """Every place, in ascending order of id, a saved but unended session's changes included."""
+        return self.columns.table
 
     def committed(self) -> PlaceTable:
         """The map as of the last ended session."""

@@ -16,7 +16,6 @@ from sensor_msgs.msg import PointCloud2
 from offradar_ros.bags.records import stamp_ns
 from offradar_ros.config import Config
 from offradar_ros.errors import RefusedInput
-from offradar_ros.mapping.store import MapStore
 from offradar_ros.retrieval.introspective_query import IntrospectiveQuery
 from offradar_ros.ros import qos
 from offradar_ros.ros.diagnostics import WINDOW
@@ -93,8 +92,7 @@ class QueryNode(StageNode):
         self.get_logger().info(f'map of {self._query.places} places')
 
     def _read_file(self) -> None:
-        stored = MapStore.open_read_only(Path(self.config.query.map_path))
-        self._query.load(stored.committed(), stored.model.fingerprint if stored.model else '')
+        self._query.load_file(Path(self.config.query.map_path))
 
     def _on_update(self, message: PointCloud2) -> None:
         if message.width:

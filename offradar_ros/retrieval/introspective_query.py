@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import collections
 import math
+from pathlib import Path
 
 import numpy as np
 
 from offradar_ros.config import QueryConfig
 from offradar_ros.errors import RefusedInput
 from offradar_ros.mapping.embedding_check import embedding_problem
+from offradar_ros.mapping.map_reader import read_committed
 from offradar_ros.mapping.place_columns import take_rows
 from offradar_ros.retrieval.place_index import PlaceIndex
 from offradar_ros.retrieval.thresholds import threshold_at
@@ -25,8 +27,7 @@ class IntrospectiveQuery:
     def __init__(self, config: QueryConfig) -> None:
         self.reconfigure(config)
         self._model = ''
-        self._committed = PlaceIndex(0)
-        self._running = PlaceIndex(0)
+        self._committed, self._running = self._index(0), self._index(0)
         self._arrived: collections.deque[PlaceTable] = collections.deque()
 
     def reconfigure(self, config: QueryConfig) -> None:
@@ -41,9 +42,23 @@ class IntrospectiveQuery:
 
     def load(self, table: PlaceTable, model_fingerprint: str) -> None:
         """Search these places, of this model, and no others."""
-        committed = PlaceIndex(table.means.shape[1])
-        committed.replace_all(table)
-        self._committed, self._running = committed, PlaceIndex(committed.dimension)
+        committed = self._index(table.means.shape[1], len(table))
+        committed.upsert(table)
+        self._search_in(committed, model_fingerprint)
+
+    def load_file(self, path: Path) -> None:
+        """Search the map at `path` as of its last ended session; MapError, and go on as before, if it cannot be read.
+
+        The places go from the file straight into the index, so that the memory of one map is enough.
+        """
+        model_fingerprint, committed = read_committed(path, self._index)
+        self._search_in(committed, model_fingerprint)
+
+    def _index(self, dimension: int, places: int = 16) -> PlaceIndex:
+        return PlaceIndex(dimension, places, self.config.storage)
+
+    def _search_in(self, committed: PlaceIndex, model_fingerprint: str) -> None:
+        self._committed, self._running = committed, self._index(committed.dimension)
         self._arrived.clear()
         self._model = model_fingerprint
 

@@ -7,10 +7,8 @@ from numpy.typing import NDArray
 
 from offradar_ros.errors import RefusedInput
 from offradar_ros.mapping.place_columns import PlaceColumns
+from offradar_ros.retrieval.mean_storage import ROUND_OFF, mean_storage
 from offradar_ros.types import Candidate, PlaceTable, Pose
-
-_ROUND_OFF = 2.0**-24
-"""Relative error of one single-precision operation."""
 
 _TINY = float(np.finfo(np.float32).tiny)
 """Below this single precision loses its relative accuracy."""
@@ -18,20 +16,25 @@ _TINY = float(np.finfo(np.float32).tiny)
 _LARGEST_SQUARE = 1e37
 """Squares beyond this could overflow single precision: such a search is done in double precision alone."""
 
-_CHUNK = 65536
+_CHUNK = 1024
+"""Rows worked on at once in double precision."""
 
 
 class PlaceIndex:
-    """Brute force over one preallocated float32 matrix: a change costs microseconds, and nothing is approximate.
+    """Brute force over one preallocated matrix: a change costs microseconds, and nothing is approximate.
+
+    `storage` is `query.storage`: with `float16` means are rounded as they come, and what is searched, exactly, are the
+    rounded ones (`mean_storage`).
 
     One pass computes |x|² − 2 x·q in single precision, which cancels badly for x near q. Every row that its error
     bound leaves in question is then measured again, as |x − q| in double precision.
     """
 
-    def __init__(self, dimension: int) -> None:
+    def __init__(self, dimension: int, capacity: int = 16, storage: str = 'float32') -> None:
         self.dimension = dimension
-        self._columns = PlaceColumns(dimension)
-        self._squares = np.empty(16, np.float32)
+        self._storage, self._name = mean_storage(storage), storage
+        self._columns = PlaceColumns(dimension, capacity, self._storage.dtype)
+        self._squares = np.empty(capacity, np.float32)
 
     def __len__(self) -> int:
         return len(self._columns)
@@ -54,21 +57,25 @@ class PlaceIndex:
         _, known = self._columns.find(table.place_ids)
         self._columns.upsert(table)
         rows, _ = self._columns.find(table.place_ids)
-        appended = bool(np.all(rows[~known] >= before))
-        self._measure(rows if appended else np.arange(len(self)))
+        if not np.all(rows[~known] >= before):
+            self._measure(slice(0, len(self)))
+        elif known.any():
+            self._measure(rows)
+        else:
+            self._measure(slice(before, len(self)))
 
     def remove(self, place_ids: NDArray[np.int64]) -> None:
         """Forget places; an unknown id is no error."""
         if self._columns.find(place_ids)[1].any():
             self._columns.remove(place_ids)
-            self._measure(np.arange(len(self)))
+            self._measure(slice(0, len(self)))
 
     def replace_all(self, table: PlaceTable) -> None:
         """Hold these places and no others."""
         self.check(table)
-        self._columns = PlaceColumns(self.dimension, len(table))
+        self._columns = PlaceColumns(self.dimension, len(table), self._storage.dtype)
         self._columns.upsert(table)
-        self._measure(np.arange(len(self)))
+        self._measure(slice(0, len(self)))
 
     def search(self, mean: NDArray[np.float32], k: int, without: NDArray[np.int64] | None = None) -> list[Candidate]:
         """The k places nearest to `mean` (d,), nearest first, of equally near ones the lowest id first.
@@ -84,7 +91,7 @@ class PlaceIndex:
         rows = self._shortlist(query, k, excluded)
         distances = self._distances(query, rows)
         nearest = np.argsort(distances, kind='stable')[:k]
-        return [self._candidate(int(rows[i]), float(distances[i])) for i in nearest]
+        return self._candidates(rows[nearest], distances[nearest])
 
     def _shortlist(self, query: NDArray[np.float32], k: int, excluded: NDArray[np.intp]) -> NDArray[np.intp]:
         """Ascending rows that are sure to hold the k nearest."""
@@ -92,10 +99,10 @@ class PlaceIndex:
         largest = (np.sqrt(float(squares.max())) + np.linalg.norm(query.astype(np.float64))) ** 2
         if not largest < _LARGEST_SQUARE:
             return np.setdiff1d(np.arange(len(self)), excluded)
-        scores = self._columns.table.means @ (np.float32(-2.0) * query)
+        scores, slack = self._storage.products(self._columns.table.means, np.float32(-2.0) * query)
         scores += squares
         scores[excluded] = np.inf
-        bound = (self.dimension + 8) * (_ROUND_OFF * largest + _TINY)
+        bound = (self.dimension + 8) * (ROUND_OFF * largest + _TINY) + slack * float(np.sqrt(largest))
         limit = float(np.partition(scores, k - 1)[k - 1]) + 2.0 * bound
         return np.flatnonzero(scores <= np.nextafter(np.float32(limit), np.float32(np.inf)))
 
@@ -108,23 +115,32 @@ class PlaceIndex:
                 distances[part] = np.sqrt(np.sum(offsets * offsets, axis=1))
         return distances
 
-    def _candidate(self, row: int, distance: float) -> Candidate:
+    def _candidates(self, rows: NDArray[np.intp], distances: NDArray[np.float32]) -> list[Candidate]:
         table = self._columns.table
-        x_m, y_m, z_m = (float(v) for v in table.positions_m[row])
-        pose = Pose(x_m, y_m, z_m, float(table.yaws_rad[row]))
-        return Candidate(int(table.place_ids[row]), distance, float(table.uncertainties[row]), pose)
+        places = zip(
+            table.place_ids[rows].tolist(),
+            distances.tolist(),
+            table.uncertainties[rows].tolist(),
+            table.positions_m[rows].tolist(),
+            table.yaws_rad[rows].tolist(),
+            strict=True,
+        )
+        return [Candidate(place_id, d, u, Pose(x_m, y_m, z_m, yaw)) for place_id, d, u, (x_m, y_m, z_m), yaw in places]
 
-    def _measure(self, rows: NDArray[np.intp]) -> None:
+    def _measure(self, rows: NDArray[np.intp] | slice) -> None:
         """Squared lengths of rows that changed, infinite where they overflow."""
         if len(self) > len(self._squares):
             grown = np.empty(max(len(self), 2 * len(self._squares)), np.float32)
             grown[: len(self._squares)] = self._squares
             self._squares = grown
-        for start in range(0, len(rows), _CHUNK):
-            part = rows[start : start + _CHUNK]
-            means = self._columns.table.means[part].astype(np.float64)
+        stored = self._columns.table.means
+        first, end = (rows.start, rows.stop) if isinstance(rows, slice) else (0, len(rows))
+        for start in range(first, end, _CHUNK):
+            part = slice(start, min(start + _CHUNK, end))
+            some = part if isinstance(rows, slice) else rows[part]
+            means = stored[some].astype(np.float64)
             with np.errstate(over='ignore'):
-                self._squares[part] = np.sum(means * means, axis=1)
+                self._squares[some] = np.einsum('ij,ij->i', means, means)
 
     def check(self, table: PlaceTable) -> None:
         """RefusedInput (`wrong_dimension`, `invalid_place`) if `upsert` would refuse these places."""
@@ -133,6 +149,15 @@ class PlaceIndex:
                 'wrong_dimension',
                 f'places of dimension {table.means.shape[-1]} refused: the map has dimension {self.dimension}',
             )
-        wrong = np.flatnonzero(~np.isfinite(table.means).all(axis=1))
+        # Not a comparison with each value: a whole map's is looked at in one pass, and NaN is neither.
+        least, most = table.means.min(axis=1, initial=0.0), table.means.max(axis=1, initial=0.0)
+        largest = self._storage.largest
+        wrong = np.flatnonzero(~((least >= -largest) & (most <= largest)))
         if len(wrong):
-            raise RefusedInput('invalid_place', f'place {table.place_ids[wrong[0]]}: its mean is not finite')
+            row = wrong[0]
+            why = (
+                f'holds values beyond ±{largest:g}, which query.storage: {self._name} cannot keep'
+                if np.isfinite(table.means[row]).all()
+                else 'is not finite'
+            )
+            raise RefusedInput('invalid_place', f'place {table.place_ids[row]}: its mean {why}')

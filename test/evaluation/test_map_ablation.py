@@ -18,6 +18,7 @@ from offradar_ros.evaluation.introspection import summarise_ablation
 from offradar_ros.evaluation.maintenance import Ablation, ablate, merges, most_certain, opportunities, with_scans
 from offradar_ros.evaluation.protocol import Maintenance, Protocol
 from offradar_ros.mapping.parent_map import MergeKind, ParentMap
+from offradar_ros.mapping.place_columns import PlaceColumns
 from offradar_ros.types import Embedding, PlaceTable, Pose
 
 PLAN = Maintenance(match_distance_m=5.0, random_repeats=3)
@@ -138,7 +139,9 @@ def test_maps_are_those_of_the_deployed_algorithm(seed: int, distance_m: float) 
     holders, replaced = most_certain(places.uncertainties, chances.uncertainties, matches)
     found = with_scans(places, chances, holders)
     parent = ParentMap(MapConfig(match_distance_m=distance_m, insert_unmatched=False), 3)
-    parent.load(places, places.positions_m[:, :2], len(places))
+    columns = PlaceColumns(3, len(places))
+    columns.upsert(places)
+    parent.load(columns, places.positions_m[:, :2], len(places))
     kinds = [
         parent.merge(
             Embedding(int(scans.stamps_ns[row]), scans.means[row], np.full(3, scans.uncertainties[row], np.float32)),

@@ -2,6 +2,7 @@
 
 import math
 
+import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -21,6 +22,20 @@ def test_no_point_within_the_radius_is_missed(points, centre, cell_m, radius_m):
     assert len(near) == len(set(near))
     within = {i for i, (x, y) in enumerate(points) if math.hypot(x - centre[0], y - centre[1]) < radius_m}
     assert within <= set(near)
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(point, max_size=30), point, st.sampled_from([0.01, 2.5, 5.0, 1000.0]))
+def test_filled_at_once_is_as_one_by_one(points, centre, cell_m):
+    one, other = PositionGrid(cell_m), PositionGrid(cell_m)
+    for index, (x, y) in enumerate(points):
+        one.add(index, x, y)
+    other.fill(np.array(points, np.float64).reshape(-1, 2))
+    assert sorted(other.near(*centre, 10 * cell_m)) == sorted(one.near(*centre, 10 * cell_m))
+    for index, (x, y) in enumerate(points):
+        assert index in other.near(x, y, 0.0)
+        other.remove(index, x, y)
+        assert index not in other.near(x, y, 0.0)
 
 
 def test_only_cells_beside_the_position_are_looked_at():

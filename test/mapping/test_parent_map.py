@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from offradar_ros.config import MapConfig
 from offradar_ros.errors import RefusedInput
 from offradar_ros.mapping.parent_map import MergeKind, ParentMap
-from offradar_ros.types import Embedding, Pose
+from offradar_ros.mapping.place_columns import PlaceColumns
+from offradar_ros.types import Embedding, PlaceTable, Pose
 
 DIMENSION = 4
 
@@ -152,7 +153,7 @@ def test_the_paper_s_constant_size():
     for metre in range(0, 50, 10):
         parent.merge(scan(metre, 1.0), Pose(float(metre), 0.0), 1)
     later = ParentMap(MapConfig(insert_unmatched=False), DIMENSION)
-    later.load(parent.table(), parent.anchors(list(range(5))), parent.next_place_id)
+    later.load(columns_of(parent.table()), parent.anchors(list(range(5))), parent.next_place_id)
     for metre in range(0, 200, 3):
         later.merge(scan(metre, 0.5), Pose(float(metre), 0.0), 2)
     assert len(later) == 5
@@ -209,10 +210,16 @@ def test_restore_and_remove_bring_back_what_was(match_position):
         np.testing.assert_array_equal(column, expected)
     # It also behaves as before: positions answer to the same scans as in a map that never saw the second drive.
     fresh = ParentMap(config, DIMENSION)
-    fresh.load(first, parent.anchors(first.place_ids.tolist()), parent.next_place_id)
+    fresh.load(columns_of(first), parent.anchors(first.place_ids.tolist()), parent.next_place_id)
     for number, (x, y) in enumerate(path):
         one, other = (m.merge(scan(number, 0.7), Pose(x + 10, y), 3) for m in (parent, fresh))
         assert (one.kind, one.place_ids) == (other.kind, other.place_ids)
+
+
+def columns_of(table: PlaceTable) -> PlaceColumns:
+    columns = PlaceColumns(DIMENSION, len(table))
+    columns.upsert(table)
+    return columns
 
 
 def vars_of(table):

@@ -20,6 +20,8 @@ from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.errors import MapError
 from offradar_ros.geometry import GeoPoint
 from offradar_ros.mapping import schema
+from offradar_ros.mapping.map_reader import read_committed
+from offradar_ros.mapping.place_columns import PlaceColumns
 from offradar_ros.mapping.place_rows import rows_to_table, table_to_rows
 from offradar_ros.mapping.sessions import SessionMap
 from offradar_ros.mapping.store import MapStore
@@ -342,7 +344,7 @@ def test_what_is_no_usable_map_is_refused_and_left_as_it_is(tmp_path, make, word
     path = tmp_path / 'a.map'
     make(path)
     before = folder_state(tmp_path)
-    for opener in (open_map, MapStore.open_read_only):
+    for opener in (open_map, MapStore.open_read_only, lambda path: read_committed(path, PlaceColumns)):
         with pytest.raises(MapError, match=words) as refused:
             opener(path)
         assert '\n' not in str(refused.value) and str(path) in str(refused.value)

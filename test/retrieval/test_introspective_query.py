@@ -6,8 +6,10 @@ import math
 import numpy as np
 import pytest
 
-from offradar_ros.config import QueryConfig
-from offradar_ros.errors import RefusedInput
+from offradar_ros.config import MapConfig, QueryConfig
+from offradar_ros.encoders.protocol import ModelInfo
+from offradar_ros.errors import MapError, RefusedInput
+from offradar_ros.mapping.sessions import SessionMap
 from offradar_ros.retrieval.introspective_query import IntrospectiveQuery
 from offradar_ros.types import Embedding, Match, Place, PlaceTable, Pose, Reason, Rejection
 
@@ -205,3 +207,65 @@ def test_refused_places_leave_the_map_as_it_was(searching):
         with pytest.raises(RefusedInput):
             searching.update(places((2, (math.nan, 0))), MODEL, committed=committed)
     assert ids(searching.query(scan())) == [2, 1]
+
+
+def stored_map(path, count=3000, running=True) -> SessionMap:
+    """A map of more than a batch of places; a session that goes on has replaced some and added others."""
+    session_map = SessionMap(MapConfig(path=str(path)))
+    session_map.adopt_model(ModelInfo('ring_key', MODEL, 2, {}))
+    session_map.start_session('first', 1)
+    for i in range(count):
+        session_map.merge(scan((i % 60, i // 60), stamp=i), Pose(10.0 * i, 0.0, 0.0, 0.5))
+    session_map.end_session()
+    if running:
+        session_map.start_session('second', 2)
+        for i in range(count - 5, count + 5):
+            session_map.merge(scan((-3.0, -i), 0.5, stamp=count + i), Pose(10.0 * i, 0.0, 0.0, 0.5))
+        session_map.save()
+    return session_map
+
+
+@pytest.mark.parametrize('storage', ['float32', 'float16'])
+@pytest.mark.parametrize('running', [False, True])
+def test_a_file_is_searched_as_the_table_of_its_ended_sessions(tmp_path, storage, running):
+    path = tmp_path / 'a.map'
+    config = QueryConfig(top_k=7, storage=storage)
+    from_file, from_table = IntrospectiveQuery(config), IntrospectiveQuery(config)
+    with stored_map(path, running=running) as session_map:
+        from_file.load_file(path)
+        from_table.load(session_map.committed(), MODEL)
+    assert from_file.places == from_table.places == 3000
+    for mean in ((0.0, 0.0), (-3.0, -2997.0), (59.0, 49.0), (30.2, 25.7)):
+        assert from_file.query(scan(mean)) == from_table.query(scan(mean))
+
+
+def test_an_unreadable_file_leaves_what_is_searched(tmp_path, searching):
+    (tmp_path / 'a.map').write_text('no map')
+    with pytest.raises(MapError, match=r'a\.map'):
+        searching.load_file(tmp_path / 'a.map')
+    assert ids(searching.query(scan())) == [2, 1]
+
+
+def test_a_file_of_values_that_float16_cannot_keep_is_refused_by_its_name(tmp_path):
+    path = tmp_path / 'a.map'
+    with SessionMap(MapConfig(path=str(path))) as session_map:
+        session_map.adopt_model(ModelInfo('ring_key', MODEL, 2, {}))
+        session_map.start_session('first', 1)
+        session_map.merge(scan((1e5, 0.0)), Pose(0.0, 0.0))
+        session_map.end_session()
+    with pytest.raises(MapError, match=r'a\.map: place 0: .*query\.storage: float16') as refused:
+        IntrospectiveQuery(QueryConfig(storage='float16')).load_file(path)
+    assert 'damaged' not in str(refused.value)
+    IntrospectiveQuery(QueryConfig()).load_file(path)
+
+
+def test_every_way_into_the_index_rounds_alike():
+    query = IntrospectiveQuery(QueryConfig(storage='float16', exclude_current_session=False, top_k=3))
+    third = 1.0 / 3.0
+    query.load(places((1, (third, 0))), MODEL)
+    query.update(places((2, (third, 0))), MODEL, committed=True)
+    query.update(places((3, (third, 0))), MODEL, committed=False)
+    outcome = query.query(scan((third, 0.0), stamp=9))
+    assert ids(outcome) == [1, 2, 3]
+    expected = abs(float(np.float16(third)) - float(np.float32(third)))
+    assert [c.distance for c in outcome.candidates] == [pytest.approx(expected, rel=1e-6)] * 3
