@@ -1,7 +1,7 @@
 """`offradar export`: trained weights as the vehicle wants them."""
 
 from pathlib import Path
-from typing import Annotated, Optional
+from typing import Annotated, List, Optional  # noqa: UP035
 
 import typer
 
@@ -9,7 +9,9 @@ from offradar_ros.cli.need import pip_hint
 from offradar_ros.cli.progress import progress_bar
 from offradar_ros.cli.source import LAYOUT_HELP, open_source
 from offradar_ros.config import RadarConfig
-from offradar_ros.encoders.model_files import require_file
+from offradar_ros.encoders.calibration_scans import SCANS, calibration_scans
+from offradar_ros.encoders.model_files import require_file, require_package
+from offradar_ros.encoders.onnx_export import Smaller, export_onnx
 from offradar_ros.encoders.weights_header import WeightsHeader
 from offradar_ros.errors import ConfigError, OffradarError
 
@@ -24,27 +26,59 @@ def export(
         Optional[Path],
         typer.Option(help='Clean drive, a bag or folder: scale the variance so that its U is 1 on average.'),
     ] = None,
+    int8: Annotated[bool, typer.Option('--int8', help='ONNX that computes with 8-bit integers.')] = False,
+    low_rank: Annotated[
+        float,
+        typer.Option(min=0.05, max=1.0, help="ONNX that keeps this share of the convolutions' multiplications."),
+    ] = 1.0,
+    calibrate: Annotated[
+        Optional[List[Path]],  # noqa: UP006
+        typer.Option(help='Drive that --int8 and --low-rank are fitted to, a bag or folder; may be repeated.'),
+    ] = None,
+    scans: Annotated[
+        int, typer.Option(min=1, max=10_000, help='Scans of those drives, spread evenly over them.')
+    ] = SCANS,
     layout: Annotated[str, typer.Option(help=LAYOUT_HELP)] = 'auto',
 ) -> None:
     """Export a learned encoder to ONNX, which needs no torch, or to safetensors in half precision, its U set to 1.
 
-    An ONNX file holds the very model of its safetensors, down to the fingerprint.
+    An ONNX file holds the very model of its safetensors, down to the fingerprint; with --int8 or --low-rank another
+    one, which is quicker: its embeddings are compared with its own alone, and its thresholds are calibrated anew.
     """
     require_file(weights)
-    to_onnx = out.suffix != SAFETENSORS
+    to_onnx, smaller = out.suffix != SAFETENSORS, int8 or low_rank < 1.0
     if to_onnx and (half or unit_u):
         raise ConfigError(f'{out}: --half and --unit-u are for .safetensors: export that to .onnx afterwards')
+    if smaller and not to_onnx:
+        raise ConfigError(f'{out}: --int8 and --low-rank are for .onnx')
+    if smaller != bool(calibrate):
+        raise ConfigError(f'{out}: --int8 or --low-rank is fitted to drives: expected it with --calibrate DRIVE')
     try:
-        header = _to_onnx(weights, out) if to_onnx else _to_safetensors(weights, out, half, unit_u, layout)
+        if to_onnx:
+            header = export_onnx(weights, out, _smaller(weights, int8, low_rank, calibrate or [], scans, layout))
+        else:
+            header = _to_safetensors(weights, out, half, unit_u, layout)
     except ImportError as error:
         raise OffradarError(f'export needs torch and onnx: {pip_hint("torch")} ({error})') from error
     typer.echo(f'{out}: {header.fingerprint}')
 
 
-def _to_onnx(weights: Path, out: Path) -> WeightsHeader:
-    from offradar_ros.encoders.onnx_export import export_onnx  # noqa: PLC0415
+def _smaller(
+    weights: Path,
+    int8: bool,
+    low_rank: float,
+    calibrate: List[Path],  # noqa: UP006
+    scans: int,
+    layout: str,
+) -> Optional[Smaller]:
+    if not calibrate:
+        return None
+    require_package('safetensors', weights)
+    from offradar_ros.encoders.weights import read_header  # noqa: PLC0415
 
-    return export_onnx(weights, out)
+    config = read_header(weights).config
+    drives = [open_source(path, layout, RadarConfig()) for path in calibrate]
+    return Smaller(calibration_scans(drives, config, scans), int8=int8, low_rank=low_rank)
 
 
 def _to_safetensors(weights: Path, out: Path, half: bool, unit_u: Optional[Path], layout: str) -> WeightsHeader:

@@ -92,8 +92,9 @@ class Compact(nn.Module):
         both = torch.cat([image, _CONTRAST * standardised_over_azimuth(image)], dim=1)
         if self.training:
             return self._amplitudes(both)
-        turned = [self._amplitudes(torch.cat([both[:, :, k:], both[:, :, :k]], dim=2)) for k in COMPACT_TURNS]
-        return torch.stack(turned).mean(dim=0)
+        # One batch of all turns: each convolution is then one node of an ONNX graph, and quantised once.
+        turned = torch.cat([torch.cat([both[:, :, k:], both[:, :, :k]], dim=2) for k in COMPACT_TURNS])
+        return self._amplitudes(turned).reshape(len(COMPACT_TURNS), -1, *self.shape).mean(dim=0)
 
     def _amplitudes(self, image: torch.Tensor) -> torch.Tensor:
         spectrum: torch.Tensor = self.spectrum(self.reduce(self.convolutions(image.index_select(2, self.around))))

@@ -15,7 +15,7 @@ from offradar_ros import __version__
 from offradar_ros.encoders.network_config import NetworkConfig
 from offradar_ros.errors import ConfigError, ModelError
 
-STORED = ('float32', 'float16')
+STORED = ('float32', 'float16', 'int8')
 
 
 @dataclasses.dataclass(frozen=True)

@@ -95,3 +95,45 @@ def test_onnx_is_exported_as_the_weights_are(
     for options in (['--half'], ['--unit-u', street_bag('bag', count=1)]):
         assert '--half and --unit-u are for .safetensors' in refused('export', weights, tmp_path / 'out.onnx', *options)
     assert not (tmp_path / 'out.onnx').exists()
+
+
+def test_a_network_in_integers_is_another_model_that_drives(
+    done: Callable[..., str], weights: Path, street_bag: Callable[..., Path], tmp_path: Path
+) -> None:
+    one, two = street_bag('one', count=3), street_bag('two', count=3)
+    drives = ['--calibrate', one, '--calibrate', two]
+    made = {name: tmp_path / f'{name}.onnx' for name in ('int8', 'again', 'fewer', 'low_rank', 'both')}
+    said = done('export', weights, made['int8'], '--int8', *drives)
+    done('export', weights, made['again'], '--int8', *drives)
+    done('export', weights, made['fewer'], '--int8', *drives, '--scans', 2)
+    done('export', weights, made['low_rank'], '--low-rank', 0.5, *drives)
+    done('export', weights, made['both'], '--low-rank', 0.5, '--int8', *drives)
+    assert made['int8'].read_bytes() == made['again'].read_bytes()
+    assert {path.name for path in tmp_path.glob('*.onnx')} == {path.name for path in made.values()}
+    infos = {n: make_encoder(EncoderConfig(name='variational', weights=str(p))).info for n, p in made.items()}
+    parent = make_encoder(EncoderConfig(name='variational', weights=str(weights))).info.fingerprint
+    assert said == f'{made["int8"]}: {infos["int8"].fingerprint}\n'
+    assert len({parent, *(infos[name].fingerprint for name in ('int8', 'fewer', 'low_rank', 'both'))}) == 5
+    assert infos['int8'].metadata['description'] == (
+        f'random weights of a test; int8 of {parent}, fitted to 6 scans of one, two'
+    )
+    assert 'fitted to 2 scans of one, two' in infos['fewer'].metadata['description']
+    assert [infos[name].metadata['stored'] for name in ('int8', 'low_rank', 'both')] == ['int8', 'float32', 'int8']
+    params, map_file = tmp_path / 'params.yaml', tmp_path / 'map.db'
+    params.write_text(f'encoder: {{name: variational, weights: {made["int8"]}}}\n')
+    done('drive', one, '--params', params, '--map', map_file, '--session', 'one')
+    assert 'model: variational, d = 8' in done('map', map_file)
+
+
+def test_what_a_smaller_network_needs_is_said(
+    refused: Callable[..., str], weights: Path, street_bag: Callable[..., Path], tmp_path: Path
+) -> None:
+    out, bag = tmp_path / 'out.onnx', street_bag('bag', count=1)
+    for options in (['--int8'], ['--low-rank', 0.5], ['--calibrate', bag]):
+        assert 'expected it with --calibrate DRIVE' in refused('export', weights, out, *options)
+    half = tmp_path / 'out.safetensors'
+    assert '--int8 and --low-rank are for .onnx' in refused('export', weights, half, '--int8', '--calibrate', bag)
+    missing = tmp_path / 'nothing'
+    assert f'{missing}: no such folder' in refused('export', weights, out, '--int8', '--calibrate', missing)
+    assert not out.exists()
+    assert not half.exists()
