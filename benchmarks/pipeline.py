@@ -142,8 +142,8 @@ def at_four_hertz(encoder: Candidate, setting: Setting) -> dict[str, Any]:
         'start_to_first_embedding_s': rounded(first_s),
         'nodes': {
             name: {
-                'rss_mb': rounded(after[name].rss_mb),
-                'peak_mb': rounded(after[name].peak_mb),
+                'rss_mb': rounded(after[name].resident_bytes / 1e6),
+                'peak_mb': rounded(after[name].peak_bytes / 1e6),
                 'cpu_share': rounded((after[name].cpu_s - before[name].cpu_s) / setting.seconds),
             }
             for name in after
@@ -183,7 +183,7 @@ def overloaded(encoder: Candidate, setting: Setting) -> dict[str, Any]:
         'network_ms': rounded(network.median_ms),
         'ratio_p99_to_network': rounded(whole.p99_ms / network.median_ms),
         'counted_overtaken': overtaken_after - overtaken_before,
-        'rss_growth_mb': rounded(sum(after[name].rss_mb - before[name].rss_mb for name in after)),
+        'rss_growth_mb': rounded(sum(after[name].resident_bytes - before[name].resident_bytes for name in after) / 1e6),
     }
 
 

@@ -25,6 +25,8 @@ class OnnxEncoder(ImageEncoder):
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = threads
         options.log_severity_level = WARNINGS_OFF
+        # Threads that wait for the next scan would take the other nodes' time, several times what they compute.
+        options.add_session_config_entry('session.intra_op.allow_spinning', '0')
         available = onnxruntime.get_available_providers()
         try:
             self._session = onnxruntime.InferenceSession(
