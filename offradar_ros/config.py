@@ -172,6 +172,11 @@ class EncoderConfig:
         'what runs a learned encoder; auto goes by the ending of the weights file',
         choices=('auto', 'onnx', 'torch'),
     )
+    device: str = parameter(
+        'auto',
+        'what a learned encoder runs on; auto takes a GPU that its backend finds, cuda insists on one',
+        choices=('auto', 'cpu', 'cuda'),
+    )
     threads: int = parameter(0, 'inference threads; 0 uses every core', minimum=0, maximum=1024)
     backlog: int = parameter(
         1,

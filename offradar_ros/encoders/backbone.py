@@ -5,7 +5,9 @@ from __future__ import annotations
 import torch
 from torch import nn
 
+from offradar_ros.encoders.grey_to_colour import GreyToColour
 from offradar_ros.encoders.network_config import CARTESIAN_REDUCTION, POLAR_REDUCTION, NetworkConfig
+from offradar_ros.encoders.resnet50 import Resnet50
 
 # Channels of VGG-16's 13 convolutions, pooled after each group (Simonyan and Zisserman, 2015, configuration D).
 VGG16_GROUPS = ((64, 64), (128, 128), (256, 256, 256), (512, 512, 512), (512, 512, 512))
@@ -20,19 +22,12 @@ _TINY = 1e-10
 _CONTRAST = 0.25
 _LEAST_DEVIATION = 0.01
 
-IMAGENET_MEAN = (0.485, 0.456, 0.406)
-IMAGENET_STD = (0.229, 0.224, 0.225)
-
 
 class Vgg16(nn.Module):
     """VGG-16's convolutions: (N, 1, S, S) float32 in [0, 1] → (N, 512, S / 32, S / 32), after the fifth pooling.
 
-    The grey image is repeated to three channels, each normalised by ImageNet's mean and deviation, so that weights
-    trained there fit. `features` numbers its layers as torchvision does.
+    `features` numbers its layers as torchvision does, so that its weights fit.
     """
-
-    pixel_mean: torch.Tensor
-    pixel_std: torch.Tensor
 
     def __init__(self, side_px: int) -> None:
         super().__init__()
@@ -45,15 +40,13 @@ class Vgg16(nn.Module):
                 layers += [nn.Conv2d(inputs, outputs, 3, padding=1), nn.ReLU(inplace=True)]
                 inputs = outputs
             layers.append(nn.MaxPool2d(2))
+        self.colour = GreyToColour()
         self.features = nn.Sequential(*layers)
-        self.register_buffer('pixel_mean', torch.tensor(IMAGENET_MEAN).view(1, 3, 1, 1), persistent=False)
-        self.register_buffer('pixel_std', torch.tensor(IMAGENET_STD).view(1, 3, 1, 1), persistent=False)
         initialise_convolutions(self)
 
     def forward(self, image: torch.Tensor) -> torch.Tensor:
         """(N, 1, S, S) → (N, 512, S / 32, S / 32)."""
-        normalised = (image.expand(-1, 3, -1, -1) - self.pixel_mean) / self.pixel_std
-        features: torch.Tensor = self.features(normalised)
+        features: torch.Tensor = self.features(self.colour(image))
         return features
 
 
@@ -161,6 +154,12 @@ def initialise_convolutions(module: nn.Module) -> None:
                 nn.init.zeros_(layer.bias)
 
 
-def make_backbone(config: NetworkConfig) -> Vgg16 | Compact:
+def make_backbone(config: NetworkConfig) -> Vgg16 | Compact | Resnet50:
     """The backbone of a checked `NetworkConfig`; its `shape` is that of the feature map, (C, rows, columns)."""
-    return Vgg16(config.side_px) if config.backbone == 'vgg16' else Compact(config.image_shape)
+    if config.backbone == 'compact':
+        return Compact(config.image_shape)
+    if config.backbone == 'vgg16':
+        return Vgg16(config.side_px)
+    network = Resnet50(config.side_px)
+    initialise_convolutions(network)
+    return network

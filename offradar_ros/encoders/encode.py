@@ -13,6 +13,7 @@ from offradar_ros.encoders.protocol import Encoder
 from offradar_ros.errors import RefusedInput
 
 BATCH = 16
+"""Images at once, on any device: enough to keep a GPU busy, few enough for the activations of VGG-16 in main memory."""
 
 
 def encode_all(

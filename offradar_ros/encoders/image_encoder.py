@@ -18,7 +18,8 @@ from offradar_ros.types import Embedding, PolarScan
 class ImageEncoder(abc.ABC):
     """Encodes the image that the weights' header asks for; a backend says how."""
 
-    def __init__(self, header: WeightsHeader, path: str | Path) -> None:
+    def __init__(self, header: WeightsHeader, path: str | Path, device: str) -> None:
+        """`device` is what the backend really runs on, for `info`."""
         self.header = header
         self._to_image = make_image(header.config)
         self._info = ModelInfo(
@@ -31,6 +32,7 @@ class ImageEncoder(abc.ABC):
                 'description': header.description,
                 'stored': header.stored,
                 'file': Path(path).name,
+                'device': device,
             },
         )
 

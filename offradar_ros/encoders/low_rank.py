@@ -73,6 +73,14 @@ def ranks(convolutions: dict[str, nn.Conv2d], found: dict[str, Responses], share
     return {name: at + 1 for name, at in chosen(10.0**high).items() if at < len(costs[name]) - 1}
 
 
+def round_to_halves(network: Network) -> None:
+    """Round kernels and matrices to what half precision holds, as those of the weights are that it was made of."""
+    with torch.no_grad():
+        for parameter in network.parameters():
+            if parameter.ndim >= 2:
+                parameter.copy_(parameter.half())
+
+
 def _costs(layer: nn.Conv2d, pixels: int) -> NDArray[np.float64]:
     """Multiplications for one image at rank 1, 2, … while that is cheaper, and at last of the whole convolution."""
     outputs, window = layer.out_channels, layer.weight[0].numel()

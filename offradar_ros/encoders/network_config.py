@@ -10,14 +10,15 @@ from offradar_ros.config import CartesianConfig, PolarGridConfig
 from offradar_ros.encoders.fingerprint import canonical_json
 from offradar_ros.errors import ConfigError
 
-# VGG-16 halves the image five times, the compact backbone three times.
+# VGG-16 and ResNet-50 halve the image five times, the compact backbone three times.
 CARTESIAN_REDUCTION = 32
 POLAR_REDUCTION = 8
 
 METHODS = ('variational', 'bc_radar', 'vae', 'mc_dropout', 'stun')
 _LARGEST_SIDE = 4096
 
-BACKBONES = ('vgg16', 'compact')
+BACKBONES = ('vgg16', 'compact', 'resnet50')
+CARTESIAN = ('vgg16', 'resnet50')
 DESCRIPTORS = ('z_i_plus_mu', 'z_i')
 STUDENTS = ('bounded', 'free')
 
@@ -28,7 +29,8 @@ class NetworkConfig:
 
     Attributes:
         method: ``variational`` (the paper's own) or the learned method that it is compared with.
-        backbone: ``vgg16`` (the paper's, of a Cartesian image) or ``compact`` (of a polar image).
+        backbone: ``vgg16`` (the paper's) or ``resnet50`` (STUN's), of a Cartesian image, or ``compact`` (of a polar
+            image).
         dimension: d, the length of Z_I, μ_V and σ².
         side_px: side of the square Cartesian image, a multiple of 32.
         azimuths: rows of the polar image, a multiple of 8.
@@ -73,19 +75,19 @@ class NetworkConfig:
     @property
     def image(self) -> CartesianConfig | PolarGridConfig:
         """The image that the network sees."""
-        if self.backbone == 'vgg16':
+        if self.backbone in CARTESIAN:
             return CartesianConfig(self.side_px, self.resolution_m, self.min_range_m)
         return PolarGridConfig(self.azimuths, self.range_bins, self.resolution_m, self.min_range_m)
 
     @property
     def image_shape(self) -> tuple[int, int]:
         """(rows, columns) of that image."""
-        return (self.side_px, self.side_px) if self.backbone == 'vgg16' else (self.azimuths, self.range_bins)
+        return (self.side_px, self.side_px) if self.backbone in CARTESIAN else (self.azimuths, self.range_bins)
 
     @property
     def reach_m(self) -> float:
         """Range of the farthest point of that image, metres."""
-        if self.backbone == 'vgg16':
+        if self.backbone in CARTESIAN:
             return self.side_px * self.resolution_m / 2**0.5
         return self.range_bins * self.resolution_m
 

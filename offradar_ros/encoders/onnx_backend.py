@@ -1,4 +1,4 @@
-"""Runs an exported network with ONNX Runtime, on CUDA where that provider is installed. No torch here."""
+"""Runs an exported network with ONNX Runtime, on a GPU where that provider is installed. No torch here."""
 
 from __future__ import annotations
 
@@ -8,35 +8,37 @@ import numpy as np
 import onnxruntime  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 
+from offradar_ros.encoders.device import onnx_providers, used_provider
 from offradar_ros.encoders.image_encoder import ImageEncoder
 from offradar_ros.encoders.model_files import first_line, require_file
 from offradar_ros.encoders.weights_header import WeightsHeader
 from offradar_ros.errors import ModelError
 
-PROVIDERS = ('CUDAExecutionProvider', 'CPUExecutionProvider')
 WARNINGS_OFF = 3
 
 
 class OnnxEncoder(ImageEncoder):
     """Learned encoder in ONNX Runtime; ModelError for a file that is missing, damaged or not `export_onnx`'s."""
 
-    def __init__(self, path: str | Path, threads: int = 0) -> None:
-        """`threads` for one inference; 0 uses every core."""
+    def __init__(self, path: str | Path, threads: int = 0, device: str = 'auto') -> None:
+        """`threads` for one inference on a CPU, 0 uses every core; `device` as the parameter `encoder.device`.
+
+        ConfigError for ``cuda`` where there is none.
+        """
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = threads
         options.log_severity_level = WARNINGS_OFF
         # Threads that wait for the next scan would take the other nodes' time, several times what they compute.
         options.add_session_config_entry('session.intra_op.allow_spinning', '0')
-        available = onnxruntime.get_available_providers()
+        providers = list(onnx_providers(device, onnxruntime.get_available_providers()))
         try:
-            self._session = onnxruntime.InferenceSession(
-                require_file(path), options, providers=[name for name in PROVIDERS if name in available]
-            )
+            self._session = onnxruntime.InferenceSession(require_file(path), options, providers=providers)
         except ModelError:
             raise
         except Exception as error:  # its exceptions share no base
             raise ModelError(f'{path}: not a readable ONNX file ({first_line(error)})') from error
-        super().__init__(WeightsHeader.from_metadata(self._session.get_modelmeta().custom_metadata_map, path), path)
+        header = WeightsHeader.from_metadata(self._session.get_modelmeta().custom_metadata_map, path)
+        super().__init__(header, path, used_provider(device, self._session.get_providers()))
         self._expect_shapes(path)
 
     def infer(self, images: NDArray[np.uint8]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

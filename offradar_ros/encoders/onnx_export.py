@@ -103,13 +103,15 @@ def _graph(network: Network, header: WeightsHeader) -> onnx.ModelProto:
 
 def _factorised(network: Network, header: WeightsHeader, smaller: Smaller) -> WeightsHeader:
     """The header of the network that is of low rank afterwards."""
-    from offradar_ros.encoders.low_rank import factorise  # noqa: PLC0415
+    from offradar_ros.encoders.low_rank import factorise, round_to_halves  # noqa: PLC0415
 
     factorise(network, smaller.scans.images, smaller.low_rank)
+    if header.stored == 'float16':
+        round_to_halves(network)
     settings: dict[str, Setting] = {'parent': header.fingerprint, 'share': smaller.low_rank}
     tensors = {name: tensor.detach().numpy() for name, tensor in network.state_dict().items()}
     return _derived(
-        header, fingerprint('low_rank', settings, tensors), f'low rank, {smaller.low_rank:g} of', 'float32', smaller
+        header, fingerprint('low_rank', settings, tensors), f'low rank, {smaller.low_rank:g} of', header.stored, smaller
     )
 
 

@@ -40,13 +40,13 @@ def _learned(config: EncoderConfig) -> Encoder:
         require_package('onnxruntime', path)
         from offradar_ros.encoders.onnx_backend import OnnxEncoder  # noqa: PLC0415
 
-        encoder: Encoder = OnnxEncoder(path, config.threads)
+        encoder: Encoder = OnnxEncoder(path, config.threads, config.device)
     else:
         for package in ('torch', 'safetensors'):
             require_package(package, path)
         from offradar_ros.encoders.torch_backend import TorchEncoder  # noqa: PLC0415
 
-        encoder = TorchEncoder(path, config.threads)
+        encoder = TorchEncoder(path, config.threads, config.device)
     if encoder.info.name != config.name:
         raise ConfigError(
             f'parameter encoder.name: {config.weights} holds a network of {encoder.info.name}, got {config.name!r}'

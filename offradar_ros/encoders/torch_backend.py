@@ -8,6 +8,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from offradar_ros.encoders.device import torch_device
 from offradar_ros.encoders.image_encoder import ImageEncoder
 from offradar_ros.encoders.network_files import load_network
 
@@ -15,13 +16,17 @@ from offradar_ros.encoders.network_files import load_network
 class TorchEncoder(ImageEncoder):
     """Learned encoder in torch; ModelError for weights that cannot be used."""
 
-    def __init__(self, path: str | Path, threads: int = 0) -> None:
-        """`threads` sets torch's threads for the whole process; 0 leaves them."""
+    def __init__(self, path: str | Path, threads: int = 0, device: str = 'auto') -> None:
+        """`threads` sets torch's threads for the whole process, 0 leaves them; `device` as `encoder.device`.
+
+        ConfigError for ``cuda`` where there is none.
+        """
+        self._device = torch.device(torch_device(device, torch.__version__, torch.cuda.is_available()))
         network, header = load_network(path)
-        super().__init__(header, path)
+        on_gpu = self._device.type == 'cuda'
+        super().__init__(header, path, f'cuda, {torch.cuda.get_device_name()}' if on_gpu else 'cpu')
         if threads:
             torch.set_num_threads(threads)
-        self._device = torch.device('cuda' if torch.cuda.is_available() else 'cpu')
         self._network = network.to(self._device)
 
     def infer(self, images: NDArray[np.uint8]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

@@ -83,8 +83,13 @@ class EncoderNode(StageNode):
         """Tell the map and the query which model this is."""
         info = self._stage.encoder.info
         self._model.publish(model_message(info))
+        # Encoders without a network know no device.
+        device = info.metadata.get('device', 'cpu')
         self.status.facts |= {'model': info.name, 'fingerprint': info.fingerprint, 'dimension': str(info.dimension)}
-        self.get_logger().info(f'active: {info.name}, d = {info.dimension}, {info.fingerprint[:12]}, reads {SCANS}')
+        self.status.facts['device'] = device
+        self.get_logger().info(
+            f'active: {info.name}, d = {info.dimension}, {info.fingerprint[:12]}, on {device}, reads {SCANS}'
+        )
 
     def deactivating(self) -> None:
         """Answer what is in hand, and forget what waits."""

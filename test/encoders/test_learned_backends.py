@@ -52,7 +52,7 @@ def test_backends_agree_on_a_scan(small_weights: Path, small_onnx: Path, street:
     assert_agree(one.encode(street).variance, two.encode(street).variance)
 
 
-@pytest.mark.parametrize('backbone, descriptor', [('compact', 'z_i'), ('vgg16', 'z_i_plus_mu')])
+@pytest.mark.parametrize('backbone, descriptor', [('compact', 'z_i'), ('vgg16', 'z_i_plus_mu'), ('resnet50', 'z_i')])
 def test_backends_agree_at_full_size(
     save_random: Callable[[NetworkConfig], Path], backbone: str, descriptor: str
 ) -> None:

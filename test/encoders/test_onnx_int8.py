@@ -52,7 +52,9 @@ def error(found: np.ndarray, expected: np.ndarray) -> float:
     return float(np.sqrt(np.square(found - expected).mean() / np.square(expected).mean()))
 
 
-@pytest.mark.parametrize('method, backbone', [*((method, 'compact') for method in METHODS), ('variational', 'vgg16')])
+@pytest.mark.parametrize(
+    'method, backbone', [*((method, 'compact') for method in METHODS), ('variational', 'vgg16'), ('stun', 'resnet50')]
+)
 def test_integers_give_nearly_what_floats_give(tmp_path: Path, method: str, backbone: str) -> None:
     config = small(method, backbone)
     weights = saved(config, tmp_path / 'net.safetensors')

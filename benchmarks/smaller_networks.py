@@ -1,0 +1,288 @@
+"""What a network loses and gains in 8-bit integers and of low rank, as README.md beside this file explains."""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+import os
+import platform
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import onnxruntime  # type: ignore[import-untyped]
+
+from offradar_ros.cli.progress import progress_bar
+from offradar_ros.cli.source import open_source
+from offradar_ros.config import RadarConfig
+from offradar_ros.datasets.sequence import RadarSequence
+from offradar_ros.encoders.calibration_scans import SCANS, CalibrationScans, calibration_scans
+from offradar_ros.encoders.onnx_backend import OnnxEncoder
+from offradar_ros.encoders.onnx_export import Smaller, export_onnx
+from offradar_ros.encoders.weights import read_header
+from offradar_ros.evaluation.answers import Pair, Rules, answers_from
+from offradar_ros.evaluation.drives import CityDrive, drives_of
+from offradar_ros.evaluation.embedding_cache import EmbeddedDrive, embedded
+from offradar_ros.evaluation.evaluated_drive import EvaluatedDrive
+from offradar_ros.evaluation.metrics.recall_at_n import recall_at_n
+from offradar_ros.evaluation.metrics.spearman import spearman
+from offradar_ros.evaluation.protocol import VALIDATION, Protocol
+from offradar_ros.evaluation.protocol_file import read_protocol
+from offradar_ros.evaluation.scan_cache import cached_drives
+from offradar_ros.types import PolarScan
+
+PROJECT = Path(__file__).resolve().parents[1]
+RESULTS = PROJECT / 'benchmarks' / 'results' / 'smaller_networks.json'
+PICTURE = PROJECT / 'docs' / 'speed_against_recall.png'
+CALIBRATION_CITIES = (2595001, 2595002)
+CALIBRATION_SCANS = 100
+SHARES = (0.75, 0.5, 0.35)
+THREADS = (1, 2)
+WARM_UP = 2
+PAUSE_S = 0.05
+"""Between encodings: idle threads of one session go on turning for a while, on the cores of the next."""
+FLOAT = 'float32'
+OTHER_RANGES = ('int8 percentile', 'int8 entropy')
+LEAST_SPAN = 1.0
+"""Points of recall to either side of the picture's middle: differences of a few scans shall look like it."""
+
+VARIANTS: dict[str, Callable[[CalibrationScans], Smaller | None]] = {
+    FLOAT: lambda _: None,
+    'int8': lambda scans: Smaller(scans, int8=True),
+    'int8 percentile': lambda scans: Smaller(scans, int8=True, method='percentile'),
+    'int8 entropy': lambda scans: Smaller(scans, int8=True, method='entropy'),
+    **{
+        f'low rank {share:g}{" int8" if int8 else ""}': lambda scans, share=share, int8=int8: Smaller(  # type: ignore[misc]
+            scans, int8=int8, low_rank=share
+        )
+        for int8, share in itertools.product((False, True), SHARES)
+    },
+}
+
+
+class Answered(NamedTuple):
+    """What one variant of a network made of the drives."""
+
+    made: list[EmbeddedDrive]
+    recall_at_1: float
+    queries: int
+
+    @property
+    def uncertainties(self) -> Any:
+        """(N,) of all scans."""
+        return np.concatenate([drive.uncertainties for drive in self.made])
+
+    @property
+    def means(self) -> Any:
+        """(N, d) of all scans."""
+        return np.concatenate([drive.means for drive in self.made])
+
+
+def main() -> None:
+    """Print a table for each network, write them all as JSON, and draw that."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('networks', nargs='*', metavar='NAME=WEIGHTS', help='.safetensors; without any only draw')
+    parser.add_argument('--drive', type=Path, action='append', help='fit to these instead of two simulated drives')
+    parser.add_argument('--protocol', type=Path, default=PROJECT / 'params' / 'protocols' / 'quick.yaml')
+    parser.add_argument('--cache', type=Path, default=PROJECT / 'build' / 'smaller_networks', help='kept')
+    parser.add_argument('--scans', type=int, default=SCANS, help='that a variant is fitted to')
+    parser.add_argument('--variants', nargs='+', choices=tuple(VARIANTS), default=tuple(VARIANTS))
+    parser.add_argument('--rounds', type=int, default=15, help='timed encodings of each; 0 for none')
+    parser.add_argument('--out', type=Path, default=RESULTS)
+    arguments = parser.parse_args()
+    if arguments.networks:
+        protocol = read_protocol(arguments.protocol)
+        drives, calibration = _drives(protocol, arguments.cache, arguments.drive)
+        report = {
+            'machine': _cpu(),
+            'cores': len(os.sched_getaffinity(0)),
+            'python': platform.python_version(),
+            'onnxruntime': onnxruntime.__version__,
+            'protocol': protocol.name,
+            'map_spacing_m': protocol.map_spacings_m[0],
+            'tolerance_m': protocol.tolerance_m,
+            'networks': {},
+        }
+        for text in arguments.networks:
+            name, _, weights = text.partition('=')
+            scans = calibration_scans(calibration, read_header(weights).config, arguments.scans)
+            figures = _measured(Path(weights), drives, scans, protocol, arguments)
+            report['networks'][name] = {'description': read_header(weights).description, 'variants': figures}
+            print(f'\n{name}, {report["machine"]}\n\n' + '\n'.join(_table(figures)), flush=True)
+        arguments.out.parent.mkdir(parents=True, exist_ok=True)
+        arguments.out.write_text(json.dumps(report, indent=1) + '\n', encoding='utf-8')
+    _draw(json.loads(arguments.out.read_text(encoding='utf-8')), PICTURE)
+
+
+def _drives(
+    protocol: Protocol, cache: Path, recorded: Sequence[Path] | None
+) -> tuple[list[EvaluatedDrive], list[RadarSequence]]:
+    """The drives to measure on, and those to fit to, of other cities."""
+    measured = [drive for drive in drives_of(protocol, None) if drive.group != VALIDATION]
+    fitted = [
+        CityDrive(
+            'calibration',
+            seed,
+            0,
+            protocol.lanes[0],
+            'drawn',
+            CALIBRATION_SCANS,
+            protocol.drive_spacing_m,
+            protocol.degraded,
+        )
+        for seed in ([] if recorded else CALIBRATION_CITIES)
+    ]
+    with progress_bar('simulating drives') as progress:
+        found = cached_drives([*measured, *fitted], cache / 'scans', progress)
+    others: list[RadarSequence] = [open_source(path, 'auto', RadarConfig()) for path in recorded or ()]
+    return found[: len(measured)], [*found[len(measured) :], *others]
+
+
+def _measured(
+    weights: Path,
+    drives: list[EvaluatedDrive],
+    scans: CalibrationScans,
+    protocol: Protocol,
+    arguments: argparse.Namespace,
+) -> dict[str, dict[str, Any]]:
+    files, answered = {}, {}
+    for variant in dict.fromkeys((FLOAT, *arguments.variants)):
+        files[variant] = _exported(weights, variant, scans, arguments.cache)
+        answered[variant] = _answered(OnnxEncoder(files[variant]), drives, protocol, arguments.cache, variant)
+    timed = _timed(files, [drives[0].scan(row) for row in range(arguments.rounds + WARM_UP)], arguments.rounds)
+    exact, figures = answered[FLOAT], {}
+    for variant, told in answered.items():
+        lengths = np.linalg.norm(told.means, axis=1) * np.linalg.norm(exact.means, axis=1)
+        figures[variant] = {
+            'recall_at_1': told.recall_at_1,
+            'recall_difference_points': 100.0 * (told.recall_at_1 - exact.recall_at_1),
+            'queries': told.queries,
+            'spearman_u': spearman(told.uncertainties, exact.uncertainties),
+            'mean_u': float(told.uncertainties.mean()),
+            'mean_cosine': float(((told.means * exact.means).sum(axis=1) / lengths).mean()),
+            'megabytes': files[variant].stat().st_size / 1e6,
+            'median_ms': timed[variant],
+            'of_float32': {threads: ms / timed[FLOAT][threads] for threads, ms in timed[variant].items()},
+        }
+    return figures
+
+
+def _exported(weights: Path, variant: str, scans: CalibrationScans, cache: Path) -> Path:
+    """The variant's file, made now or earlier from the same weights and scans."""
+    folder = cache / 'networks' / f'{read_header(weights).fingerprint[:16]}_{len(scans.images)}'
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / f'{variant.replace(" ", "_")}.onnx'
+    if not path.is_file():
+        start_s = time.perf_counter()
+        export_onnx(weights, path, VARIANTS[variant](scans))
+        print(f'{path.name}: exported in {time.perf_counter() - start_s:.0f} s', flush=True)
+    return path
+
+
+def _answered(
+    encoder: OnnxEncoder, drives: list[EvaluatedDrive], protocol: Protocol, cache: Path, variant: str
+) -> Answered:
+    made = []
+    for drive in drives:
+        with progress_bar(f'{variant}: {drive.name}') as progress:
+            made.append(embedded(encoder, drive, cache / 'embeddings', progress))
+    ranks = []
+    for mapped, query in itertools.permutations(made, 2):
+        if mapped.drive.world == query.drive.world:
+            pair = Pair(
+                '',
+                mapped.drive.group,
+                mapped.drive.world,
+                mapped.drive.index,
+                query.drive.index,
+                protocol.map_spacings_m[0],
+            )
+            found = answers_from(pair, mapped, query, Rules(protocol.tolerance_m, protocol.negative_m))
+            ranks.append(found.ranks[found.positive])
+    together = np.concatenate(ranks)
+    return Answered(made, recall_at_n(together, 1), len(together))
+
+
+def _timed(files: dict[str, Path], scans: list[PolarScan], rounds: int) -> dict[str, dict[str, float]]:
+    """Median milliseconds of encoding one scan, by variant and threads; the variants take turns."""
+    found: dict[str, dict[str, float]] = {variant: {} for variant in files}
+    for threads in THREADS if rounds else ():
+        encoders = {variant: OnnxEncoder(path, threads) for variant, path in files.items()}
+        taken_ms: dict[str, list[float]] = {variant: [] for variant in files}
+        for scan in scans:
+            for variant, encoder in encoders.items():
+                time.sleep(PAUSE_S if threads > 1 else 0.0)
+                start_s = time.perf_counter()
+                encoder.encode(scan)
+                taken_ms[variant].append(1000.0 * (time.perf_counter() - start_s))
+        for variant, times in taken_ms.items():
+            found[variant][str(threads)] = float(np.median(times[WARM_UP:]))
+    return found
+
+
+def _table(figures: dict[str, dict[str, Any]]) -> list[str]:
+    heads = ['Recall@1', 'points', 'Spearman U', 'mean U', 'cosine', 'MB']
+    heads += [f'ms, {threads} thread{"s" * (threads > 1)} (of float32)' for threads in THREADS]
+    lines = ['| variant | ' + ' | '.join(heads) + ' |', '|---' * (len(heads) + 1) + '|']
+    for variant, told in figures.items():
+        cells = [f'{told["recall_at_1"]:.4f}', f'{told["recall_difference_points"]:+.2f}', f'{told["spearman_u"]:.4f}']
+        cells += [f'{told["mean_u"]:.3f}', f'{told["mean_cosine"]:.5f}', f'{told["megabytes"]:.1f}']
+        cells += [
+            f'{told["median_ms"][threads]:.1f} ({told["of_float32"][threads]:.2f})' for threads in told['median_ms']
+        ]
+        lines.append(f'| {variant} | ' + ' | '.join(cells) + ' |')
+    return lines
+
+
+def _cpu() -> str:
+    """The processor as Linux names it, and whether it multiplies 8-bit integers in one instruction."""
+    lines = Path('/proc/cpuinfo').read_text(encoding='utf-8').splitlines()
+    known = dict(map(str.strip, line.split(':', 1)) for line in lines if ':' in line)
+    flags = [flag for flag in ('avx512_vnni', 'avx_vnni', 'amx_int8') if flag in known.get('flags', '').split()]
+    return f'{known.get("model name", platform.machine())} ({", ".join(flags) or "no VNNI"})'
+
+
+def _draw(report: dict[str, Any], path: Path) -> None:
+    """Recall@1 over the time of a scan, a panel a network; beside each point the rank correlation of U."""
+    from matplotlib.figure import Figure  # noqa: PLC0415
+
+    networks = {
+        name: figures['variants']
+        for name, figures in report['networks'].items()
+        if figures['variants'][FLOAT]['median_ms']
+    }
+    if not networks:
+        print('nothing was timed: no picture')
+        return
+    figure = Figure(figsize=(6.5 * len(networks), 4.8), layout='constrained')
+    threads = str(THREADS[0])
+    for panel, (name, figures) in zip(
+        figure.subplots(1, len(networks), squeeze=False)[0], networks.items(), strict=True
+    ):
+        drawn = {variant: told for variant, told in figures.items() if variant not in OTHER_RANGES}
+        colours = {kind: f'C{number}' for number, kind in enumerate(v for v in VARIANTS if 'int8' not in v)}
+        for variant, told in drawn.items():
+            at = told['median_ms'][threads], 100.0 * told['recall_at_1']
+            colour = colours.get(variant.removesuffix('int8').strip() or FLOAT, 'black')
+            text = f'{variant}, {told["spearman_u"]:.3f}'
+            panel.plot(*at, 's' if 'int8' in variant else 'o', color=colour, label=text)
+        panel.legend(title='rank correlation of U', fontsize=8, title_fontsize=8)
+        panel.set(title=name, xlabel='milliseconds a scan, one thread', ylabel='Recall@1, %')
+        recalls = [100.0 * told['recall_at_1'] for told in drawn.values()]
+        middle, half = (max(recalls) + min(recalls)) / 2, max(LEAST_SPAN, max(recalls) - min(recalls))
+        panel.set_ylim(middle - half, middle + half)
+        panel.margins(x=0.25)
+        panel.set_xlim(left=0.0)
+        panel.grid(alpha=0.3)
+    figure.suptitle(
+        f'Speed against recall, and the rank correlation of U with that of {FLOAT}\n{report["machine"]}', fontsize=9
+    )
+    figure.savefig(path, dpi=110)
+    print(f'{path}: drawn')
+
+
+if __name__ == '__main__':
+    main()
