@@ -24,12 +24,10 @@ def shipped_file(folder: str, text: str | Path) -> Path:
     return found[str(text)]
 
 
-def installed_file(name: str) -> Path:
-    """``params/NAME``; ConfigError where it is not installed."""
+def installed_file(name: str) -> Path | None:
+    """``params/NAME``, or None where it is not installed, as by ``pip install --target``."""
     found = [place / name for place in _places() if (place / name).is_file()]
-    if not found:
-        raise ConfigError(f'params/{name}: not installed: expected it in share/offradar_ros of the environment')
-    return found[-1]
+    return found[-1] if found else None
 
 
 def _places() -> Iterator[Path]:

@@ -11,7 +11,8 @@ VARIABLE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
 
 
 def with_profile(environment: Mapping[str, str]) -> dict[str, str]:
-    """The environment with our profile, unless it names one already; ConfigError if ours is not installed."""
-    if environment.get(VARIABLE):
+    """The environment with our profile, unless it names one already or ours is not installed: all works without."""
+    ours = installed_file('fastdds.xml')
+    if environment.get(VARIABLE) or ours is None:
         return dict(environment)
-    return {**environment, VARIABLE: str(installed_file('fastdds.xml'))}
+    return {**environment, VARIABLE: str(ours)}

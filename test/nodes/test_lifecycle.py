@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import array
 import contextlib
 import os
 import signal
@@ -21,7 +22,7 @@ from lifecycle_msgs.srv import ChangeState, GetState
 from live_nodes import WAIT_S, Observer, replay, wait_until
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, SetParameters
-from sensor_msgs.msg import NavSatFix, PointCloud2
+from sensor_msgs.msg import Image, NavSatFix, PointCloud2
 from std_srvs.srv import Trigger
 
 from offradar_ros.encoders.protocol import ModelInfo
@@ -238,6 +239,23 @@ def test_no_node_loads_torch(domain_id: int) -> None:
     )
     environment = {**os.environ, 'ROS_DOMAIN_ID': str(domain_id)}
     assert subprocess.run([sys.executable, '-c', program], env=environment, check=False).returncode == 0
+
+
+def test_the_encoder_encodes_without_torch(observer: Observer, stack: Callable[..., Stack], street: Any) -> None:
+    """What the process has mapped, once it has answered a scan with the trained encoder in ONNX."""
+    embeddings = observer.hear(PointCloud2, 'embedding')
+    scan = street(count=1).scan(0)
+    image = Image(header=header(scan.stamp_ns, 'radar'), height=400, width=576, step=576, encoding='8UC1')
+    image.data = array.array('B', scan.power.tobytes())
+    parameters = {'encoder.name': 'variational', 'encoder.weights': 'compact', 'encoder.backend': 'onnx'}
+    with stack(parameters, names=('encoder_node',)) as nodes:
+        nodes.wait_until_ready()
+        wait_until(lambda: observer.node.count_publishers('embedding') == 1)
+        observer.speaker(Image, 'radar_data/b_scan_image', qos.SCANS)(image)
+        assert wait_until(lambda: embeddings)[0].width > 0
+        mapped = Path(f'/proc/{nodes.nodes["encoder_node"].process.pid}/maps').read_text()
+    assert 'onnxruntime' in mapped
+    assert 'torch' not in mapped
 
 
 def test_a_node_that_was_cycled_searches_the_same_map(observer: Observer, start_node: Callable[..., StageNode]) -> None:
