@@ -21,7 +21,17 @@ import numpy as np
 
 from offradar_ros import __version__
 
-PACKAGES = ('numpy', 'scipy', 'opencv-python-headless', 'onnxruntime', 'torch', 'rosbags', 'ros-jazzy-rclpy')
+PACKAGES = (
+    'numpy',
+    'scipy',
+    'opencv-python-headless',
+    'onnxruntime',
+    'torch',
+    'rosbags',
+    'ros-jazzy-rclpy',
+    'numkong',
+    'faiss-cpu',
+)
 THREADS = ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS')
 
 

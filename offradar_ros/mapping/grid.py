@@ -38,11 +38,11 @@ class PositionGrid:
         cells = np.floor(positions_m / self._cell_m).astype(np.int64)
         keys = cells[:, 0] * _STRIDE + cells[:, 1]
         order = np.argsort(keys, kind='stable')
-        found, starts = np.unique(keys[order], return_index=True)
-        bounds = [*starts.tolist(), len(keys)]
-        indices = order.tolist()
-        spans = zip(found.tolist(), bounds[:-1], bounds[1:], strict=True)
-        self._cells = {key: tuple(indices[start:end]) for key, start, end in spans}
+        found, starts, counts = np.unique(keys[order], return_index=True, return_counts=True)
+        alone = counts == 1
+        self._cells = dict(zip(found[alone].tolist(), zip(order[starts[alone]].tolist(), strict=True), strict=True))
+        for key, start, count in zip(found[~alone].tolist(), starts[~alone], counts[~alone], strict=True):
+            self._cells[key] = tuple(order[start : start + count].tolist())
 
     def remove(self, index: int, x_m: float, y_m: float) -> None:
         """Take `index` away from the position it was added at."""

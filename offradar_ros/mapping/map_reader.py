@@ -103,7 +103,10 @@ def _read(path: Path, mode: str, read: Callable[[sqlite3.Connection], Content]) 
         with contextlib.closing(sqlite3.connect(f'{path.resolve().as_uri()}?{mode}', uri=True)) as connection:
             connection.execute('BEGIN')
             _refuse_foreign(path, connection)
-            return read(connection)
+            content = read(connection)
+            # After what is read forwards, and so is in memory now: the check goes backwards, which disks are slow at.
+            _refuse_damaged(path, connection)
+            return content
     except sqlite3.DatabaseError as error:
         if 'not a database' in str(error):
             raise MapError(f'{path}: not a map: expected a SQLite file written by offradar') from error
@@ -121,6 +124,9 @@ def _refuse_foreign(path: Path, connection: sqlite3.Connection) -> None:
         raise MapError(
             f'{path}: written by a newer version of offradar (map format {version}, this one reads {schema.VERSION})'
         )
+
+
+def _refuse_damaged(path: Path, connection: sqlite3.Connection) -> None:
     problem = str(connection.execute('PRAGMA quick_check(1)').fetchone()[0])
     if problem != 'ok':
         problem = problem.splitlines()[-1]

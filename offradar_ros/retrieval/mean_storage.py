@@ -82,7 +82,8 @@ def products_of_halves(numkong: Any, means: NDArray[Any], query: Floats) -> tupl
     half = np.ldexp(query, -exponent).astype(np.float16)
     error = query.astype(np.float64) - np.ldexp(half.astype(np.float64), exponent)
     products = np.asarray(numkong.dots_packed(means, numkong.dots_pack(half[None]))).reshape(-1)
-    return np.ldexp(products, exponent), float(np.linalg.norm(error))
+    products *= np.float32(2.0**exponent)
+    return products, float(np.linalg.norm(error))
 
 
 def is_precise(products: Products) -> bool:

@@ -20,6 +20,26 @@ _CHUNK = 1024
 """Rows worked on at once in double precision."""
 
 
+_GROUPS = 16384
+"""Groups of rows that the k least scores are looked for in: far more than k."""
+
+
+def _reached_by(scores: NDArray[np.float32], k: int) -> float:
+    """A score that at least k others do not exceed, and few more: the k-th least, or little above it.
+
+    It is the k-th of the least of each group, which takes one pass. Groups are strided: the places of a road lie beside
+    one another, and so do those that resemble a query.
+    """
+    rows = len(scores) // _GROUPS
+    if rows > 4 and 16 * k <= _GROUPS:
+        least = scores[: rows * _GROUPS].reshape(rows, _GROUPS).min(axis=0)
+        reached = float(np.partition(least, k - 1)[k - 1])
+        # Infinite where almost all rows are left out.
+        if reached < np.inf:
+            return reached
+    return float(np.partition(scores, k - 1)[k - 1])
+
+
 class PlaceIndex:
     """Brute force over one preallocated matrix: a change costs microseconds, and nothing is approximate.
 
@@ -103,7 +123,7 @@ class PlaceIndex:
         scores += squares
         scores[excluded] = np.inf
         bound = (self.dimension + 8) * (ROUND_OFF * largest + _TINY) + slack * float(np.sqrt(largest))
-        limit = float(np.partition(scores, k - 1)[k - 1]) + 2.0 * bound
+        limit = _reached_by(scores, k) + 2.0 * bound
         return np.flatnonzero(scores <= np.nextafter(np.float32(limit), np.float32(np.inf)))
 
     def _distances(self, query: NDArray[np.float32], rows: NDArray[np.intp]) -> NDArray[np.float32]:

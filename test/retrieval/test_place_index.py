@@ -79,6 +79,23 @@ def test_any_numbers_however_close_or_large(means, query, k):
     assert found(index, query, k) == slowly(dict(enumerate(np.asarray(means, np.float32))), query, k)
 
 
+@pytest.mark.parametrize('k', [1, 25, 1024, 1025])
+def test_maps_large_enough_to_look_for_the_nearest_by_groups(k):
+    """Many places resemble the query, all beside one another, and the last rows belong to no group."""
+    rng = np.random.default_rng(3)
+    means = rng.normal(size=(120_000, 8)).astype(np.float32)
+    means[70_000:72_000] = means[0] + 0.05 * rng.normal(size=(2000, 8))
+    means[-3:] = means[0]
+    index = PlaceIndex(8)
+    index.upsert(table_of(means))
+    exact = np.sqrt(np.sum((means.astype(float) - means[0].astype(float)) ** 2, axis=1)).astype(np.float32)
+    order = np.argsort(exact, kind='stable')[:k]
+    assert found(index, means[0], k) == [(float(exact[i]), int(i)) for i in order]
+    all_but_some = np.arange(40, 120_000)
+    left = [(float(exact[i]), int(i)) for i in np.argsort(exact[:40], kind='stable')[:k]]
+    assert found(index, means[0], k, without=all_but_some) == left
+
+
 half_value = st.one_of(
     st.floats(-2, 2, width=32),
     st.floats(-65504, 65504, width=32),

@@ -1,0 +1,256 @@
+"""What searching, merging, holding and opening a map costs, from a thousand places to a million.
+
+README.md beside this file says what each figure is. Every part may be run by itself: what the others found is kept.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import os
+import statistics
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from measuring import THREADS, Timing, interleaved, memory_bytes, rounded, write_results
+from numpy.typing import NDArray
+from search_plot import draw
+from synthetic_maps import DIMENSION, MODEL, SPACING_M, map_file, near_some, synthetic_table
+
+from offradar_ros.config import MapConfig, QueryConfig
+from offradar_ros.mapping.sessions import SessionMap
+from offradar_ros.retrieval.introspective_query import IntrospectiveQuery
+from offradar_ros.retrieval.place_index import PlaceIndex
+from offradar_ros.types import Embedding, PlaceTable, Pose
+
+ROOT = Path(__file__).resolve().parents[1]
+SIZES = (1_000, 10_000, 100_000, 1_000_000)
+TOP_K = (1, 5, 25, 100, 1000)
+STORAGES = ('float32', 'float16')
+SEED = 7
+PEER_K = 25
+OPENINGS = 3
+MERGES = 1000
+
+
+def main() -> None:
+    """Measure the parts asked for, then draw all."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('parts', nargs='*', help=f'some of {", ".join(PARTS)} (default: all)')
+    parser.add_argument('--folder', type=Path, default=ROOT / 'build' / 'bench', help='for map files, 0.7 GB')
+    parser.add_argument('--out', type=Path, default=ROOT / 'benchmarks' / 'results' / 'search.json')
+    parser.add_argument('--picture', type=Path, default=ROOT / 'docs' / 'search_cost.png')
+    arguments = parser.parse_args()
+    if unknown := set(arguments.parts) - set(PARTS):
+        parser.error(f'no such part: {", ".join(sorted(unknown))}')
+    results = json.loads(arguments.out.read_text(encoding='utf-8')) if arguments.out.exists() else {}
+    for part in arguments.parts or PARTS:
+        results[part] = PARTS[part](arguments.folder)
+    write_results(arguments.out, {part: results[part] for part in PARTS if part in results}, {'maps': SEED})
+    if len(set(PARTS) & set(results)) == len(PARTS):
+        draw(results, arguments.picture)
+
+
+def measure_search(_: Path) -> dict[str, Any]:
+    """Queries of every top-k at both storages, in turn with reading the matrix."""
+    square = np.random.default_rng(SEED).standard_normal((1024, 1024), dtype=np.float32)
+    product = interleaved({'sgemm': lambda: square @ square}, repeats=20)['sgemm']
+    peak = 2 * len(square) ** 3 / (product.median_ms * 1e-3)
+    told: dict[str, Any] = {'dimension': DIMENSION, 'peak_gflops': rounded(peak / 1e9), 'sizes': {}}
+    for places in SIZES:
+        print(f'search: {places} places', flush=True)
+        told['sizes'][str(places)] = _searched(synthetic_table(places, SEED), peak)
+    return told
+
+
+def _searched(table: PlaceTable, peak: float) -> dict[str, Any]:
+    queries = near_some(table.means, 64, SEED + 1)
+    functions: dict[str, Callable[[], object]] = {}
+    matrices = {'float32': table.means, 'float16': table.means.astype(np.float16)}
+    for storage in STORAGES:
+        index = PlaceIndex(DIMENSION, len(table), storage)
+        index.upsert(table)
+        functions |= {f'{storage}, {k}': _searching(index, queries, k) for k in TOP_K}
+        functions |= {f'reading {storage}, {way}': read for way, read in _readings(matrices[storage]).items()}
+    functions |= _peers(table.means, queries)
+    taken = interleaved(functions, repeats=200, warm_up=3, seconds=30.0)
+    record: dict[str, Any] = {'peers': {n: t.as_dict() for n, t in taken.items() if n.startswith('faiss')}}
+    for storage in STORAGES:
+        ways = {n.partition(', ')[2]: t for n, t in taken.items() if n.startswith(f'reading {storage}')}
+        way = min(ways, key=lambda name: ways[name].median_ms)
+        read_ms, size = ways[way].median_ms, matrices[storage].nbytes
+        record[storage] = {
+            'matrix_bytes': size,
+            'reading': {'way': way, 'gb_s': rounded(size / read_ms / 1e6), **ways[way].as_dict()},
+            'queries': {str(k): taken[f'{storage}, {k}'].as_dict() for k in TOP_K},
+            'ratio_to_reading': {str(k): rounded(taken[f'{storage}, {k}'].median_ms / read_ms, 3) for k in TOP_K},
+        }
+    read_ms = record['float32']['reading']['median_ms']
+    half = {str(k): rounded(taken[f'float16, {k}'].median_ms / read_ms, 3) for k in TOP_K}
+    record['float16']['ratio_to_reading_float32'] = half
+    record['flop_floor_ms'] = rounded(2e3 * table.means.size / peak)
+    return record
+
+
+def _searching(index: PlaceIndex, queries: NDArray[np.float32], k: int) -> Callable[[], object]:
+    following = _in_turn(queries)
+    return lambda: index.search(next(following), k)
+
+
+def _in_turn(queries: NDArray[np.float32]) -> Iterator[NDArray[np.float32]]:
+    while True:
+        yield from queries
+
+
+def _readings(matrix: NDArray[Any]) -> dict[str, Callable[[], object]]:
+    """Ways to touch every byte once, on one thread; the quickest is what reading costs."""
+    words = matrix.reshape(-1).view(np.uint64)
+    ways: dict[str, Callable[[], object]] = {
+        'sum of 64-bit words': words.sum,
+        'or of 64-bit words': lambda: np.bitwise_or.reduce(words),
+    }
+    if matrix.dtype == np.float32:
+        flat = matrix.reshape(-1)
+        ways['BLAS product with itself'] = lambda: flat @ flat
+    return ways
+
+
+def _peers(means: NDArray[np.float32], queries: NDArray[np.float32]) -> dict[str, Callable[[], object]]:
+    """The same of faiss, where it is installed."""
+    try:
+        faiss = importlib.import_module('faiss')
+    except ImportError:
+        return {}
+    faiss.omp_set_num_threads(1)
+    indices = {
+        f'faiss flat, {PEER_K}': faiss.IndexFlatL2(DIMENSION),
+        f'faiss fp16, {PEER_K}': faiss.IndexScalarQuantizer(DIMENSION, faiss.ScalarQuantizer.QT_fp16),
+    }
+    functions: dict[str, Callable[[], object]] = {}
+    for name, index in indices.items():
+        index.train(means[:1])
+        index.add(means)
+        following = _in_turn(queries)
+        functions[name] = lambda index=index, following=following: index.search(next(following)[None], PEER_K)
+    return functions
+
+
+def measure_merge(folder: Path) -> dict[str, Any]:
+    """One scan into the session map of a file, and the rows for the message about it, as the map server does."""
+    told: dict[str, Any] = {}
+    for places in SIZES:
+        print(f'merge: {places} places', flush=True)
+        path = map_file(folder, places, SEED)
+        # The session is never ended, so that the file stays as it is.
+        with SessionMap(MapConfig(path=str(path))) as session_map:
+            session_map.start_session('merges', 1)
+            told[str(places)] = _merged(session_map, synthetic_table(places, SEED))
+    return told
+
+
+def _merged(session_map: SessionMap, table: PlaceTable) -> dict[str, Any]:
+    rng = np.random.default_rng(SEED + 2)
+    # Each place once, as far as there are so many; a replaced one is not as uncertain as it was.
+    rows = rng.permutation(len(table))
+    half = min(MERGES, len(table) // 2)
+    beside = table.positions_m[:, :2] + 1.0
+    cases = {
+        'inserted': (1.0, np.stack([np.full(MERGES, -1000.0), SPACING_M * np.arange(MERGES)], axis=1)),
+        'replaced': (0.5, beside[rows[:half]]),
+        'kept': (2.0, beside[rows[half : 2 * half]]),
+    }
+    told: dict[str, Any] = {}
+    for kind, (uncertainty, positions_m) in cases.items():
+        wall_s, cpu_s = [], []
+        for stamp, (x_m, y_m) in enumerate(positions_m.tolist(), start=10**9):
+            mean = rng.standard_normal(DIMENSION).astype(np.float32)
+            scan = Embedding(stamp, mean, np.full(DIMENSION, uncertainty, np.float32), MODEL.fingerprint)
+            start_s, start_cpu_s = time.perf_counter(), time.thread_time()
+            merge = session_map.merge(scan, Pose(x_m, y_m))
+            session_map.changed(merge)
+            wall_s.append(time.perf_counter() - start_s)
+            cpu_s.append(time.thread_time() - start_cpu_s)
+            if merge.kind.value != kind:
+                raise SystemExit(f'a scan was {merge.kind.value} that should have been {kind}')
+        told[kind] = Timing.of(wall_s).as_dict() | {'cpu_p99_ms': Timing.of(cpu_s).as_dict()['p99_ms']}
+    return told
+
+
+def measure_opening(folder: Path) -> dict[str, Any]:
+    """Seconds and memory of a process that opens a map, against one that opens an empty map."""
+    told: dict[str, Any] = {}
+    empty = {who: _opened(map_file(folder, 0, SEED), who) for who in OPENERS}
+    for places in SIZES:
+        path = map_file(folder, places, SEED)
+        matrix = 4 * DIMENSION * places
+        for who in OPENERS:
+            print(f'opening: {places} places, {who}', flush=True)
+            warm = [_opened(path, who) for _ in range(OPENINGS)]
+            cold = _opened(path, who, cold=True)
+            held = statistics.median(run['rss'] for run in warm) - empty[who]['rss']
+            peak = statistics.median(run['peak'] for run in warm) - empty[who]['rss']
+            told.setdefault(str(places), {})[who] = {
+                'seconds': [rounded(run['seconds'], 3) for run in warm],
+                'cpu_seconds': [rounded(run['cpu_seconds'], 3) for run in warm],
+                'cold_seconds': rounded(cold['seconds'], 3),
+                'memory_bytes': held,
+                'memory_to_float32_matrix': rounded(held / matrix, 3),
+                'peak_to_float32_matrix': rounded(peak / matrix, 3),
+            }
+    return told
+
+
+def _opened(path: Path, who: str, cold: bool = False) -> dict[str, float]:
+    if cold:
+        with path.open('rb') as file:
+            os.fsync(file.fileno())
+            os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
+    command = [sys.executable, __file__, '--open', who, str(path)]
+    done = subprocess.run(command, stdout=subprocess.PIPE, check=True, timeout=300)
+    told: dict[str, float] = json.loads(done.stdout)
+    return told
+
+
+def open_and_tell(who: str, path: Path) -> None:
+    """In a process of its own: open a map, use it once, and print what that took."""
+    start_s, start_cpu_s = time.perf_counter(), time.process_time()
+    held = OPENERS[who](path)
+    seconds, cpu_seconds = time.perf_counter() - start_s, time.process_time() - start_cpu_s
+    if isinstance(held, IntrospectiveQuery):
+        mean = np.full(DIMENSION, 0.1, np.float32)
+        held.query(Embedding(1, mean, np.ones(DIMENSION, np.float32), MODEL.fingerprint))
+    record = {'seconds': seconds, 'cpu_seconds': cpu_seconds, 'rss': memory_bytes(), 'peak': memory_bytes('VmHWM')}
+    print(json.dumps(record))
+
+
+def _query_of(path: Path, storage: str) -> IntrospectiveQuery:
+    query = IntrospectiveQuery(QueryConfig(storage=storage))
+    query.load_file(path)
+    return query
+
+
+OPENERS: dict[str, Callable[[Path], object]] = {
+    'query float32': lambda path: _query_of(path, 'float32'),
+    'query float16': lambda path: _query_of(path, 'float16'),
+    'map server': lambda path: SessionMap(MapConfig(path=str(path))),
+}
+PARTS: dict[str, Callable[[Path], dict[str, Any]]] = {
+    'search': measure_search,
+    'merge': measure_merge,
+    'opening': measure_opening,
+}
+
+if __name__ == '__main__':
+    if any(os.environ.get(name) != '1' for name in THREADS):
+        # As the nodes have it, and before NumPy is loaded.
+        os.execve(sys.executable, [sys.executable, *sys.argv], os.environ | dict.fromkeys(THREADS, '1'))
+    if sys.argv[1:2] == ['--open']:
+        open_and_tell(sys.argv[2], Path(sys.argv[3]))
+    else:
+        main()
