@@ -112,9 +112,19 @@ def main() -> None:
             figures = _measured(Path(weights), drives, scans, protocol, arguments)
             report['networks'][name] = {'description': read_header(weights).description, 'variants': figures}
             print(f'\n{name}, {report["machine"]}\n\n' + '\n'.join(_table(figures)), flush=True)
+        report['networks'] = _kept(report, arguments.out) | report['networks']
         arguments.out.parent.mkdir(parents=True, exist_ok=True)
         arguments.out.write_text(json.dumps(report, indent=1) + '\n', encoding='utf-8')
     _draw(json.loads(arguments.out.read_text(encoding='utf-8')), PICTURE)
+
+
+def _kept(report: dict[str, Any], out: Path) -> dict[str, Any]:
+    """Networks of an earlier run under the same conditions."""
+    earlier = json.loads(out.read_text(encoding='utf-8')) if out.is_file() else {}
+    same = {key: told for key, told in earlier.items() if key != 'networks'} == {
+        key: told for key, told in report.items() if key != 'networks'
+    }
+    return dict(earlier['networks']) if same else {}
 
 
 def _drives(
