@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 SOURCES := setup.py setup.cfg package.xml constraints.txt $(shell find offradar_ros scripts params launch resource -type f -not -name '*.pyc')
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: demo test lint test-fast bench bag clean
+.PHONY: demo test lint test-fast bench bench-check bag clean
 
 demo: $(VENV)/.demo
 	$(BIN)/offradar demo
@@ -22,10 +22,21 @@ lint: $(VENV)/.test
 test-fast: $(VENV)/.test
 	$(BIN)/python -m pytest -n 2 --dist loadfile --ignore test/nodes
 
-# The figures that benchmarks/README.md explains.
+# The figures that benchmarks/README.md explains, into BENCH; SECONDS=600 is what is committed there.
+SECONDS ?= 60
+BENCH ?= benchmarks/results
+PICTURES ?= docs
 bench: $(VENV)/.test
-	$(BIN)/python benchmarks/polar_to_cartesian.py
-	$(BIN)/python benchmarks/ring_key_uncertainty.py
+	mkdir -p $(BENCH)
+	$(BIN)/python benchmarks/pipeline.py --seconds $(SECONDS) --out $(BENCH)/pipeline.json
+	$(BIN)/python benchmarks/throughput.py --out $(BENCH)/throughput.json
+	$(BIN)/python benchmarks/encoders.py --out $(BENCH)/encoders.json --picture $(PICTURES)/encoder_cost.png
+	$(BIN)/python benchmarks/search.py --out $(BENCH)/search.json --picture $(PICTURES)/search_cost.png
+
+# The same anew, against the ratios that are committed.
+bench-check:
+	$(MAKE) bench BENCH=build/bench/results PICTURES=build/bench/results SECONDS=30
+	$(BIN)/python benchmarks/check_ratios.py build/bench/results
 
 # Makes the recording in bags/ again.
 bag: $(VENV)/.demo

@@ -19,6 +19,7 @@ from offradar_ros.config import EncoderConfig
 from offradar_ros.encoders.mc_dropout import PASSES
 from offradar_ros.encoders.network_config import NetworkConfig
 from offradar_ros.encoders.onnx_backend import OnnxEncoder
+from offradar_ros.encoders.pretrained import find_weights
 from offradar_ros.encoders.rad_vlad import RadVladEncoder
 from offradar_ros.encoders.rad_vlad_fit import fit_rad_vlad
 from offradar_ros.encoders.registry import make_encoder
@@ -27,6 +28,7 @@ from offradar_ros.types import PolarScan
 RESULTS = Path(__file__).parent / 'results' / 'encoders.json'
 PICTURE = Path(__file__).parents[1] / 'docs' / 'encoder_cost.png'
 SCANS = 20
+BATCH = 16
 REPEATS, SECONDS = 40, 120.0
 SIDES = (128, 192, 256, 320, 384)
 POLAR = ((104, 64), (200, 128), (400, 256))
@@ -90,6 +92,26 @@ def multiplications(path: Path) -> int:
 
 def _shape_of(name: str, weights: Mapping[str, tuple[int, ...]], sizes: Mapping[str, list[int]]) -> Sequence[int]:
     return weights.get(name) or sizes[name]
+
+
+def in_batches(folder: Path, drive: Path) -> dict[str, dict[str, Any]]:
+    """Images a second where several are encoded at once, as evaluations do."""
+    weights = drawn(folder, 'vgg16', NetworkConfig(backbone='vgg16'))
+    networks = {
+        'vgg16': OnnxEncoder(exported(weights, folder)),
+        'vgg16_int8': OnnxEncoder(in_integers(weights, folder, drive)),
+        'compact': OnnxEncoder(find_weights('compact', ('.onnx',))),
+    }
+    rng = np.random.default_rng(SEED)
+    calls = {
+        name: _infer(network, rng.integers(0, 255, (BATCH, *network.header.config.image_shape), dtype=np.uint8))
+        for name, network in networks.items()
+    }
+    timings = interleaved(calls, REPEATS, seconds=SECONDS / 4)
+    return {
+        name: {'batch': BATCH, 'images_per_s': rounded(BATCH / timing.median_ms * 1e3), **timing.as_dict()}
+        for name, timing in timings.items()
+    }
 
 
 def image_sizes(folder: Path, drive: Path) -> dict[str, dict[str, Any]]:
@@ -187,8 +209,10 @@ def main() -> None:
         quartiles = '{:.1f} to {:.1f} ms'.format(*timing.quartiles_ms)
         share = timing.median_ms / reference
         print(f'{name:16} {timing.median_ms:7.1f} ms {quartiles:>20} {timing.p99_ms:7.1f} ms {share:9.3f}')
-    sizes = image_sizes(folder, drive)
+    batches, sizes = in_batches(folder, drive), image_sizes(folder, drive)
     peak, bandwidth = gigaflops(), gigabytes_per_s()
+    for name, row in batches.items():
+        print(f'{name:16} {row["images_per_s"]:7.1f} images/s in batches of {row["batch"]}')
     for name, row in sizes.items():
         print(f'{name:16} {row["median_ms"]:7.1f} ms')
     write_results(
@@ -198,6 +222,7 @@ def main() -> None:
                 name: timing.as_dict() | {'ratio_to_vgg16': rounded(timing.median_ms / reference)}
                 for name, timing in timings.items()
             },
+            'batches': batches,
             'image_sizes': sizes,
             'peak_gflops': rounded(peak),
             'read_gb_s': rounded(bandwidth),

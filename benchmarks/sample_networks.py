@@ -27,7 +27,7 @@ def drawn(folder: Path, name: str, config: NetworkConfig) -> Path:
 
 def exported(weights: Path, folder: Path) -> Path:
     """A weights file as ONNX."""
-    path = folder / f'{weights.stem}.onnx'
+    path = folder / f'{_named(weights, folder)}.onnx'
     if not path.is_file():
         offradar('export', weights, path)
     return path
@@ -35,7 +35,13 @@ def exported(weights: Path, folder: Path) -> Path:
 
 def in_integers(weights: Path, folder: Path, drive: Path) -> Path:
     """A weights file as ONNX in integers, calibrated on a drive."""
-    path = folder / f'{weights.stem}_int8.onnx'
+    path = folder / f'{_named(weights, folder)}_int8.onnx'
     if not path.is_file():
         offradar('export', weights, path, '--int8', '--calibrate', drive)
     return path
+
+
+def _named(weights: Path, folder: Path) -> str:
+    """Runs of training all call their weights alike: the folder tells them apart."""
+    inside = weights.parent.resolve() == folder.resolve()
+    return weights.stem if inside else f'{weights.resolve().parent.name}_{weights.stem}'

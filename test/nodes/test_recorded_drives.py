@@ -49,9 +49,9 @@ def test_the_message_of_a_live_driver_is_accepted_as_it_is(
     outcomes = observer.hear_outcomes()
     with stack() as nodes:
         nodes.wait_until_ready()
-        observer.wait_until_met()
+        # The map server, the query node and this one.
+        observer.wait_until_met(embedding=3)
         send = observer.speaker(Image, 'radar_data/b_scan_image', qos.SCANS)
-        wait_until(lambda: observer.node.count_subscribers('embedding') == 3)
         send(cdr)
         wait_until(lambda: embeddings and outcomes)
     (embedding,) = embeddings

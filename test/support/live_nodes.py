@@ -74,14 +74,20 @@ class Observer:
         )
         return outcomes
 
-    def wait_until_met(self) -> None:
-        """Wait until the query node knows that somebody hears its answers: before that, they are lost."""
+    def wait_until_met(self, **subscribers: int) -> None:
+        """Wait until the nodes know that somebody hears their answers, and so many `subscribers` of other topics.
+
+        Before that, what they say is lost, whatever this side knows of them.
+        """
         heard = self.hear(DiagnosticArray, '/diagnostics')
+        wanted = {'matches': 1, 'rejections': 1, **subscribers}
 
         def met() -> bool:
             told = [{i.key: i.value for i in status.values} for message in heard for status in message.status]
-            topics = ('subscribers./matches', 'subscribers./rejections')
-            return all(any(values.get(topic, '0') != '0' for values in told) for topic in topics)
+            return all(
+                any(int(values.get(f'subscribers./{topic}', 0)) >= count for values in told)
+                for topic, count in wanted.items()
+            )
 
         wait_until(met)
 
