@@ -36,9 +36,7 @@ def _arguments(argv: Sequence[str]) -> argparse.Namespace:
     parser.add_argument('--loop', type=int, default=1, metavar='N', help='play N times; 0 plays until stopped')
     parser.add_argument('--restamp', action='store_true', help='stamp messages with the time at which they are sent')
     parser.add_argument('--session', action='store_true', help='start a mapping session before and end it after')
-    parser.add_argument(
-        '--report', type=Path, metavar='FILE', help='write counts, latencies and seconds as JSON'
-    )
+    parser.add_argument('--report', type=Path, metavar='FILE', help='write counts, latencies and seconds as JSON')
     parser.add_argument('--timeout', type=float, default=10.0, metavar='S', help='longest wait for an answer or a node')
     arguments = parser.parse_args(argv)
     if arguments.rate is not None and not 0.0 < arguments.rate <= 1000.0:
