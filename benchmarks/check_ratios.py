@@ -1,4 +1,4 @@
-"""Whether newly measured ratios are still those that are committed: exit status 1 where one has grown.
+"""Whether newly measured ratios are still those that are committed: exit status 1 where one has grown or is gone.
 
 Times differ from machine to machine, ratios within one run hardly: every figure whose name starts with `ratio` is
 compared, lower being better.
@@ -15,29 +15,31 @@ from typing import Any
 
 COMMITTED = Path(__file__).parent / 'results'
 PREFIX = 'ratio'
+LARGEST = 3.0
+"""A committed ratio above this is one of fixed costs to next to nothing, or of very different things: it varies."""
 
 
-def ratios(record: Any, path: str = '') -> Iterator[tuple[str, float]]:
-    """Every ratio in a results file under its dotted name."""
-    if not isinstance(record, dict):
-        return
-    for key, value in record.items():
-        name = f'{path}.{key}' if path else key
-        if key.startswith(PREFIX) and isinstance(value, (int, float)):
-            yield name, float(value)
-        else:
-            yield from ratios(value, name)
+def ratios(record: Any, path: str = '', inside: bool = False) -> Iterator[tuple[str, float]]:
+    """Every ratio in a results file under its dotted name, those inside something called a ratio too."""
+    if isinstance(record, dict):
+        for key, value in record.items():
+            yield from ratios(value, f'{path}.{key}' if path else key, inside or key.startswith(PREFIX))
+    elif inside and isinstance(record, (int, float)):
+        yield path, float(record)
 
 
 def compare(fresh: dict[str, Any], committed: dict[str, Any], slack: float) -> tuple[list[str], int]:
-    """A line for each ratio that both have, and how many of them have grown by more than `slack`."""
-    before, lines, grown = dict(ratios(committed)), [], 0
-    for name, now in ratios(fresh):
-        if name in before:
-            worse = now > before[name] * (1.0 + slack)
-            grown += worse
-            lines.append(f'{"GROWN" if worse else "ok":5} {name}: {now:.3g}, committed {before[name]:.3g}')
-    return lines, grown
+    """A line for each committed ratio of note, and how many are missing now, or have grown by more than `slack`."""
+    now, lines, wrong = dict(ratios(fresh)), [], 0
+    for name, before in ratios(committed):
+        if before > LARGEST:
+            continue
+        # Written so that a NaN is not all right.
+        fine = name in now and now[name] <= before * (1.0 + slack)
+        wrong += not fine
+        found = f'{now[name]:.3g}' if name in now else 'missing'
+        lines.append(f'{"ok" if fine else "WRONG":5} {name}: {found}, committed {before:.3g}')
+    return lines, wrong
 
 
 def main() -> int:
@@ -54,13 +56,17 @@ def main() -> int:
             print(f'{path.name}: nothing committed to compare with')
             continue
         fresh, before = (json.loads(file.read_text(encoding='utf-8')) for file in (path, committed))
-        lines, grown = compare(fresh, before, arguments.slack)
+        if (fresh.get('machine'), fresh.get('versions')) != (before.get('machine'), before.get('versions')):
+            print(
+                f'{path.name}: the committed ones are of another machine or other versions: ratios may differ a little'
+            )
+        lines, wrong = compare(fresh, before, arguments.slack)
         print(path.name, *lines, sep='\n  ')
-        compared, total = compared + len(lines), total + grown
+        compared, total = compared + len(lines), total + wrong
     if not compared:
         print(f'error: {arguments.fresh}: expected results that are also in {arguments.committed}', file=sys.stderr)
         return 2
-    print(f'{compared} ratios compared, {total} grown by more than {arguments.slack:.0%}')
+    print(f'{compared} ratios compared, {total} missing, or grown by more than {arguments.slack:.0%}')
     return 1 if total else 0
 
 

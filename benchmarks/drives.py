@@ -38,7 +38,9 @@ def simulated_drive(folder: Path, layout: str = 'bag') -> Path:
     made = folder / layout
     if not made.is_dir():
         options = ('--sessions', 1, '--scans', SCANS, '--seed', SEED, '--sensor', SENSOR, '--format', layout)
-        offradar('simulate', 'city', '--out', made, *options)
+        draft = made.with_name(f'{layout}.partial')
+        offradar('simulate', 'city', '--out', draft, '--overwrite', *options)
+        draft.rename(made)
     return next(path for path in sorted(made.iterdir()) if path.is_dir())
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import onnx
 from drives import SEED, decoded_scans, simulated_drive
 from machine_peaks import gigabytes_per_s, gigaflops
-from measuring import interleaved, rounded, write_results
+from measuring import interleaved, machine, rounded, single_threaded, write_results
 from numpy.typing import NDArray
 from sample_networks import drawn, exported, in_integers
 
@@ -74,24 +74,21 @@ class InTurn:
 
 def multiplications(path: Path) -> int:
     """Multiply-adds of one image: those of convolutions and matrix products, which are nearly all there are."""
-    graph = onnx.shape_inference.infer_shapes(onnx.load(path)).graph
-    weights = {tensor.name: tuple(tensor.dims) for tensor in graph.initializer}
-    sizes = {
-        value.name: [dimension.dim_value or 1 for dimension in value.type.tensor_type.shape.dim]
-        for value in (*graph.value_info, *graph.output)
-    }
+    model = onnx.load(path)
+    model.graph.input[0].type.tensor_type.shape.dim[0].dim_value = 1
+    graph = onnx.shape_inference.infer_shapes(model, data_prop=True).graph
+    sizes = {tensor.name: list(tensor.dims) for tensor in graph.initializer}
+    for value in (*graph.input, *graph.value_info, *graph.output):
+        sizes[value.name] = [dimension.dim_value or 1 for dimension in value.type.tensor_type.shape.dim]
     total = 0
     for node in graph.node:
         if node.op_type == 'Conv':
-            kernel, made = _shape_of(node.input[1], weights, sizes), sizes[node.output[0]]
-            total += int(np.prod(kernel[1:]) * np.prod(made[1:]))
+            total += int(np.prod(sizes[node.input[1]][1:]) * np.prod(sizes[node.output[0]]))
         elif node.op_type == 'Gemm':
-            total += int(np.prod(_shape_of(node.input[1], weights, sizes)))
+            total += int(np.prod(sizes[node.input[1]]))
+        elif node.op_type == 'MatMul':
+            total += int(sizes[node.input[0]][-1] * np.prod(sizes[node.output[0]]))
     return total
-
-
-def _shape_of(name: str, weights: Mapping[str, tuple[int, ...]], sizes: Mapping[str, list[int]]) -> Sequence[int]:
-    return weights.get(name) or sizes[name]
 
 
 def in_batches(folder: Path, drive: Path) -> dict[str, dict[str, Any]]:
@@ -153,13 +150,14 @@ def draw(sizes: Mapping[str, Mapping[str, Any]], peak_gflops: float, bandwidth_g
     matplotlib.use('Agg')
     from matplotlib import pyplot  # noqa: PLC0415
 
+    cores = machine()['cores']
     figure, axes = pyplot.subplots(figsize=(8, 5), layout='constrained')
     for network in dict.fromkeys(row['network'] for row in sizes.values()):
         rows = [row for row in sizes.values() if row['network'] == network]
         pixels = [row['pixels'] for row in rows]
         (line,) = axes.plot(pixels, [row['median_ms'] for row in rows], 'o-', label=network)
         if all(row['gigaflop'] for row in rows):
-            floor = [row['gigaflop'] / peak_gflops * 1e3 for row in rows]
+            floor = [row['gigaflop'] / peak_gflops / cores * 1e3 for row in rows]
             axes.plot(
                 pixels,
                 floor,
@@ -180,7 +178,7 @@ def draw(sizes: Mapping[str, Mapping[str, Any]], peak_gflops: float, bandwidth_g
         xscale='log',
         yscale='log',
         xlabel='pixels of the image',
-        ylabel='ms a scan, two cores',
+        ylabel=f'ms a scan, {cores} cores',
         title='The network alone',
     )
     axes.grid(alpha=0.3, which='both')
@@ -233,4 +231,5 @@ def main() -> None:
 
 
 if __name__ == '__main__':
+    single_threaded()
     main()

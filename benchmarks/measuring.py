@@ -32,6 +32,8 @@ PACKAGES = (
     'numkong',
     'faiss-cpu',
 )
+INTEGERS = ('avx512_vnni', 'avx_vnni', 'amx_int8')
+"""What processors call instructions that multiply 8-bit integers and add."""
 THREADS = ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS')
 
 
@@ -91,6 +93,7 @@ def machine() -> dict[str, Any]:
         'processor': _from_proc('cpuinfo', 'model name') or platform.processor() or platform.machine(),
         'architecture': platform.machine(),
         'cores': len(os.sched_getaffinity(0)),
+        'integers': [flag for flag in INTEGERS if flag in _from_proc('cpuinfo', 'flags').split()],
         'memory_gib': round(os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES') / 2**30, 1),
         'system': f'{platform.system()} {platform.release()}',
     }
@@ -107,10 +110,32 @@ def versions() -> dict[str, str]:
     return found
 
 
-def write_results(path: Path, results: Mapping[str, Any], seeds: Mapping[str, int] | None = None) -> None:
-    """Write `results` as JSON, with what they were measured on and by which command."""
+def earlier(path: Path) -> dict[str, Any]:
+    """The results at `path`, where this very machine and the same versions made them: what to keep of them."""
+    if not path.is_file():
+        return {}
+    record: dict[str, Any] = json.loads(path.read_text(encoding='utf-8'))
+    if (record.get('machine'), record.get('versions')) != (machine(), versions()):
+        print(f'{path}: of another machine or other versions: nothing of it is kept')
+        return {}
+    return record
+
+
+def single_threaded() -> None:
+    """Run this script again with one BLAS thread, as the nodes have it, unless it does: NumPy is loaded by now."""
+    if any(os.environ.get(name) != '1' for name in THREADS):
+        os.execve(sys.executable, [sys.executable, *sys.argv], os.environ | dict.fromkeys(THREADS, '1'))
+
+
+def write_results(
+    path: Path,
+    results: Mapping[str, Any],
+    seeds: Mapping[str, int] | None = None,
+    kept: Mapping[str, Any] | None = None,
+) -> None:
+    """Write `results` as JSON, with what they were measured on and by which commands, those that made `kept` first."""
     record = {
-        'command': ' '.join(['python', *_relative(sys.argv)]),
+        'commands': [*(kept or {}).get('commands', []), ' '.join(['python', *_relative(sys.argv)])],
         'machine': machine(),
         'versions': versions(),
         'threads': {name: os.environ[name] for name in THREADS if name in os.environ},

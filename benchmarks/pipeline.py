@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import json
 import os
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -14,7 +13,7 @@ from typing import Any
 import numpy as np
 from drives import SEED, decoded_scans, origin_of, simulated_drive, write_map
 from live_scans import Driven, LiveScans, Recording, read_recording
-from measuring import Timing, rounded, write_results
+from measuring import Timing, earlier, rounded, single_threaded, write_results
 from sample_networks import drawn, exported, in_integers
 
 from offradar_ros.config import EncoderConfig
@@ -30,6 +29,7 @@ RATE_HZ = 4.0
 PLACES = 10_000
 DOMAIN_ID = 91
 WARM_UP = 12
+PACED_WARM_UP = 2
 BARE_S = 15.0
 OVERLOADED = 'vgg16'
 OVERLOAD_HZ = 8.0
@@ -76,12 +76,12 @@ def candidate(name: str, folder: Path, drive: Path, vgg16: str = '') -> Candidat
 def paced(function: Callable[[PolarScan], object], scans: Sequence[PolarScan], seconds: float) -> list[float]:
     """Seconds of each call, one every quarter of a second as scans come: caches and clocks are as cold then."""
     taken, started_s = [], time.perf_counter()
-    for k in range(round(seconds * RATE_HZ)):
+    for k in range(PACED_WARM_UP + round(seconds * RATE_HZ)):
         time.sleep(max(0.0, started_s + k / RATE_HZ - time.perf_counter()))
         begun_s = time.perf_counter()
         function(scans[k % len(scans)])
         taken.append(time.perf_counter() - begun_s)
-    return taken
+    return taken[PACED_WARM_UP:]
 
 
 class Bare:
@@ -114,6 +114,7 @@ class Setting:
     recording: Recording
     scans: Sequence[PolarScan]
     seconds: float
+    domain_id: int
 
 
 def at_four_hertz(encoder: Candidate, setting: Setting) -> dict[str, Any]:
@@ -123,7 +124,7 @@ def at_four_hertz(encoder: Candidate, setting: Setting) -> dict[str, Any]:
     map_path = write_map(setting.folder / 'search.db', bare.info, origin_of(setting.drive), PLACES)
     parameters = {**encoder.parameters(threads=0), **ANY_U, 'map.path': map_path, 'map.autosave_s': 0.0}
     started_s = time.monotonic()
-    nodes = Stack(setting.folder / 'logs' / encoder.name, DOMAIN_ID, parameters)
+    nodes = Stack(setting.folder / 'logs' / encoder.name, setting.domain_id, parameters)
     with nodes, LiveScans(setting.recording) as live:
         live.warm_up(WARM_UP)
         first_s = live.first_embedding_s - started_s
@@ -168,7 +169,7 @@ def overloaded(encoder: Candidate, setting: Setting) -> dict[str, Any]:
     parameters = {**encoder.parameters(threads=1), **ANY_U, 'map.path': map_path, 'map.autosave_s': 0.0}
     seconds = min(OVERLOAD_S, setting.seconds)
     try:
-        nodes = Stack(setting.folder / 'logs' / 'overload', DOMAIN_ID, parameters, cpus={core})
+        nodes = Stack(setting.folder / 'logs' / 'overload', setting.domain_id, parameters, cpus={core})
         with nodes, LiveScans(setting.recording) as live:
             live.warm_up(3)
             live.drive(seconds / 4, OVERLOAD_HZ)
@@ -235,19 +236,22 @@ def main() -> None:
     parser.add_argument(
         '--only', nargs='+', default=[], metavar='NAME', choices=NAMES, help='encoders to measure (default: all)'
     )
+    parser.add_argument('--domain', type=int, default=DOMAIN_ID, help=f'ROS domain (default {DOMAIN_ID})')
     parser.add_argument('--out', type=Path, default=RESULTS, help=f'results (default {RESULTS.name})')
     arguments = parser.parse_args()
-    os.environ.update(isolated_environment(DOMAIN_ID))
+    os.environ.update(isolated_environment(arguments.domain))
     folder = arguments.folder.resolve()
     drive = simulated_drive(folder)
-    setting = Setting(folder, drive, read_recording(drive), decoded_scans(drive, 20), arguments.seconds)
-    before = json.loads(arguments.out.read_text(encoding='utf-8')) if arguments.only and arguments.out.exists() else {}
-    results: dict[str, dict[str, Any]] = before.get('encoders', {})
+    setting = Setting(
+        folder, drive, read_recording(drive), decoded_scans(drive, 20), arguments.seconds, arguments.domain
+    )
+    kept = earlier(arguments.out) if arguments.only else {}
+    results: dict[str, dict[str, Any]] = kept.get('encoders', {})
     print(HEADING, flush=True)
     for name in arguments.only or NAMES:
         results[name] = at_four_hertz(candidate(name, folder, drive, arguments.vgg16), setting)
         print(line(name, results[name]), flush=True)
-    overload = before.get('overload')
+    overload = kept.get('overload')
     if not arguments.only:
         overload = overloaded(candidate(OVERLOADED, folder, drive, arguments.vgg16), setting)
         print(overload_line(overload))
@@ -255,8 +259,10 @@ def main() -> None:
         arguments.out,
         {'rate_hz': RATE_HZ, 'places': PLACES, 'encoders': results, 'overload': overload},
         {'drive': SEED, 'map': SEED, 'weights': SEED},
+        kept,
     )
 
 
 if __name__ == '__main__':
+    single_threaded()
     main()

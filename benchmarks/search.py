@@ -18,7 +18,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from measuring import THREADS, Timing, interleaved, memory_bytes, rounded, write_results
+from machine_peaks import gigaflops, readings
+from measuring import Timing, earlier, interleaved, memory_bytes, rounded, single_threaded, write_results
 from numpy.typing import NDArray
 from search_plot import draw
 from synthetic_maps import DIMENSION, MODEL, SPACING_M, map_file, near_some, synthetic_table
@@ -49,20 +50,19 @@ def main() -> None:
     arguments = parser.parse_args()
     if unknown := set(arguments.parts) - set(PARTS):
         parser.error(f'no such part: {", ".join(sorted(unknown))}')
-    results = json.loads(arguments.out.read_text(encoding='utf-8')) if arguments.out.exists() else {}
+    kept = earlier(arguments.out) if arguments.parts else {}
+    results = dict(kept)
     for part in arguments.parts or PARTS:
         results[part] = PARTS[part](arguments.folder)
-    write_results(arguments.out, {part: results[part] for part in PARTS if part in results}, {'maps': SEED})
+    write_results(arguments.out, {part: results[part] for part in PARTS if part in results}, {'maps': SEED}, kept)
     if len(set(PARTS) & set(results)) == len(PARTS):
         draw(results, arguments.picture)
 
 
 def measure_search(_: Path) -> dict[str, Any]:
     """Queries of every top-k at both storages, in turn with reading the matrix."""
-    square = np.random.default_rng(SEED).standard_normal((1024, 1024), dtype=np.float32)
-    product = interleaved({'sgemm': lambda: square @ square}, repeats=20)['sgemm']
-    peak = 2 * len(square) ** 3 / (product.median_ms * 1e-3)
-    told: dict[str, Any] = {'dimension': DIMENSION, 'peak_gflops': rounded(peak / 1e9), 'sizes': {}}
+    peak = gigaflops()
+    told: dict[str, Any] = {'dimension': DIMENSION, 'peak_gflops': rounded(peak), 'sizes': {}}
     for places in SIZES:
         print(f'search: {places} places', flush=True)
         told['sizes'][str(places)] = _searched(synthetic_table(places, SEED), peak)
@@ -77,7 +77,7 @@ def _searched(table: PlaceTable, peak: float) -> dict[str, Any]:
         index = PlaceIndex(DIMENSION, len(table), storage)
         index.upsert(table)
         functions |= {f'{storage}, {k}': _searching(index, queries, k) for k in TOP_K}
-        functions |= {f'reading {storage}, {way}': read for way, read in _readings(matrices[storage]).items()}
+        functions |= {f'reading {storage}, {way}': read for way, read in readings(matrices[storage]).items()}
     functions |= _peers(table.means, queries)
     taken = interleaved(functions, repeats=200, warm_up=3, seconds=30.0)
     record: dict[str, Any] = {'peers': {n: t.as_dict() for n, t in taken.items() if n.startswith('faiss')}}
@@ -94,7 +94,7 @@ def _searched(table: PlaceTable, peak: float) -> dict[str, Any]:
     read_ms = record['float32']['reading']['median_ms']
     half = {str(k): rounded(taken[f'float16, {k}'].median_ms / read_ms, 3) for k in TOP_K}
     record['float16']['ratio_to_reading_float32'] = half
-    record['flop_floor_ms'] = rounded(2e3 * table.means.size / peak)
+    record['flop_floor_ms'] = rounded(2e-6 * table.means.size / peak)
     return record
 
 
@@ -106,19 +106,6 @@ def _searching(index: PlaceIndex, queries: NDArray[np.float32], k: int) -> Calla
 def _in_turn(queries: NDArray[np.float32]) -> Iterator[NDArray[np.float32]]:
     while True:
         yield from queries
-
-
-def _readings(matrix: NDArray[Any]) -> dict[str, Callable[[], object]]:
-    """Ways to touch every byte once, on one thread; the quickest is what reading costs."""
-    words = matrix.reshape(-1).view(np.uint64)
-    ways: dict[str, Callable[[], object]] = {
-        'sum of 64-bit words': words.sum,
-        'or of 64-bit words': lambda: np.bitwise_or.reduce(words),
-    }
-    if matrix.dtype == np.float32:
-        flat = matrix.reshape(-1)
-        ways['BLAS product with itself'] = lambda: flat @ flat
-    return ways
 
 
 def _peers(means: NDArray[np.float32], queries: NDArray[np.float32]) -> dict[str, Callable[[], object]]:
@@ -247,9 +234,7 @@ PARTS: dict[str, Callable[[Path], dict[str, Any]]] = {
 }
 
 if __name__ == '__main__':
-    if any(os.environ.get(name) != '1' for name in THREADS):
-        # As the nodes have it, and before NumPy is loaded.
-        os.execve(sys.executable, [sys.executable, *sys.argv], os.environ | dict.fromkeys(THREADS, '1'))
+    single_threaded()
     if sys.argv[1:2] == ['--open']:
         open_and_tell(sys.argv[2], Path(sys.argv[3]))
     else:

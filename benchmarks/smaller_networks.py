@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import argparse
+import hashlib
 import itertools
 import json
-import os
-import platform
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-import onnxruntime  # type: ignore[import-untyped]
+from measuring import earlier, interleaved, single_threaded, write_results
 
 from offradar_ros.cli.progress import progress_bar
 from offradar_ros.cli.source import open_source
@@ -42,8 +41,7 @@ CALIBRATION_SCANS = 100
 SHARES = (0.75, 0.5, 0.35)
 THREADS = (1, 2)
 WARM_UP = 2
-PAUSE_S = 0.05
-"""Between encodings: idle threads of one session go on turning for a while, on the cores of the next."""
+SCANS_TIMED = 20
 FLOAT = 'float32'
 OTHER_RANGES = ('int8 percentile', 'int8 entropy')
 LEAST_SPAN = 1.0
@@ -90,41 +88,31 @@ def main() -> None:
     parser.add_argument('--cache', type=Path, default=PROJECT / 'build' / 'smaller_networks', help='kept')
     parser.add_argument('--scans', type=int, default=SCANS, help='that a variant is fitted to')
     parser.add_argument('--variants', nargs='+', choices=tuple(VARIANTS), default=tuple(VARIANTS))
-    parser.add_argument('--rounds', type=int, default=15, help='timed encodings of each; 0 for none')
+    parser.add_argument('--rounds', type=int, default=30, help='timed encodings of each; 0 for none')
     parser.add_argument('--out', type=Path, default=RESULTS)
     arguments = parser.parse_args()
     if arguments.networks:
         protocol = read_protocol(arguments.protocol)
         drives, calibration = _drives(protocol, arguments.cache, arguments.drive)
-        report = {
-            'machine': _cpu(),
-            'cores': len(os.sched_getaffinity(0)),
-            'python': platform.python_version(),
-            'onnxruntime': onnxruntime.__version__,
-            'protocol': protocol.name,
-            'map_spacing_m': protocol.map_spacings_m[0],
-            'tolerance_m': protocol.tolerance_m,
-            'networks': {},
-        }
+        kept = earlier(arguments.out)
+        networks: dict[str, Any] = dict(kept.get('networks', {}))
         for text in arguments.networks:
             name, _, weights = text.partition('=')
-            scans = calibration_scans(calibration, read_header(weights).config, arguments.scans)
+            header = read_header(weights)
+            scans = calibration_scans(calibration, header.config, arguments.scans)
             figures = _measured(Path(weights), drives, scans, protocol, arguments)
-            report['networks'][name] = {'description': read_header(weights).description, 'variants': figures}
-            print(f'\n{name}, {report["machine"]}\n\n' + '\n'.join(_table(figures)), flush=True)
-        report['networks'] = _kept(report, arguments.out) | report['networks']
-        arguments.out.parent.mkdir(parents=True, exist_ok=True)
-        arguments.out.write_text(json.dumps(report, indent=1) + '\n', encoding='utf-8')
+            networks[name] = {
+                'description': header.description,
+                'fitted_to': scans.source,
+                'protocol': protocol.name,
+                'map_spacing_m': protocol.map_spacings_m[0],
+                'tolerance_m': protocol.tolerance_m,
+                'variants': figures,
+            }
+            print(f'\n{name}\n\n' + '\n'.join(_table(figures)), flush=True)
+        seeds = dict(zip(('first calibration city', 'second calibration city'), CALIBRATION_CITIES, strict=True))
+        write_results(arguments.out, {'networks': networks}, seeds, kept)
     _draw(json.loads(arguments.out.read_text(encoding='utf-8')), PICTURE)
-
-
-def _kept(report: dict[str, Any], out: Path) -> dict[str, Any]:
-    """Networks of an earlier run under the same conditions."""
-    earlier = json.loads(out.read_text(encoding='utf-8')) if out.is_file() else {}
-    same = {key: told for key, told in earlier.items() if key != 'networks'} == {
-        key: told for key, told in report.items() if key != 'networks'
-    }
-    return dict(earlier['networks']) if same else {}
 
 
 def _drives(
@@ -162,7 +150,7 @@ def _measured(
     for variant in dict.fromkeys((FLOAT, *arguments.variants)):
         files[variant] = _exported(weights, variant, scans, arguments.cache)
         answered[variant] = _answered(OnnxEncoder(files[variant]), drives, protocol, arguments.cache, variant)
-    timed = _timed(files, [drives[0].scan(row) for row in range(arguments.rounds + WARM_UP)], arguments.rounds)
+    timed = _timed(files, [drives[0].scan(row) for row in range(SCANS_TIMED)], arguments.rounds)
     exact, figures = answered[FLOAT], {}
     for variant, told in answered.items():
         lengths = np.linalg.norm(told.means, axis=1) * np.linalg.norm(exact.means, axis=1)
@@ -174,15 +162,21 @@ def _measured(
             'mean_u': float(told.uncertainties.mean()),
             'mean_cosine': float(((told.means * exact.means).sum(axis=1) / lengths).mean()),
             'megabytes': files[variant].stat().st_size / 1e6,
-            'median_ms': timed[variant],
-            'of_float32': {threads: ms / timed[FLOAT][threads] for threads, ms in timed[variant].items()},
+            'threads': {
+                threads: told_ms | {'ratio_to_float32': told_ms['median_ms'] / timed[FLOAT][threads]['median_ms']}
+                for threads, told_ms in timed[variant].items()
+            },
         }
     return figures
 
 
 def _exported(weights: Path, variant: str, scans: CalibrationScans, cache: Path) -> Path:
     """The variant's file, made now or earlier from the same weights and scans."""
-    folder = cache / 'networks' / f'{read_header(weights).fingerprint[:16]}_{len(scans.images)}'
+    folder = (
+        cache
+        / 'networks'
+        / f'{read_header(weights).fingerprint[:16]}_{hashlib.sha256(scans.images.tobytes()).hexdigest()[:16]}'
+    )
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / f'{variant.replace(" ", "_")}.onnx'
     if not path.is_file():
@@ -216,21 +210,19 @@ def _answered(
     return Answered(made, recall_at_n(together, 1), len(together))
 
 
-def _timed(files: dict[str, Path], scans: list[PolarScan], rounds: int) -> dict[str, dict[str, float]]:
-    """Median milliseconds of encoding one scan, by variant and threads; the variants take turns."""
-    found: dict[str, dict[str, float]] = {variant: {} for variant in files}
+def _timed(files: dict[str, Path], scans: list[PolarScan], rounds: int) -> dict[str, dict[str, dict[str, Any]]]:
+    """Encoding one scan after another, by variant and threads; the variants take turns."""
+    found: dict[str, dict[str, dict[str, Any]]] = {variant: {} for variant in files}
     for threads in THREADS if rounds else ():
-        encoders = {variant: OnnxEncoder(path, threads) for variant, path in files.items()}
-        taken_ms: dict[str, list[float]] = {variant: [] for variant in files}
-        for scan in scans:
-            for variant, encoder in encoders.items():
-                time.sleep(PAUSE_S if threads > 1 else 0.0)
-                start_s = time.perf_counter()
-                encoder.encode(scan)
-                taken_ms[variant].append(1000.0 * (time.perf_counter() - start_s))
-        for variant, times in taken_ms.items():
-            found[variant][str(threads)] = float(np.median(times[WARM_UP:]))
+        calls = {variant: _encoding(OnnxEncoder(path, threads), scans) for variant, path in files.items()}
+        for variant, timing in interleaved(calls, rounds, WARM_UP).items():
+            found[variant][str(threads)] = timing.as_dict()
     return found
+
+
+def _encoding(encoder: OnnxEncoder, scans: list[PolarScan]) -> Callable[[], object]:
+    following = itertools.cycle(scans)
+    return lambda: encoder.encode(next(following))
 
 
 def _table(figures: dict[str, dict[str, Any]]) -> list[str]:
@@ -240,19 +232,13 @@ def _table(figures: dict[str, dict[str, Any]]) -> list[str]:
     for variant, told in figures.items():
         cells = [f'{told["recall_at_1"]:.4f}', f'{told["recall_difference_points"]:+.2f}', f'{told["spearman_u"]:.4f}']
         cells += [f'{told["mean_u"]:.3f}', f'{told["mean_cosine"]:.5f}', f'{told["megabytes"]:.1f}']
-        cells += [
-            f'{told["median_ms"][threads]:.1f} ({told["of_float32"][threads]:.2f})' for threads in told['median_ms']
-        ]
+        cells += [f'{taken["median_ms"]:.1f} ({taken["ratio_to_float32"]:.2f})' for taken in told['threads'].values()]
         lines.append(f'| {variant} | ' + ' | '.join(cells) + ' |')
     return lines
 
 
-def _cpu() -> str:
-    """The processor as Linux names it, and whether it multiplies 8-bit integers in one instruction."""
-    lines = Path('/proc/cpuinfo').read_text(encoding='utf-8').splitlines()
-    known = dict(map(str.strip, line.split(':', 1)) for line in lines if ':' in line)
-    flags = [flag for flag in ('avx512_vnni', 'avx_vnni', 'amx_int8') if flag in known.get('flags', '').split()]
-    return f'{known.get("model name", platform.machine())} ({", ".join(flags) or "no VNNI"})'
+def _told(machine: dict[str, Any]) -> str:
+    return f'{machine["processor"]} ({", ".join(machine["integers"]) or "no VNNI"})'
 
 
 def _draw(report: dict[str, Any], path: Path) -> None:
@@ -262,7 +248,7 @@ def _draw(report: dict[str, Any], path: Path) -> None:
     networks = {
         name: figures['variants']
         for name, figures in report['networks'].items()
-        if figures['variants'][FLOAT]['median_ms']
+        if figures['variants'][FLOAT]['threads']
     }
     if not networks:
         print('nothing was timed: no picture')
@@ -275,7 +261,7 @@ def _draw(report: dict[str, Any], path: Path) -> None:
         drawn = {variant: told for variant, told in figures.items() if variant not in OTHER_RANGES}
         colours = {kind: f'C{number}' for number, kind in enumerate(v for v in VARIANTS if 'int8' not in v)}
         for variant, told in drawn.items():
-            at = told['median_ms'][threads], 100.0 * told['recall_at_1']
+            at = told['threads'][threads]['median_ms'], 100.0 * told['recall_at_1']
             colour = colours.get(variant.removesuffix('int8').strip() or FLOAT, 'black')
             text = f'{variant}, {told["spearman_u"]:.3f}'
             panel.plot(*at, 's' if 'int8' in variant else 'o', color=colour, label=text)
@@ -288,11 +274,13 @@ def _draw(report: dict[str, Any], path: Path) -> None:
         panel.set_xlim(left=0.0)
         panel.grid(alpha=0.3)
     figure.suptitle(
-        f'Speed against recall, and the rank correlation of U with that of {FLOAT}\n{report["machine"]}', fontsize=9
+        f'Speed against recall, and the rank correlation of U with that of {FLOAT}\n{_told(report["machine"])}',
+        fontsize=9,
     )
     figure.savefig(path, dpi=110)
     print(f'{path}: drawn')
 
 
 if __name__ == '__main__':
+    single_threaded()
     main()

@@ -11,6 +11,7 @@ import pytest
 
 COMMITTED: dict[str, Any] = {
     'machine': {'cores': 2},
+    'search': {'ratio_to_reading': {'5': 1.1, '25': 1.1}},
     'encoders': {'compact': {'median_ms': 10.0, 'ratio_to_network': 2.0}, 'ring_key': {'ratio_to_network': 1.5}},
 }
 
@@ -33,7 +34,7 @@ def test_times_may_differ_ratios_may_not(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run(tmp_path, monkeypatch, changed(median_ms=100.0, ratio_to_network=2.3)) == 0
-    assert '2 ratios compared, 0 grown' in capsys.readouterr().out
+    assert '4 ratios compared, 0 missing, or grown' in capsys.readouterr().out
 
 
 def test_a_ratio_that_has_grown_is_found(
@@ -41,8 +42,24 @@ def test_a_ratio_that_has_grown_is_found(
 ) -> None:
     assert run(tmp_path, monkeypatch, changed(ratio_to_network=2.5)) == 1
     said = capsys.readouterr().out
-    assert 'GROWN encoders.compact.ratio_to_network: 2.5, committed 2' in said
-    assert '2 ratios compared, 1 grown' in said
+    assert 'WRONG encoders.compact.ratio_to_network: 2.5, committed 2' in said
+    assert '4 ratios compared, 1 missing, or grown' in said
+
+
+def test_a_ratio_inside_a_table_of_ratios_is_compared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert run(tmp_path, monkeypatch, {**COMMITTED, 'search': {'ratio_to_reading': {'5': 1.5, '25': 1.1}}}) == 1
+
+
+@pytest.mark.parametrize('search', [{}, {'ratio_to_reading': {'5': float('nan'), '25': 1.1}}])
+def test_a_ratio_that_is_gone_or_no_number_is_no_success(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, search: dict[str, Any]
+) -> None:
+    assert run(tmp_path, monkeypatch, {**COMMITTED, 'search': search}) == 1
+
+
+def test_a_ratio_to_next_to_nothing_may_vary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(COMMITTED, 'search', {'ratio_to_reading': {'5': 15.0}})
+    assert run(tmp_path, monkeypatch, {**COMMITTED, 'search': {'ratio_to_reading': {'5': 30.0}}}) == 0
 
 
 def test_a_smaller_ratio_is_welcome(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -54,3 +71,8 @@ def test_nothing_to_compare_is_no_success(
 ) -> None:
     assert run(tmp_path, monkeypatch, COMMITTED, name='other.json') == 2
     assert 'expected results that are also in' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('name', ['pipeline', 'encoders', 'search'])
+def test_what_is_committed_holds_ratios(name: str) -> None:
+    assert list(check_ratios.ratios(json.loads((check_ratios.COMMITTED / f'{name}.json').read_text())))
