@@ -36,25 +36,27 @@ POLAR = ((104, 64), (200, 128), (400, 256))
 Encode = Callable[[PolarScan], object]
 
 
-def full_passes(path: Path) -> Encode:
+def full_passes(path: Path, device: str) -> Encode:
     """MC Dropout in every layer: the whole network runs for each of the T = 20 passes, here as one batch."""
-    encoder = OnnxEncoder(path)
+    encoder = OnnxEncoder(path, device=device)
     return lambda scan: encoder.infer(np.repeat(encoder.image(scan)[np.newaxis], PASSES, axis=0))
 
 
-def encoders(folder: Path, drive: Path, scans: Sequence[PolarScan]) -> dict[str, Encode]:
+def encoders(folder: Path, drive: Path, scans: Sequence[PolarScan], device: str) -> dict[str, Encode]:
     """Ours, and what a user would pick instead. Weights that do not ship are drawn at random: they take as long."""
     weights = drawn(folder, 'vgg16', NetworkConfig(backbone='vgg16'))
     vgg16, int8 = exported(weights, folder), in_integers(weights, folder, drive)
     stun = exported(drawn(folder, 'stun_resnet50', NetworkConfig(method='stun', backbone='resnet50')), folder)
     dropout = drawn(folder, 'mc_dropout_vgg16', NetworkConfig(method='mc_dropout', backbone='vgg16'))
     return {
-        'vgg16': OnnxEncoder(vgg16).encode,
-        'vgg16_int8': OnnxEncoder(int8).encode,
-        'compact': make_encoder(EncoderConfig(name='variational', weights='compact', backend='onnx')).encode,
-        'stun_resnet50': OnnxEncoder(stun).encode,
-        'mc_dropout_head': OnnxEncoder(exported(dropout, folder)).encode,
-        'mc_dropout_full': full_passes(vgg16),
+        'vgg16': OnnxEncoder(vgg16, device=device).encode,
+        'vgg16_int8': OnnxEncoder(int8, device=device).encode,
+        'compact': make_encoder(
+            EncoderConfig(name='variational', weights='compact', backend='onnx', device=device)
+        ).encode,
+        'stun_resnet50': OnnxEncoder(stun, device=device).encode,
+        'mc_dropout_head': OnnxEncoder(exported(dropout, folder), device=device).encode,
+        'mc_dropout_full': full_passes(vgg16, device),
         'rad_vlad': RadVladEncoder(fit_rad_vlad(iter(scans), SEED)).encode,
         'ring_key': make_encoder(EncoderConfig(name='ring_key')).encode,
     }
@@ -91,13 +93,13 @@ def multiplications(path: Path) -> int:
     return total
 
 
-def in_batches(folder: Path, drive: Path) -> dict[str, dict[str, Any]]:
+def in_batches(folder: Path, drive: Path, device: str) -> dict[str, dict[str, Any]]:
     """Images a second where several are encoded at once, as evaluations do."""
     weights = drawn(folder, 'vgg16', NetworkConfig(backbone='vgg16'))
     networks = {
-        'vgg16': OnnxEncoder(exported(weights, folder)),
-        'vgg16_int8': OnnxEncoder(in_integers(weights, folder, drive)),
-        'compact': OnnxEncoder(find_weights('compact', ('.onnx',))),
+        'vgg16': OnnxEncoder(exported(weights, folder), device=device),
+        'vgg16_int8': OnnxEncoder(in_integers(weights, folder, drive), device=device),
+        'compact': OnnxEncoder(find_weights('compact', ('.onnx',)), device=device),
     }
     rng = np.random.default_rng(SEED)
     calls = {
@@ -111,7 +113,7 @@ def in_batches(folder: Path, drive: Path) -> dict[str, dict[str, Any]]:
     }
 
 
-def image_sizes(folder: Path, drive: Path) -> dict[str, dict[str, Any]]:
+def image_sizes(folder: Path, drive: Path, device: str) -> dict[str, dict[str, Any]]:
     """The network alone against the size of its image."""
     files: dict[str, tuple[Path, tuple[int, int]]] = {}
     for side in SIDES:
@@ -124,7 +126,7 @@ def image_sizes(folder: Path, drive: Path) -> dict[str, dict[str, Any]]:
     rng = np.random.default_rng(SEED)
     calls: dict[str, Callable[[], object]] = {}
     for name, (path, shape) in files.items():
-        encoder, image = OnnxEncoder(path), rng.integers(0, 255, (1, *shape), dtype=np.uint8)
+        encoder, image = OnnxEncoder(path, device=device), rng.integers(0, 255, (1, *shape), dtype=np.uint8)
         calls[name] = _infer(encoder, image)
     timings = interleaved(calls, REPEATS, seconds=SECONDS)
     return {
@@ -190,6 +192,7 @@ def main() -> None:
     """Print the table, write results and picture."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--folder', type=Path, default=Path('build/bench'), help='where drives and networks are kept')
+    parser.add_argument('--device', default='cpu', choices=('cpu', 'cuda'), help='where networks run (default cpu)')
     parser.add_argument('--out', type=Path, default=RESULTS)
     parser.add_argument('--picture', type=Path, default=PICTURE)
     arguments = parser.parse_args()
@@ -197,7 +200,7 @@ def main() -> None:
     drive = simulated_drive(folder)
     scans = decoded_scans(drive, SCANS)
     timings = interleaved(
-        {name: InTurn(encode, scans) for name, encode in encoders(folder, drive, scans).items()},
+        {name: InTurn(encode, scans) for name, encode in encoders(folder, drive, scans, arguments.device).items()},
         REPEATS,
         seconds=SECONDS,
     )
@@ -207,7 +210,7 @@ def main() -> None:
         quartiles = '{:.1f} to {:.1f} ms'.format(*timing.quartiles_ms)
         share = timing.median_ms / reference
         print(f'{name:16} {timing.median_ms:7.1f} ms {quartiles:>20} {timing.p99_ms:7.1f} ms {share:9.3f}')
-    batches, sizes = in_batches(folder, drive), image_sizes(folder, drive)
+    batches, sizes = in_batches(folder, drive, arguments.device), image_sizes(folder, drive, arguments.device)
     peak, bandwidth = gigaflops(), gigabytes_per_s()
     for name, row in batches.items():
         print(f'{name:16} {row["images_per_s"]:7.1f} images/s in batches of {row["batch"]}')
@@ -220,6 +223,7 @@ def main() -> None:
                 name: timing.as_dict() | {'ratio_to_vgg16': rounded(timing.median_ms / reference)}
                 for name, timing in timings.items()
             },
+            'device': arguments.device,
             'batches': batches,
             'image_sizes': sizes,
             'peak_gflops': rounded(peak),
