@@ -76,6 +76,7 @@ class EncoderNode(StageNode):
 
     def configure(self) -> None:
         """Load the encoder."""
+        self.close()
         self._stage = EncodeStage(make_encoder(self.config.encoder), self.config.radar.restart_after_s)
         self._worker = NewestWorker(self._answer, self._overtaken, self.config.encoder.backlog)
 
@@ -100,6 +101,11 @@ class EncoderNode(StageNode):
         """End the worker, after what it has in hand."""
         if self._worker:
             self._worker.stop()
+
+    def destroy_node(self) -> None:
+        """End the worker too: the process of who composes nodes, and ends them by this alone, would never end."""
+        self.close()
+        super().destroy_node()
 
     def _on_image(self, message: Image) -> None:
         # The same scan comes with its angles on the other topic, stamped by another clock.
