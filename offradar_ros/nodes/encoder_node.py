@@ -84,8 +84,7 @@ class EncoderNode(StageNode):
         """Tell the map and the query which model this is."""
         info = self._stage.encoder.info
         self._model.publish(model_message(info))
-        # Encoders without a network know no device.
-        device = info.metadata.get('device', 'cpu')
+        device = self._stage.encoder.runs_on
         self.status.facts |= {'model': info.name, 'fingerprint': info.fingerprint, 'dimension': str(info.dimension)}
         self.status.facts['device'] = device
         self.get_logger().info(
