@@ -1,7 +1,9 @@
 """The three nodes: `ros2 launch offradar_ros offradar.launch.py map:=/data/town.db`."""
 
-from launch.actions import DeclareLaunchArgument, SetEnvironmentVariable
-from launch.substitutions import EnvironmentVariable, LaunchConfiguration, PathJoinSubstitution
+import os
+
+from launch.actions import DeclareLaunchArgument
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
@@ -33,6 +35,8 @@ def generate_launch_description() -> LaunchDescription:
             output='screen',
             parameters=[params, sim_time, *parameters],
             remappings=remappings,
+            # Not for the whole launch: who includes this file has nodes of their own.
+            additional_env={DDS_PROFILE: LaunchConfiguration('dds_profile')},
         )
 
     return LaunchDescription(
@@ -56,10 +60,10 @@ def generate_launch_description() -> LaunchDescription:
             ),
             DeclareLaunchArgument(
                 'dds_profile',
-                default_value=EnvironmentVariable(DDS_PROFILE, default_value=shipped),
+                # One that is set to nothing is none, as everywhere with us; the substitution would take it.
+                default_value=os.environ.get(DDS_PROFILE) or shipped,
                 description='XML profile of Fast DDS; ours, unless the environment names one, has room for scans',
             ),
-            SetEnvironmentVariable(DDS_PROFILE, LaunchConfiguration('dds_profile')),
             node('encoder_node', 'encoder', remappings=[scans]),
             node('map_server_node', 'map_server', {'map.path': map_file}, remappings=[fixes, odometry]),
             node('query_node', 'query', {'query.map_path': map_file}, remappings=[]),

@@ -36,6 +36,7 @@ class StubEncoder:
     """Two numbers of the power; refuses a black scan."""
 
     info = MODEL
+    runs_on = 'cpu'
 
     def encode(self, scan: PolarScan) -> Embedding:
         if not scan.power.any():

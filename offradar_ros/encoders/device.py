@@ -21,14 +21,14 @@ def onnx_providers(device: str, available: Sequence[str]) -> tuple[str, ...]:
     return tuple(provider for provider in wanted if provider in available)
 
 
-def used_provider(device: str, providers: Sequence[str]) -> str:
-    """The provider that a session took in the end; ConfigError for ``cuda`` where that is not a GPU's.
+def used_device(device: str, providers: Sequence[str]) -> str:
+    """``cpu`` or ``cuda``, of the providers that a session took in the end; ConfigError for ``cuda`` without a GPU's.
 
     A provider whose libraries do not load is offered and then passed over in silence.
     """
     if device == 'cuda' and CUDA_PROVIDER not in providers:
         raise no_cuda(f'ONNX Runtime could not start {CUDA_PROVIDER} and took {", ".join(providers)}')
-    return providers[0]
+    return 'cuda' if CUDA_PROVIDER in providers else 'cpu'
 
 
 def torch_device(device: str, version: str, has_cuda: bool) -> str:

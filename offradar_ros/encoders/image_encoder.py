@@ -18,9 +18,10 @@ from offradar_ros.types import Embedding, PolarScan
 class ImageEncoder(abc.ABC):
     """Encodes the image that the weights' header asks for; a backend says how."""
 
-    def __init__(self, header: WeightsHeader, path: str | Path, device: str) -> None:
-        """`device` is what the backend really runs on, for `info`."""
+    def __init__(self, header: WeightsHeader, path: str | Path, runs_on: str) -> None:
+        """`runs_on`: what the backend really runs on."""
         self.header = header
+        self.runs_on = runs_on
         self._to_image = make_image(header.config)
         self._info = ModelInfo(
             name=header.config.method,
@@ -32,7 +33,6 @@ class ImageEncoder(abc.ABC):
                 'description': header.description,
                 'stored': header.stored,
                 'file': Path(path).name,
-                'device': device,
             },
         )
 

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import onnxruntime  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 
-from offradar_ros.encoders.device import onnx_providers, used_provider
+from offradar_ros.encoders.device import CPU_PROVIDER, CUDA_PROVIDER, no_cuda, onnx_providers, used_device
 from offradar_ros.encoders.image_encoder import ImageEncoder
 from offradar_ros.encoders.model_files import first_line, require_file
 from offradar_ros.encoders.weights_header import WeightsHeader
@@ -30,15 +32,10 @@ class OnnxEncoder(ImageEncoder):
         options.log_severity_level = WARNINGS_OFF
         # Threads that wait for the next scan would take the other nodes' time, several times what they compute.
         options.add_session_config_entry('session.intra_op.allow_spinning', '0')
-        providers = list(onnx_providers(device, onnxruntime.get_available_providers()))
-        try:
-            self._session = onnxruntime.InferenceSession(require_file(path), options, providers=providers)
-        except ModelError:
-            raise
-        except Exception as error:  # its exceptions share no base
-            raise ModelError(f'{path}: not a readable ONNX file ({first_line(error)})') from error
+        providers = onnx_providers(device, onnxruntime.get_available_providers())
+        self._session = _session(require_file(path), options, providers, device)
         header = WeightsHeader.from_metadata(self._session.get_modelmeta().custom_metadata_map, path)
-        super().__init__(header, path, used_provider(device, self._session.get_providers()))
+        super().__init__(header, path, used_device(device, self._session.get_providers()))
         self._expect_shapes(path)
 
     def infer(self, images: NDArray[np.uint8]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -57,3 +54,17 @@ class OnnxEncoder(ImageEncoder):
         found = {node.name: (node.type, list(node.shape[1:])) for node in nodes}
         if found != expected:
             raise ModelError(f'{path}: expected inputs and outputs {expected}, got {found}')
+
+
+def _session(path: str, options: Any, providers: Sequence[str], device: str) -> Any:
+    """A session; where a GPU's provider cannot start, of the CPU for ``auto`` and ConfigError for ``cuda``."""
+    try:
+        return onnxruntime.InferenceSession(path, options, providers=list(providers))
+    except Exception as error:  # its exceptions share no base
+        if CUDA_PROVIDER not in providers:
+            raise ModelError(f'{path}: not a readable ONNX file ({first_line(error)})') from error
+        # Whether the file or the GPU is to blame, the CPU tells.
+        session = _session(path, options, (CPU_PROVIDER,), device)
+        if device == 'cuda':
+            raise no_cuda(f'ONNX Runtime could not start {CUDA_PROVIDER} ({first_line(error)})') from error
+        return session

@@ -28,7 +28,13 @@ class ModelInfo:
 
 @runtime_checkable
 class Encoder(Protocol):
-    """Encodes one scan at a time, deterministically: the same scan gives the same embedding."""
+    """Encodes one scan at a time, deterministically: the same scan gives the same embedding.
+
+    Attributes:
+        runs_on: ``cpu`` or ``cuda``. No part of the model: where it runs changes nothing that is kept.
+    """
+
+    runs_on: str
 
     @property
     def info(self) -> ModelInfo:

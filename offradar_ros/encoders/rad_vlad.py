@@ -26,6 +26,8 @@ class RadVladEncoder:
     one place that looks like another.
     """
 
+    runs_on = 'cpu'
+
     def __init__(self, codebook: Codebook) -> None:
         self.codebook = codebook
         self._rows = codebook.rows

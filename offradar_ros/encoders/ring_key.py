@@ -48,6 +48,8 @@ class RingKeyEncoder:
     receiver that cuts off low power loses noise with it, and its U falls. U depends on the sensor: calibrate each.
     """
 
+    runs_on = 'cpu'
+
     def __init__(self, config: RingKeyConfig) -> None:
         """ConfigError where the rings would be empty."""
         if config.min_range_m >= config.max_range_m:

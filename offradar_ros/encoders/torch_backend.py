@@ -23,8 +23,7 @@ class TorchEncoder(ImageEncoder):
         """
         self._device = torch.device(torch_device(device, torch.__version__, torch.cuda.is_available()))
         network, header = load_network(path)
-        on_gpu = self._device.type == 'cuda'
-        super().__init__(header, path, f'cuda, {torch.cuda.get_device_name()}' if on_gpu else 'cpu')
+        super().__init__(header, path, self._device.type)
         if threads:
             torch.set_num_threads(threads)
         self._network = network.to(self._device)

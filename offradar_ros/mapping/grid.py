@@ -13,6 +13,9 @@ _STRIDE = 2**29
 The keys of all positions on Earth (1e8 m) in cells of a centimetre or more fit 64 bits.
 """
 
+_WIDEST = 2.0**63 / (_STRIDE + 1)
+"""Keys of cells below this fit 64 bits; Python's own integers hold all others."""
+
 
 class PositionGrid:
     """Indices hashed by the square cell that their position lies in; positions are metres east and north."""
@@ -35,7 +38,13 @@ class PositionGrid:
 
     def fill(self, positions_m: NDArray[np.float64]) -> None:
         """Hold the indices 0 … N − 1 of (N, 2) finite positions, and no others."""
-        cells = np.floor(positions_m / self._cell_m).astype(np.int64)
+        cells = np.floor(positions_m / self._cell_m)
+        if np.abs(cells).max(initial=0.0) >= _WIDEST:
+            self._cells = {}
+            for index, (x_m, y_m) in enumerate(positions_m.tolist()):
+                self.add(index, x_m, y_m)
+            return
+        cells = cells.astype(np.int64)
         keys = cells[:, 0] * _STRIDE + cells[:, 1]
         order = np.argsort(keys, kind='stable')
         found, starts, counts = np.unique(keys[order], return_index=True, return_counts=True)

@@ -8,7 +8,7 @@ import math
 import sqlite3
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, Protocol, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,27 +75,44 @@ def _consistently(path: Path, read: Callable[[sqlite3.Connection], Content]) -> 
         raise MapError(f'{path}: no map file there')
     if not path.stat().st_size:
         raise MapError(f'{path}: an empty file, not a map: remove it to start a new map there')
-    state = _state(path)
-    if not _has_log(path):
+    state = file_state(path)
+    if state.log is None:
         try:
             content = _read(path, 'mode=ro&immutable=1', read)
         except MapError:
-            if _state(path) == state and not _has_log(path):
+            if file_state(path) == state:
                 raise
         else:
-            if _state(path) == state and not _has_log(path):
+            if file_state(path) == state:
                 return content
+            # Two maps at once may be more than there is memory for.
+            del content
     return _read(path, 'mode=ro', read)
 
 
-def _state(path: Path) -> tuple[int, int]:
-    status = path.stat()
-    return status.st_mtime_ns, status.st_size
+class FileState(NamedTuple):
+    """What tells whether a map was written since: device, inode, size and time of change of its files.
+
+    Attributes:
+        file: of the map itself; None where there is none, or nothing in it.
+        log: likewise, of its write-ahead log.
+    """
+
+    file: tuple[int, ...] | None
+    log: tuple[int, ...] | None
 
 
-def _has_log(path: Path) -> bool:
-    log = path.with_name(path.name + '-wal')
-    return log.exists() and log.stat().st_size > 0
+def file_state(path: Path) -> FileState:
+    """State of the map at `path` now."""
+    return FileState(_state(path), _state(path.with_name(path.name + '-wal')))
+
+
+def _state(path: Path) -> tuple[int, ...] | None:
+    try:
+        status = path.stat()
+    except FileNotFoundError:
+        return None
+    return (status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns) if status.st_size else None
 
 
 def _read(path: Path, mode: str, read: Callable[[sqlite3.Connection], Content]) -> Content:

@@ -76,6 +76,7 @@ class EncoderNode(StageNode):
 
     def configure(self) -> None:
         """Load the encoder."""
+        self.close()
         self._stage = EncodeStage(make_encoder(self.config.encoder), self.config.radar.restart_after_s)
         self._worker = NewestWorker(self._answer, self._overtaken, self.config.encoder.backlog)
 
@@ -83,8 +84,7 @@ class EncoderNode(StageNode):
         """Tell the map and the query which model this is."""
         info = self._stage.encoder.info
         self._model.publish(model_message(info))
-        # Encoders without a network know no device.
-        device = info.metadata.get('device', 'cpu')
+        device = self._stage.encoder.runs_on
         self.status.facts |= {'model': info.name, 'fingerprint': info.fingerprint, 'dimension': str(info.dimension)}
         self.status.facts['device'] = device
         self.get_logger().info(
@@ -100,6 +100,11 @@ class EncoderNode(StageNode):
         """End the worker, after what it has in hand."""
         if self._worker:
             self._worker.stop()
+
+    def destroy_node(self) -> None:
+        """End the worker too: the process of who composes nodes, and ends them by this alone, would never end."""
+        self.close()
+        super().destroy_node()
 
     def _on_image(self, message: Image) -> None:
         # The same scan comes with its angles on the other topic, stamped by another clock.

@@ -11,7 +11,7 @@ import numpy as np
 from offradar_ros.config import QueryConfig
 from offradar_ros.errors import RefusedInput
 from offradar_ros.mapping.embedding_check import embedding_problem
-from offradar_ros.mapping.map_reader import read_committed
+from offradar_ros.mapping.map_reader import FileState, file_state, read_committed
 from offradar_ros.mapping.place_columns import take_rows
 from offradar_ros.retrieval.place_index import PlaceIndex
 from offradar_ros.retrieval.thresholds import threshold_at
@@ -29,6 +29,7 @@ class IntrospectiveQuery:
         self._model = ''
         self._committed, self._running = self._index(0), self._index(0)
         self._arrived: collections.deque[PlaceTable] = collections.deque()
+        self._file: FileState | None = None
 
     def reconfigure(self, config: QueryConfig) -> None:
         """Go on with other thresholds; the map stays."""
@@ -49,10 +50,16 @@ class IntrospectiveQuery:
     def load_file(self, path: Path) -> None:
         """Search the map at `path` as of its last ended session; MapError, and go on as before, if it cannot be read.
 
-        The places go from the file straight into the index, so that the memory of one map is enough.
+        The places go from the file straight into the index, so that the memory of one map is enough. A file that was
+        not written since is not read again: that would take the memory of two.
         """
-        model_fingerprint, committed = read_committed(path, self._index)
-        self._search_in(committed, model_fingerprint)
+        state = file_state(path)
+        if state == self._file:
+            self._search_in(self._committed, self._model)
+        else:
+            model_fingerprint, committed = read_committed(path, self._index)
+            self._search_in(committed, model_fingerprint)
+        self._file = state
 
     def _index(self, dimension: int, places: int = 16) -> PlaceIndex:
         return PlaceIndex(dimension, places, self.config.storage)
@@ -61,6 +68,7 @@ class IntrospectiveQuery:
         self._committed, self._running = committed, self._index(committed.dimension)
         self._arrived.clear()
         self._model = model_fingerprint
+        self._file = None
 
     def update(self, table: PlaceTable, model_fingerprint: str, committed: bool) -> None:
         """Take changed places: of ended sessions, or of the running one, which are kept apart.
@@ -77,6 +85,7 @@ class IntrospectiveQuery:
             )
         if committed:
             self._committed.upsert(table)
+            self._file = None
             self._running.remove(table.place_ids)
             self._arrived.clear()
         else:

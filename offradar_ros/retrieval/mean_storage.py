@@ -7,9 +7,11 @@ Products with a query are for a shortlist: approximate, with a bound on their er
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 import importlib
+import itertools
 from collections.abc import Callable
 from typing import Any
 
@@ -56,12 +58,12 @@ def _products(means: NDArray[Any], query: Floats) -> tuple[Floats, float]:
 @functools.cache
 def _half_products() -> Products:
     """NumKong reads half precision as it is; it is used where it is installed and as precise as it says."""
-    try:
-        numkong = importlib.import_module('numkong')
-    except ImportError:
-        return products_in_blocks
-    products = functools.partial(products_of_halves, numkong)
-    return products if is_precise(products) else products_in_blocks
+    # Not installed, without a library that it needs, or of a version with other functions.
+    with contextlib.suppress(ImportError, OSError, AttributeError, TypeError):
+        products = functools.partial(products_of_halves, importlib.import_module('numkong'))
+        if is_precise(products):
+            return products
+    return products_in_blocks
 
 
 def products_in_blocks(means: NDArray[Any], query: Floats) -> tuple[Floats, float]:
@@ -87,10 +89,13 @@ def products_of_halves(numkong: Any, means: NDArray[Any], query: Floats) -> tupl
 
 
 def is_precise(products: Products) -> bool:
-    """Whether sums are of single precision, as the bound on the error has it: some processors add halves as halves."""
+    """Whether sums are of single precision, as the bound on the error has it.
+
+    Some processors add halves as halves, or take subnormal ones (below 2⁻¹⁴) for zero.
+    """
     rng = np.random.default_rng(0)
-    for length in (3, 128, 1000):
-        means = (100.0 * rng.standard_normal((64, length))).astype(np.float16)
+    for length, scale in itertools.product((3, 128, 1000), (100.0, 2.0**-16)):
+        means = (scale * rng.standard_normal((64, length))).astype(np.float16)
         query = rng.standard_normal(length).astype(np.float16).astype(np.float32)
         found, slack = products(means, query)
         lengths = np.linalg.norm(means.astype(np.float64), axis=1)

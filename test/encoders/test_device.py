@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import onnxruntime
 import pytest
 
 from offradar_ros.config import EncoderConfig
-from offradar_ros.encoders.device import onnx_providers, torch_device, used_provider
+from offradar_ros.encoders.device import onnx_providers, torch_device, used_device
 from offradar_ros.encoders.registry import make_encoder
-from offradar_ros.errors import ConfigError
+from offradar_ros.errors import ConfigError, ModelError
 
 CUDA, CPU = 'CUDAExecutionProvider', 'CPUExecutionProvider'
 
@@ -54,17 +57,49 @@ def test_cuda_where_there_is_none_is_refused_in_a_line() -> None:
 
 
 def test_a_provider_that_is_offered_and_does_not_start_is_noticed() -> None:
-    assert used_provider('cuda', [CUDA, CPU]) == CUDA
-    assert used_provider('auto', [CPU]) == CPU
+    assert used_device('cuda', [CUDA, CPU]) == 'cuda'
+    assert used_device('auto', [CPU]) == 'cpu'
     with pytest.raises(ConfigError, match=rf'parameter encoder.device: .* could not start {CUDA} and took {CPU}'):
-        used_provider('cuda', [CPU])
+        used_device('cuda', [CPU])
 
 
-@pytest.mark.parametrize('suffix, used', [('.onnx', CPU), ('.safetensors', 'cpu')])
-def test_the_model_says_what_it_runs_on(small_onnx: Path, suffix: str, used: str) -> None:
+@pytest.fixture
+def gpu_that_throws(monkeypatch: pytest.MonkeyPatch) -> None:
+    """An ONNX Runtime with a provider for a GPU, which cannot be started."""
+    session = onnxruntime.InferenceSession
+
+    def start(path: str, options: Any, providers: list[str]) -> Any:
+        if CUDA in providers:
+            raise RuntimeError('CUDA failure 100: no CUDA-capable device is detected\nGPU=0')
+        return session(path, options, providers=providers)
+
+    monkeypatch.setattr(onnxruntime, 'InferenceSession', start)
+    monkeypatch.setattr(onnxruntime, 'get_available_providers', lambda: [CUDA, CPU])
+
+
+@pytest.mark.usefixtures('gpu_that_throws')
+def test_a_gpu_that_throws_is_named_or_done_without(small_onnx: Path) -> None:
+    config = EncoderConfig(name='variational', weights=str(small_onnx))
+    assert make_encoder(config).runs_on == 'cpu'
+    said = rf'parameter encoder.device: .* could not start {CUDA} \(CUDA failure 100: .* is detected\), got .cuda.$'
+    with pytest.raises(ConfigError, match=said):
+        make_encoder(dataclasses.replace(config, device='cuda'))
+
+
+@pytest.mark.usefixtures('gpu_that_throws')
+@pytest.mark.parametrize('device', ['auto', 'cuda'])
+def test_a_damaged_file_is_not_blamed_on_the_gpu(tmp_path: Path, device: str) -> None:
+    (tmp_path / 'damaged.onnx').write_bytes(b'no network')
+    with pytest.raises(ModelError, match=r'damaged\.onnx: not a readable ONNX file'):
+        make_encoder(EncoderConfig(name='variational', weights=str(tmp_path / 'damaged.onnx'), device=device))
+
+
+@pytest.mark.parametrize('suffix', ['.onnx', '.safetensors'])
+def test_an_encoder_says_what_it_runs_on_and_its_model_does_not(small_onnx: Path, suffix: str) -> None:
     weights = str(small_onnx.with_suffix(suffix))
     encoder = make_encoder(EncoderConfig(name='variational', weights=weights, device='cpu'))
-    assert encoder.info.metadata['device'] == used
+    assert encoder.runs_on == 'cpu'
+    assert 'device' not in encoder.info.metadata
 
 
 @pytest.mark.parametrize('suffix', ['.onnx', '.safetensors'])
@@ -77,8 +112,8 @@ def test_cuda_gives_what_the_cpu_gives_or_one_line(small_onnx: Path, suffix: str
         assert str(refused).startswith('parameter encoder.device: expected a GPU')
         assert '\n' not in str(refused)
         return
-    assert 'cuda' in on_gpu.info.metadata['device'].lower()
-    assert on_gpu.info.fingerprint == on_cpu.info.fingerprint
+    assert on_gpu.runs_on == 'cuda'
+    assert on_gpu.info == on_cpu.info
     given = np.random.default_rng(0).integers(0, 255, (5, *on_cpu.header.config.image_shape), np.uint8)
     for found, expected in zip(on_gpu.infer(given), on_cpu.infer(given), strict=True):
         np.testing.assert_allclose(found, expected, rtol=1e-2, atol=1e-3)

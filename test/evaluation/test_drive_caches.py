@@ -107,6 +107,8 @@ def test_streets_are_left_out_without_their_folder(tmp_path: Path) -> None:
 class Odd:
     """Refuses scan 1, gives NaN for scan 2, and counts."""
 
+    runs_on = 'cpu'
+
     def __init__(self) -> None:
         self.calls = 0
 

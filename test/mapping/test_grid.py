@@ -8,7 +8,9 @@ from hypothesis import strategies as st
 
 from offradar_ros.mapping.grid import PositionGrid
 
-coordinate = st.one_of(st.floats(-1e8, 1e8), st.integers(-40, 40).map(lambda n: n * 2.5), st.floats(-20.0, 20.0))
+coordinate = st.one_of(
+    st.floats(-1e8, 1e8), st.floats(-1e18, 1e18), st.integers(-40, 40).map(lambda n: n * 2.5), st.floats(-20.0, 20.0)
+)
 point = st.tuples(coordinate, coordinate)
 
 

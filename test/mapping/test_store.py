@@ -8,6 +8,7 @@ import sqlite3
 import subprocess
 import sys
 import textwrap
+import weakref
 from pathlib import Path
 
 import numpy as np
@@ -216,6 +217,24 @@ def test_a_reader_sees_ended_sessions_while_the_writer_goes_on(tmp_path):
         assert_equal(MapStore.open_read_only(path).committed(), writer.places())
     assert_equal(MapStore.open_read_only(path).committed(), writer.places())
     assert [file.name for file in tmp_path.iterdir()] == ['a.map']
+
+
+def test_a_reader_that_a_writer_overtakes_lets_one_copy_go_before_the_next(tmp_path):
+    path = tmp_path / 'a.map'
+    make_map(path, 0.5)
+    alive, started = weakref.WeakSet(), []
+
+    def start(dimension: int, capacity: int) -> PlaceColumns:
+        started.append(len(alive))
+        if len(started) == 1:
+            make_map(path, 0.4)
+        columns = PlaceColumns(dimension, capacity)
+        alive.add(columns)
+        return columns
+
+    _, columns = read_committed(path, start)
+    assert started == [0, 0]
+    assert_equal(columns.table, MapStore.open_read_only(path).committed())
 
 
 def test_a_saved_session_that_goes_on_is_stored_whole_and_a_discarded_one_vanishes(tmp_path):

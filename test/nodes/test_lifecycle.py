@@ -34,7 +34,7 @@ from offradar_ros.nodes.query_node import QueryNode
 from offradar_ros.ros import qos
 from offradar_ros.ros.embedding_message import embedding_message, model_message
 from offradar_ros.ros.place_message import PlaceRows, descriptors_message
-from offradar_ros.ros.processes import Stack
+from offradar_ros.ros.processes import Stack, isolated_environment
 from offradar_ros.ros.stage_node import StageNode
 from offradar_ros.ros.stamps import header
 from offradar_ros.types import Embedding, Place, PlaceTable, Pose
@@ -74,6 +74,21 @@ def test_a_configuration_that_fails_leaves_the_node_unconfigured(
     start_node(MapServerNode, {'autostart': False, 'map.path': str(tmp_path / 'no folder' / 'map.db')})
     assert not change(observer, 'map_server', Transition.TRANSITION_CONFIGURE)
     assert state(observer, 'map_server') == State.PRIMARY_STATE_UNCONFIGURED
+
+
+def test_a_node_that_is_composed_ends_with_destroy_node(domain_id: int) -> None:
+    program = (
+        'import rclpy\n'
+        'from offradar_ros.nodes.encoder_node import EncoderNode\n'
+        'rclpy.init()\n'
+        'node = EncoderNode()\n'
+        'node.start()\n'
+        'node.configure()\n'
+        'node.destroy_node()\n'
+        'rclpy.shutdown()\n'
+    )
+    environment = isolated_environment(domain_id)
+    subprocess.run([sys.executable, '-c', program], env=environment, check=True, timeout=WAIT_S)
 
 
 def test_the_model_reaches_a_late_subscriber(observer: Observer, start_node: Callable[..., StageNode]) -> None:

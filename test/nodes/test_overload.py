@@ -40,6 +40,8 @@ def image(second: int) -> Image:
 class HeldEncoder:
     """A ring key that answers when it is allowed to."""
 
+    runs_on = 'cpu'
+
     def __init__(self, config: EncoderConfig) -> None:
         self._encoder = RingKeyEncoder(config.ring_key)
         self.begun, self.allowed = threading.Semaphore(0), threading.Semaphore(0)

@@ -10,6 +10,7 @@ from offradar_ros.config import MapConfig, QueryConfig
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.errors import MapError, RefusedInput
 from offradar_ros.mapping.sessions import SessionMap
+from offradar_ros.retrieval import introspective_query
 from offradar_ros.retrieval.introspective_query import IntrospectiveQuery
 from offradar_ros.types import Embedding, Match, Place, PlaceTable, Pose, Reason, Rejection
 
@@ -237,6 +238,39 @@ def test_a_file_is_searched_as_the_table_of_its_ended_sessions(tmp_path, storage
     assert from_file.places == from_table.places == 3000
     for mean in ((0.0, 0.0), (-3.0, -2997.0), (59.0, 49.0), (30.2, 25.7)):
         assert from_file.query(scan(mean)) == from_table.query(scan(mean))
+
+
+def test_a_file_is_read_again_only_if_it_was_written_or_is_not_what_is_searched(tmp_path, monkeypatch):
+    path = tmp_path / 'a.map'
+    reads = []
+    read = introspective_query.read_committed
+    monkeypatch.setattr(introspective_query, 'read_committed', lambda *given: reads.append(path) or read(*given))
+    stored_map(path, count=3, running=False).close()
+    query = IntrospectiveQuery(QueryConfig(exclude_current_session=False))
+
+    def read_anew() -> int:
+        reads.clear()
+        query.load_file(path)
+        return len(reads)
+
+    assert read_anew() == 1
+    with SessionMap(MapConfig(path=str(path))) as session_map:
+        query.update(places((7, (100, 100)), session=2), MODEL, committed=False)
+        assert query.query(scan((100, 100), stamp=8)).candidates[0].place_id == 7
+        assert read_anew() == 0
+        # The server says so when a session is over: what it had changed is none of the map's.
+        assert query.query(scan((100, 100), stamp=8)).candidates[0].place_id == 2
+        session_map.start_session('second', 2)
+        session_map.merge(scan((1.0, 1.0), stamp=9), Pose(500.0, 0.0))
+        session_map.end_session()
+        assert (read_anew(), query.places) == (1, 4)
+        assert read_anew() == 0
+        session_map.undo_session()
+        assert (read_anew(), query.places) == (1, 3)
+    query.update(places((7, (100, 100))), MODEL, committed=True)
+    assert (read_anew(), query.places) == (1, 3)
+    query.load(places((1, (3, 4))), MODEL)
+    assert (read_anew(), query.places) == (1, 3)
 
 
 def test_an_unreadable_file_leaves_what_is_searched(tmp_path, searching):

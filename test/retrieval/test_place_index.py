@@ -1,5 +1,6 @@
 """Exact search against distances computed pair by pair."""
 
+import functools
 import math
 
 import numpy as np
@@ -19,11 +20,11 @@ WAYS = ('float16 by numkong', 'float16 in blocks')
 def index_of(dimension: int, way: str) -> PlaceIndex:
     if way == 'float32':
         return PlaceIndex(dimension)
+    products = storages.products_in_blocks
+    if way == 'float16 by numkong':
+        products = functools.partial(storages.products_of_halves, pytest.importorskip('numkong'))
     with pytest.MonkeyPatch.context() as patch:
-        if way == 'float16 by numkong':
-            pytest.importorskip('numkong')
-        else:
-            patch.setattr(storages, '_half_products', lambda: storages.products_in_blocks)
+        patch.setattr(storages, '_half_products', lambda: products)
         return PlaceIndex(dimension, storage='float16')
 
 

@@ -43,6 +43,7 @@ def test_the_profile_has_shared_memory_for_scans_and_udp_for_other_machines() ->
 def test_one_of_the_users_own_is_kept() -> None:
     assert with_profile({'A': 'b'}) == {'A': 'b', VARIABLE: str(PROFILE)}
     assert with_profile({VARIABLE: '/my/own.xml'}) == {VARIABLE: '/my/own.xml'}
+    assert with_profile({VARIABLE: ''}) == {VARIABLE: str(PROFILE)}
 
 
 def test_nodes_that_are_started_have_it(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -99,8 +100,8 @@ class Recorded:
 def without_launch() -> Iterator[None]:
     made = {
         'launch': ('LaunchDescription',),
-        'launch.actions': ('DeclareLaunchArgument', 'SetEnvironmentVariable'),
-        'launch.substitutions': ('EnvironmentVariable', 'LaunchConfiguration', 'PathJoinSubstitution'),
+        'launch.actions': ('DeclareLaunchArgument',),
+        'launch.substitutions': ('LaunchConfiguration', 'PathJoinSubstitution'),
         'launch_ros': (),
         'launch_ros.actions': ('Node',),
         'launch_ros.parameter_descriptions': ('ParameterValue',),
@@ -115,18 +116,31 @@ def without_launch() -> Iterator[None]:
         yield
 
 
-def test_the_launch_file_sets_it_before_the_nodes_and_gives_way() -> None:
+def launched() -> list[Any]:
     with without_launch():
         launch_file = runpy.run_path(str(PROJECT / 'launch' / 'offradar.launch.py'))
-        ((actions,), _) = vars(launch_file['generate_launch_description']()).values()
-    kinds = [type(action).__name__ for action in actions]
-    (index,) = (i for i, kind in enumerate(kinds) if kind == 'SetEnvironmentVariable')
-    assert kinds.count('Node') == 3
-    assert 'Node' not in kinds[:index]
-    name, value = actions[index].arguments
-    assert name == VARIABLE
-    assert value.arguments == ('dds_profile',)
-    (declared,) = (action for action in actions[:index] if action.arguments[:1] == ('dds_profile',))
+        (actions,) = launch_file['generate_launch_description']().arguments
+    return list(actions)
+
+
+def test_the_launch_file_gives_it_to_its_nodes_alone() -> None:
+    actions = launched()
+    assert {type(action).__name__ for action in actions} == {'DeclareLaunchArgument', 'Node'}
+    nodes = [action for action in actions if type(action).__name__ == 'Node']
+    assert len(nodes) == 3
+    for node in nodes:
+        ((name, value),) = node.options['additional_env'].items()
+        assert (name, value.arguments) == (VARIABLE, ('dds_profile',))
+
+
+@pytest.mark.parametrize('named', [None, '', '/my/own.xml'])
+def test_the_launch_file_gives_way_as_the_rest_does(monkeypatch: pytest.MonkeyPatch, named: str | None) -> None:
+    monkeypatch.delenv(VARIABLE, raising=False)
+    if named is not None:
+        monkeypatch.setenv(VARIABLE, named)
+    (declared,) = (action for action in launched() if action.arguments[:1] == ('dds_profile',))
     default = declared.options['default_value']
-    assert default.arguments == (VARIABLE,)
-    assert default.options['default_value'].arguments[0][1:] == ['params', 'fastdds.xml']
+    if named:
+        assert default == named
+    else:
+        assert default.arguments[0][1:] == ['params', 'fastdds.xml']
