@@ -11,6 +11,7 @@ import importlib.metadata
 import json
 import os
 import platform
+import shlex
 import sys
 import time
 from collections.abc import Callable, Mapping
@@ -135,7 +136,7 @@ def write_results(
 ) -> None:
     """Write `results` as JSON, with what they were measured on and by which commands, those that made `kept` first."""
     record = {
-        'commands': [*(kept or {}).get('commands', []), ' '.join(['python', *_relative(sys.argv)])],
+        'commands': [*(kept or {}).get('commands', []), shlex.join(['python', *_relative(sys.argv)])],
         'machine': machine(),
         'versions': versions(),
         'threads': {name: os.environ[name] for name in THREADS if name in os.environ},
