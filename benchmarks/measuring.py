@@ -7,7 +7,6 @@ meets all of them alike.
 from __future__ import annotations
 
 import dataclasses
-import importlib.metadata
 import json
 import os
 import platform
@@ -20,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from offradar_ros import __version__
+from offradar_ros.evaluation.results import processor, versions
 
 PACKAGES = (
     'numpy',
@@ -90,25 +89,16 @@ def interleaved(
 
 def machine() -> dict[str, Any]:
     """Processor, cores that this process may use, memory and system."""
+    known = Path('/proc/cpuinfo')
+    flags = set(known.read_text(encoding='utf-8').split()) if known.is_file() else set()
     return {
-        'processor': _from_proc('cpuinfo', 'model name') or platform.processor() or platform.machine(),
+        'processor': processor(),
         'architecture': platform.machine(),
         'cores': len(os.sched_getaffinity(0)),
-        'integers': [flag for flag in INTEGERS if flag in _from_proc('cpuinfo', 'flags').split()],
+        'integers': [flag for flag in INTEGERS if flag in flags],
         'memory_gib': round(os.sysconf('SC_PAGE_SIZE') * os.sysconf('SC_PHYS_PAGES') / 2**30, 1),
         'system': f'{platform.system()} {platform.release()}',
     }
-
-
-def versions() -> dict[str, str]:
-    """Of Python, of this package and of those that a figure may depend on, where they are installed."""
-    found = {'python': platform.python_version(), 'offradar_ros': __version__}
-    for package in PACKAGES:
-        try:
-            found[package] = importlib.metadata.version(package)
-        except importlib.metadata.PackageNotFoundError:
-            continue
-    return found
 
 
 def earlier(path: Path) -> dict[str, Any]:
@@ -116,7 +106,7 @@ def earlier(path: Path) -> dict[str, Any]:
     if not path.is_file():
         return {}
     record: dict[str, Any] = json.loads(path.read_text(encoding='utf-8'))
-    if (record.get('machine'), record.get('versions')) != (machine(), versions()):
+    if (record.get('machine'), record.get('versions')) != (machine(), versions(PACKAGES)):
         print(f'{path}: of another machine or other versions: nothing of it is kept')
         return {}
     return record
@@ -138,7 +128,7 @@ def write_results(
     record = {
         'commands': [*(kept or {}).get('commands', []), shlex.join(['python', *_relative(sys.argv)])],
         'machine': machine(),
-        'versions': versions(),
+        'versions': versions(PACKAGES),
         'threads': {name: os.environ[name] for name in THREADS if name in os.environ},
         'seeds': dict(seeds or {}),
         **results,
@@ -150,19 +140,6 @@ def write_results(
 def rounded(value: float, digits: int = 4) -> float:
     """To so many significant digits."""
     return float(f'{value:.{digits}g}')
-
-
-def memory_bytes(what: str = 'VmRSS') -> int:
-    """Of this process: held now (`VmRSS`), or at most so far (`VmHWM`)."""
-    return int(_from_proc('self/status', what).split()[0]) * 1024
-
-
-def _from_proc(name: str, key: str) -> str:
-    try:
-        lines = Path('/proc', name).read_text(encoding='utf-8').splitlines()
-    except OSError:
-        return ''
-    return next((line.partition(':')[2].strip() for line in lines if line.startswith(key)), '')
 
 
 def _relative(words: list[str]) -> list[str]:

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 from machine_peaks import gigaflops, readings
-from measuring import Timing, earlier, interleaved, memory_bytes, rounded, single_threaded, write_results
+from measuring import Timing, earlier, interleaved, rounded, single_threaded, write_results
 from numpy.typing import NDArray
 from search_plot import draw
 from synthetic_maps import DIMENSION, MODEL, SPACING_M, map_file, near_some, synthetic_table
@@ -28,6 +28,7 @@ from offradar_ros.config import MapConfig, QueryConfig
 from offradar_ros.mapping.sessions import SessionMap
 from offradar_ros.retrieval.introspective_query import IntrospectiveQuery
 from offradar_ros.retrieval.place_index import PlaceIndex
+from offradar_ros.ros.process_usage import process_usage
 from offradar_ros.types import Embedding, PlaceTable, Pose
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -212,7 +213,8 @@ def open_and_tell(who: str, path: Path) -> None:
     if isinstance(held, IntrospectiveQuery):
         mean = np.full(DIMENSION, 0.1, np.float32)
         held.query(Embedding(1, mean, np.ones(DIMENSION, np.float32), MODEL.fingerprint))
-    record = {'seconds': seconds, 'cpu_seconds': cpu_seconds, 'rss': memory_bytes(), 'peak': memory_bytes('VmHWM')}
+    used = process_usage(os.getpid())
+    record = {'seconds': seconds, 'cpu_seconds': cpu_seconds, 'rss': used.resident_bytes, 'peak': used.peak_bytes}
     print(json.dumps(record))
 
 

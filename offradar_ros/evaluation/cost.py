@@ -52,8 +52,8 @@ def _index(embedding: Embedding, places: int) -> PlaceIndex:
         [Place(i, 1, i, Pose(0.0, 0.0), 1.0, embedding.mean * (1.0 + 0.01 * i)) for i in range(max(places, 1))],
         len(embedding.mean),
     )
-    index = PlaceIndex(len(embedding.mean))
-    index.replace_all(table)
+    index = PlaceIndex(len(embedding.mean), len(table))
+    index.upsert(table)
     return index
 
 

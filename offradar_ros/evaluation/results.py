@@ -77,7 +77,7 @@ def assemble(
         'worlds': sorted({a.pair.world for m in measured for a in m.answers}),
         'scans': {g.name: g.scans for g in protocol.groups},
         'drives': {f'{group}/{world}': list(map(_drive, drives)) for (group, world), drives in worlds.items()},
-        'machine': {'processor': _processor(), 'cores': len(os.sched_getaffinity(0))},
+        'machine': {'processor': processor(), 'cores': len(os.sched_getaffinity(0))},
         'seeds': _seeds(protocol),
         'skipped': list(skipped),
         'methods': {m.method: _method(m) for m in measured},
@@ -97,7 +97,7 @@ def _drive(drive: EvaluatedDrive) -> Json:
     return {'index': drive.index, 'name': drive.name, 'scans': len(drive), 'way_m': way_m, 'roles': roles}
 
 
-def _processor() -> str:
+def processor() -> str:
     """As Linux names it."""
     try:
         lines = Path('/proc/cpuinfo').read_text(encoding='utf-8').splitlines()
@@ -107,10 +107,10 @@ def _processor() -> str:
     return names[0] if names else platform.machine()
 
 
-def versions() -> dict[str, str]:
+def versions(packages: Sequence[str] = PACKAGES) -> dict[str, str]:
     """Of the project, Python and the packages that figures depend on; those installed."""
     found = {'offradar_ros': __version__, 'python': platform.python_version()}
-    for package in PACKAGES:
+    for package in packages:
         try:
             found[package] = importlib.metadata.version(package)
         except importlib.metadata.PackageNotFoundError:

@@ -90,13 +90,6 @@ class PlaceIndex:
             self._columns.remove(place_ids)
             self._measure(slice(0, len(self)))
 
-    def replace_all(self, table: PlaceTable) -> None:
-        """Hold these places and no others."""
-        self.check(table)
-        self._columns = PlaceColumns(self.dimension, len(table), self._storage.dtype)
-        self._columns.upsert(table)
-        self._measure(slice(0, len(self)))
-
     def search(self, mean: NDArray[np.float32], k: int, without: NDArray[np.int64] | None = None) -> list[Candidate]:
         """The k places nearest to `mean` (d,), nearest first, of equally near ones the lowest id first.
 

@@ -149,10 +149,9 @@ def test_float16_moves_a_distance_by_no_more_than_its_rounding():
 def test_what_float16_cannot_keep_is_refused_and_changes_nothing(too_large):
     index = PlaceIndex(2, storage='float16')
     index.upsert(table_of([[1, 2]]))
-    for change in (index.upsert, index.replace_all):
-        with pytest.raises(RefusedInput, match=r'place 1: .*65504.*query\.storage: float16') as refused:
-            change(table_of([[0, 0], [too_large, 0]]))
-        assert refused.value.cause == 'invalid_place'
+    with pytest.raises(RefusedInput, match=r'place 1: .*65504.*query\.storage: float16') as refused:
+        index.upsert(table_of([[0, 0], [too_large, 0]]))
+    assert refused.value.cause == 'invalid_place'
     assert found(index, [1, 2], 3) == [(0.0, 0)]
 
 
@@ -191,7 +190,7 @@ def test_k_beyond_the_map_and_an_empty_map():
     assert len(index.search(np.zeros(2, np.float32), 5)) == 2
 
 
-step = st.tuples(st.sampled_from(['upsert', 'remove', 'replace']), st.lists(st.integers(0, 30), max_size=12))
+step = st.tuples(st.sampled_from(['upsert', 'remove']), st.lists(st.integers(0, 30), max_size=12))
 
 
 @pytest.mark.parametrize('way', ['float32', *WAYS])
@@ -208,12 +207,8 @@ def test_changes_leave_no_trace_of_what_was(way, steps, without):
             index.remove(np.array(ids, np.int64))
             entries = {k: v for k, v in entries.items() if k not in ids}
         else:
-            (index.upsert if verb == 'upsert' else index.replace_all)(table)
-            entries = (
-                dict(zip(ids, means, strict=True))
-                if verb == 'replace'
-                else entries | dict(zip(ids, means, strict=True))
-            )
+            index.upsert(table)
+            entries |= dict(zip(ids, means, strict=True))
         assert len(index) == len(entries)
         query = rng.normal(size=4).astype(np.float32)
         assert found(index, query, 5) == slowly(kept(entries), query, 5)
@@ -241,8 +236,7 @@ def test_a_candidate_carries_its_place():
 def test_unusable_places_are_refused_and_change_nothing(table, cause):
     index = PlaceIndex(2)
     index.upsert(table_of([[1, 2]]))
-    for change in (index.upsert, index.replace_all):
-        with pytest.raises(RefusedInput) as refused:
-            change(table)
-        assert refused.value.cause == cause
+    with pytest.raises(RefusedInput) as refused:
+        index.upsert(table)
+    assert refused.value.cause == cause
     assert found(index, [1, 2], 1) == [(0.0, 0)]

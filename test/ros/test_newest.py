@@ -98,19 +98,24 @@ def test_an_exception_costs_one_item(make: Callable[..., NewestWorker[int]], cap
     assert 'ValueError: spoiled' in capfd.readouterr().err
 
 
+def returns_when_let_go(slow: Slow, call: Callable[[], None]) -> None:
+    """That the call waits for what `slow` has in hand."""
+    calling = threading.Thread(target=call)
+    calling.start()
+    time.sleep(0.05)
+    assert calling.is_alive()
+    slow.let_go()
+    calling.join(WAIT_S)
+    assert not calling.is_alive()
+
+
 def test_stop_ends_what_is_in_hand_and_forgets_the_rest(make: Callable[..., NewestWorker[int]]) -> None:
     slow, overtaken = Slow(), list[int]()
     worker = make(slow, overtaken.append)
     worker.put(0)
     slow.wait_until_busy()
     worker.put(1)
-    ended = threading.Thread(target=worker.stop)
-    ended.start()
-    time.sleep(0.05)
-    assert ended.is_alive()
-    slow.let_go()
-    ended.join(WAIT_S)
-    assert not ended.is_alive()
+    returns_when_let_go(slow, worker.stop)
     worker.put(2)
     worker.stop()
     assert slow.begun == slow.done == [0]
@@ -123,12 +128,7 @@ def test_forget_waits_for_what_is_in_hand_and_goes_on(make: Callable[..., Newest
     worker.put(0)
     slow.wait_until_busy()
     worker.put(1)
-    forgotten = threading.Thread(target=worker.forget)
-    forgotten.start()
-    time.sleep(0.05)
-    assert forgotten.is_alive()
-    slow.let_go()
-    forgotten.join(WAIT_S)
+    returns_when_let_go(slow, worker.forget)
     assert slow.done == [0]
     worker.put(2)
     slow.wait_until_busy()
