@@ -9,6 +9,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Sequence
+from concurrent.futures.process import BrokenProcessPool
 from types import FrameType
 from typing import Any, TypeVar
 
@@ -18,6 +19,30 @@ from offradar_ros.errors import DataError
 
 Progress = Callable[[int, int], None]
 ResultT = TypeVar('ResultT')
+
+
+class WorkerPool(concurrent.futures.ProcessPoolExecutor):
+    """Fresh processes, which use one thread each for images, ignore Ctrl-C and end when this process does.
+
+    Each calls `start` with `arguments` before its first task. BrokenProcessPool is raised wherever one of them died.
+    """
+
+    def __init__(self, processes: int, start: Callable[..., None] | None = None, arguments: Sequence[Any] = ()) -> None:
+        # A fork of a process that runs threads, as learned encoders do, may hang.
+        super().__init__(processes, multiprocessing.get_context('spawn'), _start, (start, *arguments))
+
+    def submit(
+        self, function: Callable[..., ResultT], /, *arguments: Any, **named: Any
+    ) -> concurrent.futures.Future[ResultT]:
+        """As of any executor."""
+        try:
+            return super().submit(function, *arguments, **named)
+        except OSError as error:
+            # One died while another was being started: Python 3.11 then closes what that one is handed. The system's
+            # own errors have a number.
+            if error.errno is not None:
+                raise
+            raise BrokenProcessPool('a process died while another was being started') from error
 
 
 def shared_out(
@@ -41,11 +66,9 @@ def shared_out(
                 progress(done, len(tasks))
         return results
     before = set(multiprocessing.active_children())
-    # Fresh processes: a fork of one that runs threads, as learned encoders do, may hang.
-    context = multiprocessing.get_context('spawn')
-    with concurrent.futures.ProcessPoolExecutor(processes, context, initializer=_start) as pool:
-        futures = [pool.submit(_done, function, task) for task in tasks]
+    with WorkerPool(processes) as pool:
         try:
+            futures = [pool.submit(_done, function, task) for task in tasks]
             for done, future in enumerate(concurrent.futures.as_completed(futures), start=1):
                 future.result()
                 if progress:
@@ -85,12 +108,14 @@ def _end(_number: int, _frame: FrameType | None) -> None:
     sys.exit(128 + signal.SIGTERM)
 
 
-def _start() -> None:
+def _start(start: Callable[..., None] | None, *arguments: Any) -> None:
     cv2.setNumThreads(1)
     # A terminal's Ctrl-C reaches every process of it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _end)
     threading.Thread(target=_end_with_parent, daemon=True).start()
+    if start is not None:
+        start(*arguments)
 
 
 def _end_with_parent() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import errno
+import multiprocessing.process
 import os
 import signal
 import subprocess
@@ -45,6 +47,24 @@ def test_errors_come_back(tmp_path: Path, processes: int) -> None:
 def test_a_killed_process_is_said_to_be_one() -> None:
     with pytest.raises(DataError, match='a process was killed'):
         shared_out(signal.raise_signal, [(signal.SIGKILL,), (signal.SIGKILL,)], 2)
+
+
+def test_a_process_that_dies_while_another_is_started_is_said_to_be_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    def start(_: object) -> None:
+        raise OSError('handle is closed')
+
+    monkeypatch.setattr(multiprocessing.process.BaseProcess, 'start', start)
+    with pytest.raises(DataError, match='a process was killed'):
+        shared_out(abs, [(1,), (2,)], 2)
+
+
+def test_an_error_of_the_system_is_no_dead_process(monkeypatch: pytest.MonkeyPatch) -> None:
+    def start(_: object) -> None:
+        raise BlockingIOError(errno.EAGAIN, 'Resource temporarily unavailable')
+
+    monkeypatch.setattr(multiprocessing.process.BaseProcess, 'start', start)
+    with pytest.raises(BlockingIOError, match='Resource temporarily unavailable'):
+        shared_out(abs, [(1,), (2,)], 2)
 
 
 def test_no_process_outlives_the_one_that_started_it() -> None:

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import collections
 import concurrent.futures
-import concurrent.futures.process
-import multiprocessing
 from collections.abc import Callable, Iterator
+from concurrent.futures.process import BrokenProcessPool
 from typing import Any, TypeVar
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros.errors import OffradarError
 from offradar_ros.geometry import Trajectory
+from offradar_ros.processes import WorkerPool
 from offradar_ros.simulation.sequence import SimulatedSequence
 from offradar_ros.types import PolarScan
 
@@ -35,9 +34,7 @@ def made_ahead(sequence: SimulatedSequence, make: Callable[[PolarScan], T], work
     if workers <= 1 or len(sequence) < 2:
         yield from (make(sequence.scan(index)) for index in range(len(sequence)))
         return
-    # Forked processes would inherit the locks of whatever threads there are.
-    context = multiprocessing.get_context('spawn')
-    with concurrent.futures.ProcessPoolExecutor(workers, context, _start, (sequence, make)) as pool:
+    with WorkerPool(workers, _start, (sequence, make)) as pool:
         waiting: collections.deque[concurrent.futures.Future[Any]] = collections.deque()
         try:
             for index in range(len(sequence)):
@@ -46,7 +43,7 @@ def made_ahead(sequence: SimulatedSequence, make: Callable[[PolarScan], T], work
                     yield waiting.popleft().result()
             while waiting:
                 yield waiting.popleft().result()
-        except concurrent.futures.process.BrokenProcessPool as error:
+        except BrokenProcessPool as error:
             raise OffradarError(
                 'a process that made scans ended before its time (out of memory?): try fewer workers'
             ) from error
@@ -58,7 +55,6 @@ def made_ahead(sequence: SimulatedSequence, make: Callable[[PolarScan], T], work
 def _start(sequence: SimulatedSequence, make: Callable[[PolarScan], object]) -> None:
     global _job  # noqa: PLW0603
     _job = sequence, make
-    cv2.setNumThreads(1)
 
 
 def _made(index: int) -> object:
