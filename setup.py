@@ -36,7 +36,7 @@ setup(
         'typer>=0.9',
     ],
     extras_require={
-        'half': ['numkong>=7.8.6'],
+        'half': ['numba>=0.58'],
         'onnx': ['onnxruntime>=1.18', 'safetensors>=0.4'],
         'plot': ['jinja2>=3.0', 'matplotlib>=3.6'],
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
@@ -45,7 +45,7 @@ setup(
             'mcap',
             'mcap-ros2-support',
             'mypy',
-            'numkong>=7.8.6',
+            'numba>=0.58',
             'pytest',
             'pytest-timeout',
             'pytest-xdist',

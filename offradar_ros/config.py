@@ -284,8 +284,8 @@ class QueryConfig:
     )
     storage: str = parameter(
         'float32',
-        'how the searched means are kept: float16 rounds them to 11 bits and takes half the memory; only with numkong '
-        'installed is it as quick as float32',
+        'how the searched means are kept: float16 rounds them to 11 bits and takes half the memory, and with numba '
+        'installed little more than half the time',
         choices=('float32', 'float16'),
     )
     map_path: str = parameter(

@@ -67,6 +67,7 @@ LAZY = {
     ('cli.train', 'training.config_file'),
     ('cli.train', 'training.run'),
     ('cli.train', 'training.split_drives'),
+    ('retrieval.mean_storage', 'retrieval.half_scores'),
 }
 BACKENDS = {
     f'encoders.{name}'
@@ -90,9 +91,9 @@ BACKENDS = {
         'vae',
         'variational',
     )
-}
-"""The modules that import a runtime of learned encoders when they are imported."""
-HEAVY = ('rclpy', 'torch', 'onnxruntime', 'onnx', 'matplotlib', 'scipy')
+} | {'retrieval.half_scores'}
+"""The modules that import a runtime of learned encoders, or a compiler, when they are imported."""
+HEAVY = ('rclpy', 'torch', 'onnxruntime', 'onnx', 'matplotlib', 'numba', 'scipy')
 VAGUE = {'util', 'utils', 'common', 'helper', 'helpers', 'manager', 'managers', 'misc'}
 
 

@@ -2,7 +2,8 @@
 
 Half precision has 11 significant bits: a value moves by 2⁻¹¹ of itself at most (2⁻²⁵ where it is below 2⁻¹⁴), so that a
 mean x moves by at most 2⁻¹¹ |x|, and a distance by no more than that. Values beyond ±65504 cannot be kept.
-Products with a query are for a shortlist: approximate, with a bound on their error.
+Scores, which rank means x by how near they are to a query q, are |x|² − 2 x·q: sums of d + 1 terms in single
+precision, in any order, for a shortlist.
 """
 
 from __future__ import annotations
@@ -10,7 +11,6 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import functools
-import importlib
 import itertools
 from collections.abc import Callable
 from typing import Any
@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float32]
-Products = Callable[[NDArray[Any], Floats], tuple[Floats, float]]
+Scores = Callable[[NDArray[Any], Floats, Floats], Floats]
 
 ROUND_OFF = 2.0**-24
 """Relative error of one single-precision operation."""
@@ -35,60 +35,53 @@ class MeanStorage:
     Attributes:
         dtype: of the matrix.
         largest: no value may exceed this.
-        products: matrix (N, d) and query (d,) to their N products, and how far, in units of a row's length, these may
-            be off beyond the rounding of d single-precision operations.
+        scores: means (N, d), query (d,) and the means' squared lengths (N,) to their scores (N,).
     """
 
     dtype: np.dtype[Any]
     largest: float
-    products: Products
+    scores: Scores
 
 
 def mean_storage(name: str) -> MeanStorage:
     """Of the values that `query.storage` may have."""
     if name == 'float32':
-        return MeanStorage(np.dtype(np.float32), float(np.finfo(np.float32).max), _products)
-    return MeanStorage(np.dtype(np.float16), float(np.finfo(np.float16).max), _half_products())
+        return MeanStorage(np.dtype(np.float32), float(np.finfo(np.float32).max), _scores)
+    return MeanStorage(np.dtype(np.float16), float(np.finfo(np.float16).max), _half_scores())
 
 
-def _products(means: NDArray[Any], query: Floats) -> tuple[Floats, float]:
-    return means @ query, 0.0
+def _scores(means: NDArray[Any], query: Floats, squares: Floats) -> Floats:
+    scores: Floats = means @ (np.float32(-2.0) * query)
+    scores += squares
+    return scores
 
 
 @functools.cache
-def _half_products() -> Products:
-    """NumKong reads half precision as it is; it is used where it is installed and as precise as it says."""
+def _half_scores() -> Scores:
+    """Compiled by Numba, where it is installed and as precise as it should be."""
     # Not installed, without a library that it needs, or of a version with other functions.
     with contextlib.suppress(ImportError, OSError, AttributeError, TypeError):
-        products = functools.partial(products_of_halves, importlib.import_module('numkong'))
-        if is_precise(products):
-            return products
-    return products_in_blocks
+        from offradar_ros.retrieval.half_scores import scores_of_halves  # noqa: PLC0415
+
+        if is_precise(scores_of_halves):
+            return scores_of_halves
+    return scores_in_blocks
 
 
-def products_in_blocks(means: NDArray[Any], query: Floats) -> tuple[Floats, float]:
+def scores_in_blocks(means: NDArray[Any], query: Floats, squares: Floats) -> Floats:
     """Some rows at a time made single precision."""
-    products = np.empty(len(means), np.float32)
+    scores = np.empty(len(means), np.float32)
     block = np.empty((_BLOCK, means.shape[1]), np.float32)
+    factor = np.float32(-2.0) * query
     for start in range(0, len(means), _BLOCK):
         rows = means[start : start + _BLOCK]
         np.copyto(block[: len(rows)], rows)
-        np.matmul(block[: len(rows)], query, out=products[start : start + len(rows)])
-    return products, 0.0
+        np.matmul(block[: len(rows)], factor, out=scores[start : start + len(rows)])
+    scores += squares
+    return scores
 
 
-def products_of_halves(numkong: Any, means: NDArray[Any], query: Floats) -> tuple[Floats, float]:
-    """The query rounded too, after a power of two that brings it into the range of half precision."""
-    _, exponent = np.frexp(np.max(np.abs(query)))
-    exponent = int(np.clip(exponent, -100, 100))
-    half = np.ldexp(query, -exponent).astype(np.float16)
-    error = query.astype(np.float64) - np.ldexp(half.astype(np.float64), exponent)
-    products = np.asarray(numkong.dots_packed(means, numkong.dots_pack(half[None]))).reshape(-1)
-    products *= np.float32(2.0**exponent)
-    return products, float(np.linalg.norm(error))
-
-
-def is_precise(products: Products) -> bool:
+def is_precise(scores: Scores) -> bool:
     """Whether sums are of single precision, as the bound on the error has it.
 
     Some processors add halves as halves, or take subnormal ones (below 2⁻¹⁴) for zero.
@@ -96,10 +89,9 @@ def is_precise(products: Products) -> bool:
     rng = np.random.default_rng(0)
     for length, scale in itertools.product((3, 128, 1000), (100.0, 2.0**-16)):
         means = (scale * rng.standard_normal((64, length))).astype(np.float16)
-        query = rng.standard_normal(length).astype(np.float16).astype(np.float32)
-        found, slack = products(means, query)
-        lengths = np.linalg.norm(means.astype(np.float64), axis=1)
-        bound = lengths * (length * ROUND_OFF * float(np.linalg.norm(query)) + slack)
-        if np.any(np.abs(found - means.astype(np.float64) @ query) > bound):
+        query = rng.standard_normal(length).astype(np.float32)
+        wide = means.astype(np.float64)
+        bound = 2.0 * length * ROUND_OFF * np.linalg.norm(wide, axis=1) * float(np.linalg.norm(query))
+        if np.any(np.abs(scores(means, query, np.zeros(64, np.float32)) + 2.0 * wide @ query) > bound):
             return False
     return True

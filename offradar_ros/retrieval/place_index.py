@@ -24,20 +24,29 @@ _GROUPS = 16384
 """Groups of rows that the k least scores are looked for in: far more than k."""
 
 
-def _reached_by(scores: NDArray[np.float32], k: int) -> float:
-    """A score that at least k others do not exceed, and few more: the k-th least, or little above it.
+def _least(scores: NDArray[np.float32], k: int, margin: float) -> NDArray[np.intp]:
+    """Ascending rows of the k least scores and of all that exceed the k-th by no more than `margin`, and few more.
 
-    It is the k-th of the least of each group, which takes one pass. Groups are strided: the places of a road lie beside
-    one another, and so do those that resemble a query.
+    What is taken for the k-th is the k-th of the least of each group, which takes one pass; a group whose least is too
+    much is done with. Groups are strided: the places of a road lie beside one another, and so do those that resemble a
+    query.
     """
     rows = len(scores) // _GROUPS
     if rows > 4 and 16 * k <= _GROUPS:
-        least = scores[: rows * _GROUPS].reshape(rows, _GROUPS).min(axis=0)
-        reached = float(np.partition(least, k - 1)[k - 1])
+        grouped, rest = scores[: rows * _GROUPS].reshape(rows, _GROUPS), scores[rows * _GROUPS :]
+        least = grouped.min(axis=0)
+        limit = _limit(least, k, margin)
         # Infinite where almost all rows are left out.
-        if reached < np.inf:
-            return reached
-    return float(np.partition(scores, k - 1)[k - 1])
+        if limit < np.inf:
+            groups = np.flatnonzero(least <= limit)
+            row, group = np.nonzero(grouped[:, groups] <= limit)
+            return np.concatenate([row * _GROUPS + groups[group], rows * _GROUPS + np.flatnonzero(rest <= limit)])
+    return np.flatnonzero(scores <= _limit(scores, k, margin))
+
+
+def _limit(scores: NDArray[np.float32], k: int, margin: float) -> float:
+    kth = np.partition(scores, k - 1)[k - 1]
+    return float(np.nextafter(np.float32(float(kth) + margin), np.float32(np.inf)))
 
 
 class PlaceIndex:
@@ -55,6 +64,7 @@ class PlaceIndex:
         self._storage, self._name = mean_storage(storage), storage
         self._columns = PlaceColumns(dimension, capacity, self._storage.dtype)
         self._squares = np.empty(capacity, np.float32)
+        self._largest: float | None = None
 
     def __len__(self) -> int:
         return len(self._columns)
@@ -109,15 +119,13 @@ class PlaceIndex:
     def _shortlist(self, query: NDArray[np.float32], k: int, excluded: NDArray[np.intp]) -> NDArray[np.intp]:
         """Ascending rows that are sure to hold the k nearest."""
         squares = self._squares[: len(self)]
-        largest = (np.sqrt(float(squares.max())) + np.linalg.norm(query.astype(np.float64))) ** 2
+        largest = (np.sqrt(self._largest_square()) + np.linalg.norm(query.astype(np.float64))) ** 2
         if not largest < _LARGEST_SQUARE:
             return np.setdiff1d(np.arange(len(self)), excluded)
-        scores, slack = self._storage.products(self._columns.table.means, np.float32(-2.0) * query)
-        scores += squares
+        scores = self._storage.scores(self._columns.table.means, query, squares)
         scores[excluded] = np.inf
-        bound = (self.dimension + 8) * (ROUND_OFF * largest + _TINY) + slack * float(np.sqrt(largest))
-        limit = _reached_by(scores, k) + 2.0 * bound
-        return np.flatnonzero(scores <= np.nextafter(np.float32(limit), np.float32(np.inf)))
+        bound = (self.dimension + 8) * (ROUND_OFF * largest + _TINY)
+        return _least(scores, k, 2.0 * bound)
 
     def _distances(self, query: NDArray[np.float32], rows: NDArray[np.intp]) -> NDArray[np.float32]:
         distances = np.empty(len(rows), np.float32)
@@ -140,8 +148,15 @@ class PlaceIndex:
         )
         return [Candidate(place_id, d, u, Pose(x_m, y_m, z_m, yaw)) for place_id, d, u, (x_m, y_m, z_m), yaw in places]
 
+    def _largest_square(self) -> float:
+        """Looked for once after each change."""
+        if self._largest is None:
+            self._largest = float(self._squares[: len(self)].max())
+        return self._largest
+
     def _measure(self, rows: NDArray[np.intp] | slice) -> None:
         """Squared lengths of rows that changed, infinite where they overflow."""
+        self._largest = None
         if len(self) > len(self._squares):
             grown = np.empty(max(len(self), 2 * len(self._squares)), np.float32)
             grown[: len(self._squares)] = self._squares

@@ -1,7 +1,8 @@
-"""Products for a shortlist, in both ways, within the bound that they give."""
+"""Scores for a shortlist, in both ways, within the rounding of single precision."""
 
+import os
+import subprocess
 import sys
-import types
 
 import numpy as np
 import pytest
@@ -10,94 +11,109 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
 from offradar_ros.retrieval import mean_storage as storages
-from offradar_ros.retrieval.mean_storage import ROUND_OFF, is_precise, mean_storage, products_in_blocks
+from offradar_ros.retrieval.mean_storage import ROUND_OFF, is_precise, mean_storage, scores_in_blocks
 
 
-def by_numkong(means, query):
-    return storages.products_of_halves(pytest.importorskip('numkong'), means, query)
+def by_numba(means, query, squares):
+    compiled = pytest.importorskip('offradar_ros.retrieval.half_scores')
+    return compiled.scores_of_halves(means, query, squares)
 
 
-WAYS = pytest.mark.parametrize('products', [by_numkong, products_in_blocks], ids=['numkong', 'blocks'])
+WAYS = pytest.mark.parametrize('scores', [by_numba, scores_in_blocks], ids=['numba', 'blocks'])
 halves = arrays.arrays(np.float16, (3, 5), elements=st.floats(-65504, 65504, width=16))
 queries = arrays.arrays(np.float32, 5, elements=st.floats(-(2.0**60), 2.0**60, width=32))
+squares_of_three = arrays.arrays(np.float32, 3, elements=st.floats(0.0, 2.0**36, width=32))
 
 
 @WAYS
 @settings(max_examples=200, deadline=None)
-@given(means=halves, query=queries)
-def test_products_of_halves_are_within_their_bound(products, means, query):
-    found, slack = products(means, query)
+@given(means=halves, query=queries, squares=squares_of_three)
+def test_scores_of_halves_are_within_their_rounding(scores, means, query, squares):
+    found = scores(means, query, squares)
     assert found.dtype == np.float32 and found.shape == (3,)
-    for product, row in zip(found, means.astype(np.float64), strict=True):
-        length = np.linalg.norm(row)
-        rounding = 8 * ROUND_OFF * length * np.linalg.norm(query.astype(np.float64)) + 1e-37
-        assert abs(float(product) - row @ query) <= rounding + slack * length
+    for score, square, row in zip(found, squares.astype(np.float64), means.astype(np.float64), strict=True):
+        size = 2.0 * np.linalg.norm(row) * np.linalg.norm(query.astype(np.float64)) + square
+        assert abs(float(score) - (square - 2.0 * row @ query)) <= 8 * ROUND_OFF * size + 1e-37
 
 
 @WAYS
-def test_more_rows_than_a_block_and_none(products):
+@pytest.mark.parametrize('dimension', [1, 31, 128, 1000])
+def test_more_rows_than_a_block_and_none(scores, dimension):
     rng = np.random.default_rng(0)
-    means = rng.normal(size=(2500, 128)).astype(np.float16)
-    query = rng.normal(size=128).astype(np.float32)
-    found, slack = products(means, query)
-    lengths = np.linalg.norm(means.astype(float), axis=1)
-    assert np.all(np.abs(found - means.astype(float) @ query) <= lengths * (slack + 1e-4))
+    for count in (2500, 0):
+        means = rng.normal(size=(count, dimension)).astype(np.float16)
+        query = rng.normal(size=dimension).astype(np.float32)
+        squares = rng.normal(size=count).astype(np.float32)
+        expected = squares - 2.0 * means.astype(float) @ query
+        np.testing.assert_allclose(scores(means, query, squares), expected, rtol=0.0, atol=1e-3)
 
 
 def test_sums_of_halves_added_as_halves_or_without_the_smallest_are_not_taken_for_precise():
-    def coarse(means, query):
-        return (means @ query.astype(np.float16)).astype(np.float32), 0.0
+    def coarse(means, query, squares):
+        return squares - 2.0 * (means @ query.astype(np.float16)).astype(np.float32)
 
-    def flushing(means, query):
-        return products_in_blocks(np.where(np.abs(means) < 2.0**-14, np.float16(0), means), query)
+    def flushing(means, query, squares):
+        return scores_in_blocks(np.where(np.abs(means) < 2.0**-14, np.float16(0), means), query, squares)
 
     assert not is_precise(coarse)
     assert not is_precise(flushing)
-    assert is_precise(products_in_blocks) and is_precise(by_numkong)
+    assert is_precise(scores_in_blocks) and is_precise(by_numba)
 
 
 @pytest.fixture
 def chosen_anew():
-    storages._half_products.cache_clear()
+    storages._half_scores.cache_clear()
     yield
-    storages._half_products.cache_clear()
+    storages._half_scores.cache_clear()
 
 
 @pytest.mark.usefixtures('chosen_anew')
-def test_without_numkong_blocks_do(monkeypatch):
-    monkeypatch.setitem(sys.modules, 'numkong', None)
-    assert mean_storage('float16').products is products_in_blocks
+def test_numba_is_used_where_it_is():
+    compiled = pytest.importorskip('offradar_ros.retrieval.half_scores')
+    assert mean_storage('float16').scores is compiled.scores_of_halves
 
 
 @pytest.mark.usefixtures('chosen_anew')
-def test_an_imprecise_numkong_is_not_used(monkeypatch):
+def test_without_numba_blocks_do(monkeypatch):
+    monkeypatch.delitem(sys.modules, 'offradar_ros.retrieval.half_scores', raising=False)
+    monkeypatch.setitem(sys.modules, 'numba', None)
+    assert mean_storage('float16').scores is scores_in_blocks
+
+
+@pytest.mark.usefixtures('chosen_anew')
+def test_on_a_processor_that_cannot_widen_halves_blocks_do(monkeypatch):
+    binding = pytest.importorskip('llvmlite.binding')
+    monkeypatch.delitem(sys.modules, 'offradar_ros.retrieval.half_scores', raising=False)
+    monkeypatch.setattr('platform.machine', lambda: 'x86_64')
+    monkeypatch.setattr(binding, 'get_host_cpu_features', dict)
+    assert mean_storage('float16').scores is scores_in_blocks
+
+
+@pytest.mark.parametrize('setting', ['NUMBA_CPU_NAME=generic', 'NUMBA_CPU_FEATURES=', 'NUMBA_DISABLE_JIT=1'])
+def test_where_numba_compiles_for_another_processor_or_not_at_all_blocks_do(setting):
+    name, _, value = setting.partition('=')
+    code = (
+        'from offradar_ros.retrieval.mean_storage import mean_storage; print(mean_storage("float16").scores.__name__)'
+    )
+    environment = {**os.environ, name: value}
+    done = subprocess.run([sys.executable, '-c', code], env=environment, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stdout.strip()) == (0, 'scores_in_blocks'), done.stderr
+
+
+@pytest.mark.usefixtures('chosen_anew')
+def test_imprecise_sums_are_not_used(monkeypatch):
     monkeypatch.setattr(storages, 'is_precise', lambda _: False)
-    assert mean_storage('float16').products is products_in_blocks
-
-
-def raising(error):
-    def raise_it(*_, **__):
-        raise error
-
-    return raise_it
+    assert mean_storage('float16').scores is scores_in_blocks
 
 
 @pytest.mark.usefixtures('chosen_anew')
-@pytest.mark.parametrize(
-    'unusable',
-    [
-        types.SimpleNamespace(),
-        types.SimpleNamespace(dots_pack=lambda: None, dots_packed=lambda: None),
-        types.SimpleNamespace(dots_pack=raising(OSError('no such library')), dots_packed=None),
-    ],
-    ids=['without its functions', 'with other arguments', 'without its library'],
-)
-def test_a_numkong_that_cannot_be_used_is_not(monkeypatch, unusable):
-    monkeypatch.setitem(sys.modules, 'numkong', unusable)
-    assert mean_storage('float16').products is products_in_blocks
+@pytest.mark.parametrize('why', [ImportError('NumPy is too new'), OSError('no such library'), TypeError('arguments')])
+def test_a_numba_that_cannot_be_used_is_not(monkeypatch, why):
+    numba = pytest.importorskip('numba')
 
+    def fail(*_, **__):
+        raise why
 
-@pytest.mark.usefixtures('chosen_anew')
-def test_a_numkong_whose_library_does_not_load_is_not_used(monkeypatch):
-    monkeypatch.setattr(storages.importlib, 'import_module', raising(OSError('cannot open shared object file')))
-    assert mean_storage('float16').products is products_in_blocks
+    monkeypatch.delitem(sys.modules, 'offradar_ros.retrieval.half_scores', raising=False)
+    monkeypatch.setattr(numba, 'njit', fail)
+    assert mean_storage('float16').scores is scores_in_blocks

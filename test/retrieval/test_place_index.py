@@ -1,6 +1,5 @@
 """Exact search against distances computed pair by pair."""
 
-import functools
 import math
 
 import numpy as np
@@ -14,17 +13,17 @@ from offradar_ros.retrieval import mean_storage as storages
 from offradar_ros.retrieval.place_index import PlaceIndex
 from offradar_ros.types import PlaceTable
 
-WAYS = ('float16 by numkong', 'float16 in blocks')
+WAYS = ('float16 by numba', 'float16 in blocks')
 
 
 def index_of(dimension: int, way: str) -> PlaceIndex:
     if way == 'float32':
         return PlaceIndex(dimension)
-    products = storages.products_in_blocks
-    if way == 'float16 by numkong':
-        products = functools.partial(storages.products_of_halves, pytest.importorskip('numkong'))
+    scores = storages.scores_in_blocks
+    if way == 'float16 by numba':
+        scores = pytest.importorskip('offradar_ros.retrieval.half_scores').scores_of_halves
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(storages, '_half_products', lambda: products)
+        patch.setattr(storages, '_half_scores', lambda: scores)
         return PlaceIndex(dimension, storage='float16')
 
 
