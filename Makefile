@@ -26,7 +26,7 @@ test-fast: $(VENV)/.test
 SECONDS ?= 60
 BENCH ?= benchmarks/results
 PICTURES ?= docs
-bench: $(VENV)/.test
+bench: $(VENV)/.bench
 	mkdir -p $(BENCH)
 	$(BIN)/python benchmarks/pipeline.py --seconds $(SECONDS) --out $(BENCH)/pipeline.json
 	$(BIN)/python benchmarks/throughput.py --out $(BENCH)/throughput.json
@@ -51,6 +51,10 @@ $(VENV)/.demo: $(VENV)/bin/python $(SOURCES)
 
 $(VENV)/.test: $(VENV)/bin/python $(SOURCES)
 	$(INSTALL) '.[ros,plot,onnx,torch,test]'
+	touch $@
+
+$(VENV)/.bench: $(VENV)/.test
+	$(INSTALL) '.[bench]'
 	touch $@
 
 clean:

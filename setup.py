@@ -36,6 +36,7 @@ setup(
         'typer>=0.9',
     ],
     extras_require={
+        'bench': ['faiss-cpu>=1.8'],
         'half': ['numba>=0.58'],
         'onnx': ['onnxruntime>=1.18', 'safetensors>=0.4'],
         'plot': ['jinja2>=3.0', 'matplotlib>=3.6'],

@@ -13,7 +13,7 @@ import platform
 import shlex
 import sys
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -126,7 +126,7 @@ def write_results(
 ) -> None:
     """Write `results` as JSON, with what they were measured on and by which commands, those that made `kept` first."""
     record = {
-        'commands': [*(kept or {}).get('commands', []), shlex.join(['python', *_relative(sys.argv)])],
+        'commands': [*(kept or {}).get('commands', []), as_typed(['python', *sys.argv])],
         'machine': machine(),
         'versions': versions(PACKAGES),
         'threads': {name: os.environ[name] for name in THREADS if name in os.environ},
@@ -142,6 +142,13 @@ def rounded(value: float, digits: int = 4) -> float:
     return float(f'{value:.{digits}g}')
 
 
-def _relative(words: list[str]) -> list[str]:
+def as_typed(words: Sequence[str]) -> str:
+    """A command, `NAME=PATH` among its words or not: of paths outside the project the name alone, not where it lies."""
+    return shlex.join(map(_relative, words))
+
+
+def _relative(word: str) -> str:
     root = str(Path(__file__).resolve().parents[1]) + os.sep
-    return [word.removeprefix(root) for word in words]
+    name, equals, path = word.rpartition('=')
+    inside = path.removeprefix(root)
+    return name + equals + (Path(inside).name if inside.startswith(('/', '~', '../')) else inside)
