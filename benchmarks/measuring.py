@@ -29,7 +29,7 @@ PACKAGES = (
     'torch',
     'rosbags',
     'ros-jazzy-rclpy',
-    'numba',
+    'llvmlite',
     'faiss-cpu',
 )
 INTEGERS = ('avx512_vnni', 'avx_vnni', 'amx_int8')

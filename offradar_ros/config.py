@@ -284,7 +284,7 @@ class QueryConfig:
     )
     storage: str = parameter(
         'float32',
-        'how the searched means are kept: float16 rounds them to 11 bits and takes half the memory, and with numba '
+        'how the searched means are kept: float16 rounds them to 11 bits and takes half the memory, and with llvmlite '
         'installed little more than half the time',
         choices=('float32', 'float16'),
     )

@@ -93,7 +93,7 @@ BACKENDS = {
     )
 } | {'retrieval.half_scores'}
 """The modules that import a runtime of learned encoders, or a compiler, when they are imported."""
-HEAVY = ('rclpy', 'torch', 'onnxruntime', 'onnx', 'matplotlib', 'numba', 'scipy')
+HEAVY = ('rclpy', 'torch', 'onnxruntime', 'onnx', 'llvmlite', 'matplotlib', 'scipy')
 VAGUE = {'util', 'utils', 'common', 'helper', 'helpers', 'manager', 'managers', 'misc'}
 
 

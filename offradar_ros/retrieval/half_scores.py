@@ -1,90 +1,117 @@
-"""Scores of half-precision rows, compiled by Numba: rows are widened in registers, as fast as memory gives them.
+"""Scores of half-precision rows, compiled by LLVM: rows are widened in registers, as fast as memory gives them.
 
-Importing this compiles it, which takes half a second.
+NumPy, BLAS and OpenCV widen halves in memory, which takes several times as long. Importing this compiles it.
 """
 
 from __future__ import annotations
 
+import ctypes
 import platform
 from typing import Any
 
-import llvmlite.binding
-import numba
+import llvmlite.binding as llvm
 import numpy as np
-from llvmlite import ir
-from numba.extending import intrinsic
 from numpy.typing import NDArray
 
-_AHEAD = 1536
-"""So many bytes ahead memory is asked for: the processor's own guess comes too late for rows this short."""
+_MULTIPLY = """
+declare void @llvm.prefetch.p0(ptr, i32, i32, i32)
+declare <32 x float> @llvm.fmuladd.v32f32(<32 x float>, <32 x float>, <32 x float>)
+declare float @llvm.vector.reduce.fadd.v32f32(float, <32 x float>)
 
-_LINE = 64
-"""Bytes that memory gives at once."""
+define void @multiply(ptr %means, ptr %factor, ptr %products, i64 %rows, i64 %dimension) {
+start:
+  %whole = and i64 %dimension, -32
+  %none = icmp eq i64 %rows, 0
+  br i1 %none, label %done, label %row
+
+row:
+  %r = phi i64 [0, %start], [%r.next, %row.end]
+  %mean = phi ptr [%means, %start], [%mean.next, %row.end]
+  %no.line = icmp eq i64 %whole, 0
+  br i1 %no.line, label %line.end, label %line
+
+line:  ; 32 halves are the 64 bytes that memory gives at once
+  %i = phi i64 [0, %row], [%i.next, %line]
+  %sums = phi <32 x float> [zeroinitializer, %row], [%sums.next, %line]
+  %halves.at = getelementptr half, ptr %mean, i64 %i
+  %factors.at = getelementptr float, ptr %factor, i64 %i
+  ; to be read, kept in every cache, data; beyond the last row is no harm
+  %ahead = getelementptr i8, ptr %halves.at, i64 1536
+  call void @llvm.prefetch.p0(ptr %ahead, i32 0, i32 3, i32 1)
+  %halves = load <32 x half>, ptr %halves.at, align 2
+  %factors = load <32 x float>, ptr %factors.at, align 4
+  %wide = fpext <32 x half> %halves to <32 x float>
+  %sums.next = call <32 x float> @llvm.fmuladd.v32f32(<32 x float> %wide, <32 x float> %factors, <32 x float> %sums)
+  %i.next = add i64 %i, 32
+  %more.lines = icmp ult i64 %i.next, %whole
+  br i1 %more.lines, label %line, label %line.end
+
+line.end:
+  %all = phi <32 x float> [zeroinitializer, %row], [%sums.next, %line]
+  %sum = call reassoc float @llvm.vector.reduce.fadd.v32f32(float 0.0, <32 x float> %all)
+  %no.rest = icmp eq i64 %whole, %dimension
+  br i1 %no.rest, label %row.end, label %rest
+
+rest:
+  %j = phi i64 [%whole, %line.end], [%j.next, %rest]
+  %total = phi float [%sum, %line.end], [%total.next, %rest]
+  %half.at = getelementptr half, ptr %mean, i64 %j
+  %factor.at = getelementptr float, ptr %factor, i64 %j
+  %one = load half, ptr %half.at, align 2
+  %by = load float, ptr %factor.at, align 4
+  %one.wide = fpext half %one to float
+  %product = fmul float %one.wide, %by
+  %total.next = fadd float %total, %product
+  %j.next = add i64 %j, 1
+  %more = icmp ult i64 %j.next, %dimension
+  br i1 %more, label %rest, label %row.end
+
+row.end:
+  %result = phi float [%sum, %line.end], [%total.next, %rest]
+  %product.at = getelementptr float, ptr %products, i64 %r
+  store float %result, ptr %product.at, align 4
+  %r.next = add i64 %r, 1
+  %mean.next = getelementptr half, ptr %mean, i64 %dimension
+  %more.rows = icmp ult i64 %r.next, %rows
+  br i1 %more.rows, label %row, label %done
+
+done:
+  ret void
+}
+"""
+"""Products of float16 means (rows, dimension) and a float32 factor (dimension,). Asking memory for them ahead is
+worth a third: the processor's own guess comes too late for rows this short."""
 
 
-def _widens() -> bool:
-    """Whether code for this processor has an instruction that widens halves: without one, calling it is a crash."""
-    config = numba.config
-    if config.DISABLE_JIT or config.CPU_NAME is not None or config.CPU_FEATURES is not None:
-        return False
-    return platform.machine() == 'aarch64' or bool(llvmlite.binding.get_host_cpu_features().get('f16c'))
+def _compiled() -> llvm.ExecutionEngine:
+    features = llvm.get_host_cpu_features()
+    # Without such an instruction a library is called that is not there.
+    if platform.machine() != 'aarch64' and not features.get('f16c'):
+        raise ImportError('this processor has no instruction that widens halves')
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    target = llvm.Target.from_default_triple()
+    machine = target.create_target_machine(cpu=llvm.get_host_cpu_name(), features=features.flatten(), opt=3)
+    engine = llvm.create_mcjit_compiler(llvm.parse_assembly(_MULTIPLY), machine)
+    engine.finalize_object()
+    return engine
 
 
-if not _widens():
-    raise ImportError('no instruction that widens halves')
-
-
-@intrinsic
-def _widened(_: Any, bits: Any) -> tuple[Any, Any]:
-    """The float32 that these 16 bits are as a float16."""
-
-    def generate(_context: Any, builder: Any, _signature: Any, arguments: Any) -> Any:
-        return builder.fpext(builder.bitcast(arguments[0], ir.HalfType()), ir.FloatType())
-
-    return numba.float32(bits), generate
-
-
-@intrinsic
-def _ask_for(_: Any, array: Any, offset: Any) -> tuple[Any, Any]:
-    """Have the byte at `offset` from an array's first fetched; none need be there."""
-
-    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        byte, flag = ir.IntType(8).as_pointer(), ir.IntType(32)
-        first = context.make_array(signature.args[0])(context, builder, arguments[0]).data
-        place = builder.gep(builder.bitcast(first, byte), [arguments[1]])
-        kind = ir.FunctionType(ir.VoidType(), [byte, flag, flag, flag])
-        prefetch = builder.module.declare_intrinsic('llvm.prefetch', [byte], kind)
-        # To be read, kept in every cache, and data.
-        builder.call(prefetch, [place, flag(0), flag(3), flag(1)])
-        return context.get_dummy_value()
-
-    return numba.void(array, offset), generate
-
-
-@numba.njit(
-    'void(uint16[:, ::1], float32[::1], float32[::1])',
-    nogil=True,
-    # Sums may be taken in any order, which vectors need; infinities and NaN are what they are.
-    fastmath={'reassoc', 'contract', 'nsz'},
+_engine = _compiled()
+_multiply = ctypes.CFUNCTYPE(None, *[ctypes.c_void_p] * 3, *[ctypes.c_int64] * 2)(
+    _engine.get_function_address('multiply')
 )
-def _multiply(halves: Any, factor: Any, products: Any) -> None:
-    rows, dimension = halves.shape
-    for row in range(rows):
-        start = 2 * dimension * row + _AHEAD
-        for offset in range(start, start + 2 * dimension, _LINE):
-            _ask_for(halves, offset)
-        total = np.float32(0.0)
-        for column in range(dimension):
-            total += _widened(halves[row, column]) * factor[column]
-        products[row] = total
 
 
 def scores_of_halves(
     means: NDArray[Any], query: NDArray[np.float32], squares: NDArray[np.float32]
 ) -> NDArray[np.float32]:
     """As `MeanStorage.scores` has it, of float16 means."""
-    scores = np.empty(len(means), np.float32)
-    _multiply(means.view(np.uint16), np.float32(-2.0) * query, scores)
+    rows, dimension = means.shape
+    means = np.ascontiguousarray(means, np.float16)
+    factor = np.ascontiguousarray(np.float32(-2.0) * query.reshape(dimension), np.float32)
+    scores = np.empty(rows, np.float32)
+    _multiply(means.ctypes.data, factor.ctypes.data, scores.ctypes.data, rows, dimension)
     # Not in the loop above, which a second array to read slows down more than this takes.
     scores += squares
     return scores

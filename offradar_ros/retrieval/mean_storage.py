@@ -58,9 +58,9 @@ def _scores(means: NDArray[Any], query: Floats, squares: Floats) -> Floats:
 
 @functools.cache
 def _half_scores() -> Scores:
-    """Compiled by Numba, where it is installed and as precise as it should be."""
+    """Compiled by LLVM, where llvmlite is installed and as precise as it should be."""
     # Not installed, without a library that it needs, or of a version with other functions.
-    with contextlib.suppress(ImportError, OSError, AttributeError, TypeError):
+    with contextlib.suppress(ImportError, OSError, AttributeError, TypeError, RuntimeError):
         from offradar_ros.retrieval.half_scores import scores_of_halves  # noqa: PLC0415
 
         if is_precise(scores_of_halves):

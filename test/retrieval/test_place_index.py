@@ -13,14 +13,14 @@ from offradar_ros.retrieval import mean_storage as storages
 from offradar_ros.retrieval.place_index import PlaceIndex
 from offradar_ros.types import PlaceTable
 
-WAYS = ('float16 by numba', 'float16 in blocks')
+WAYS = ('float16 by llvm', 'float16 in blocks')
 
 
 def index_of(dimension: int, way: str) -> PlaceIndex:
     if way == 'float32':
         return PlaceIndex(dimension)
     scores = storages.scores_in_blocks
-    if way == 'float16 by numba':
+    if way == 'float16 by llvm':
         scores = pytest.importorskip('offradar_ros.retrieval.half_scores').scores_of_halves
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(storages, '_half_scores', lambda: scores)
