@@ -22,7 +22,7 @@ lint: $(VENV)/.test
 test-fast: $(VENV)/.test
 	$(BIN)/python -m pytest -n 2 --dist loadfile --ignore test/nodes
 
-# The figures that benchmarks/README.md explains, into BENCH; SECONDS=600 is what is committed there.
+# The figures that benchmarks/README.md explains, into BENCH; of driving with each encoder, SECONDS.
 SECONDS ?= 60
 BENCH ?= benchmarks/results
 PICTURES ?= docs

@@ -242,7 +242,7 @@ def main() -> None:
         help='some of all: the others keep their figures',
     )
     parser.add_argument('--domain', type=int, default=DOMAIN_ID, help=f'ROS domain (default {DOMAIN_ID})')
-    parser.add_argument('--out', type=Path, default=RESULTS, help=f'results (default {RESULTS.name})')
+    parser.add_argument('--out', type=Path, default=RESULTS, help='default: the results in the repository')
     arguments = parser.parse_args()
     os.environ.update(isolated_environment(arguments.domain))
     folder = arguments.folder.resolve()

@@ -27,6 +27,7 @@ from synthetic_maps import DIMENSION, MODEL, SPACING_M, map_file, near_some, syn
 from offradar_ros.config import MapConfig, QueryConfig
 from offradar_ros.mapping.sessions import SessionMap
 from offradar_ros.retrieval.introspective_query import IntrospectiveQuery
+from offradar_ros.retrieval.mean_storage import scores_in_blocks
 from offradar_ros.retrieval.place_index import PlaceIndex
 from offradar_ros.ros.process_usage import process_usage
 from offradar_ros.types import Embedding, PlaceTable, Pose
@@ -35,6 +36,7 @@ ROOT = Path(__file__).resolve().parents[1]
 SIZES = (1_000, 10_000, 100_000, 1_000_000)
 TOP_K = (1, 5, 25, 100, 1000)
 STORAGES = ('float32', 'float16')
+BLOCKS = 'scores without llvmlite'
 SEED = 7
 PEER_K = 25
 OPENINGS = 3
@@ -46,8 +48,15 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('parts', nargs='*', help=f'some of {", ".join(PARTS)} (default: all)')
     parser.add_argument('--folder', type=Path, default=ROOT / 'build' / 'bench', help='for map files, 0.7 GB')
-    parser.add_argument('--out', type=Path, default=ROOT / 'benchmarks' / 'results' / 'search.json')
-    parser.add_argument('--picture', type=Path, default=ROOT / 'docs' / 'search_cost.png')
+    parser.add_argument(
+        '--out',
+        type=Path,
+        default=ROOT / 'benchmarks' / 'results' / 'search.json',
+        help='default: the results in the repository',
+    )
+    parser.add_argument(
+        '--picture', type=Path, default=ROOT / 'docs' / 'search_cost.png', help='default: the one in docs'
+    )
     arguments = parser.parse_args()
     if unknown := set(arguments.parts) - set(PARTS):
         parser.error(f'no such part: {", ".join(sorted(unknown))}')
@@ -73,13 +82,15 @@ def measure_search(_: Path) -> dict[str, Any]:
 def _searched(table: PlaceTable, peak: float) -> dict[str, Any]:
     queries = near_some(table.means, 64, SEED + 1)
     functions: dict[str, Callable[[], object]] = {}
-    matrices = {'float32': table.means, 'float16': table.means.astype(np.float16)}
+    matrices: dict[str, NDArray[Any]] = {'float32': table.means, 'float16': table.means.astype(np.float16)}
     for storage in STORAGES:
         index = PlaceIndex(DIMENSION, len(table), storage)
         index.upsert(table)
         functions |= {f'{storage}, {k}': _searching(index, queries, k) for k in TOP_K}
         functions |= {f'reading {storage}, {way}': read for way, read in readings(matrices[storage]).items()}
     functions |= _peers(table.means, queries)
+    following, squares = _in_turn(queries), np.ones(len(table), np.float32)
+    functions[BLOCKS] = lambda: scores_in_blocks(matrices['float16'], next(following), squares)
     taken = interleaved(functions, repeats=200, warm_up=3, seconds=30.0)
     record: dict[str, Any] = {'peers': {n: t.as_dict() for n, t in taken.items() if n.startswith('faiss')}}
     for storage in STORAGES:
@@ -95,6 +106,7 @@ def _searched(table: PlaceTable, peak: float) -> dict[str, Any]:
     read_ms = record['float32']['reading']['median_ms']
     half = {str(k): rounded(taken[f'float16, {k}'].median_ms / read_ms, 3) for k in TOP_K}
     record['float16']['ratio_to_reading_float32'] = half
+    record['float16'][BLOCKS] = taken[BLOCKS].as_dict()
     record['flop_floor_ms'] = rounded(2e-6 * table.means.size / peak)
     return record
 
@@ -124,9 +136,12 @@ def _peers(means: NDArray[np.float32], queries: NDArray[np.float32]) -> dict[str
     for name, index in indices.items():
         index.train(means[:1])
         index.add(means)
-        following = _in_turn(queries)
-        functions[name] = lambda index=index, following=following: index.search(next(following)[None], PEER_K)
+        functions[name] = _asking(index, _in_turn(queries))
     return functions
+
+
+def _asking(index: Any, following: Iterator[NDArray[np.float32]]) -> Callable[[], object]:
+    return lambda: index.search(next(following)[None], PEER_K)
 
 
 def measure_merge(folder: Path) -> dict[str, Any]:
@@ -179,6 +194,7 @@ def measure_opening(folder: Path) -> dict[str, Any]:
         matrix = 4 * DIMENSION * places
         for who in OPENERS:
             print(f'opening: {places} places, {who}', flush=True)
+            _read(path)
             warm = [_opened(path, who) for _ in range(OPENINGS)]
             cold = _opened(path, who, cold=True)
             held = statistics.median(run['rss'] for run in warm) - empty[who]['rss']
@@ -187,11 +203,19 @@ def measure_opening(folder: Path) -> dict[str, Any]:
                 'seconds': [rounded(run['seconds'], 3) for run in warm],
                 'cpu_seconds': [rounded(run['cpu_seconds'], 3) for run in warm],
                 'cold_seconds': rounded(cold['seconds'], 3),
+                'resident_bytes': statistics.median(run['rss'] for run in warm),
                 'memory_bytes': held,
                 'memory_to_float32_matrix': rounded(held / matrix, 3),
                 'peak_to_float32_matrix': rounded(peak / matrix, 3),
             }
     return told
+
+
+def _read(path: Path) -> None:
+    """Into the page cache."""
+    with path.open('rb') as file:
+        while file.read(2**24):
+            pass
 
 
 def _opened(path: Path, who: str, cold: bool = False) -> dict[str, float]:

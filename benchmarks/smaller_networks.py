@@ -89,10 +89,12 @@ def main() -> None:
     parser.add_argument('--scans', type=int, default=SCANS, help='that a variant is fitted to')
     parser.add_argument('--variants', nargs='+', choices=tuple(VARIANTS), default=tuple(VARIANTS))
     parser.add_argument('--rounds', type=int, default=30, help='timed encodings of each; 0 for none')
-    parser.add_argument('--out', type=Path, default=RESULTS)
+    parser.add_argument('--out', type=Path, default=RESULTS, help='default: the results in the repository')
     arguments = parser.parse_args()
     if arguments.networks:
         protocol = read_protocol(arguments.protocol)
+        for text in arguments.networks:
+            read_header(text.partition('=')[2])
         drives, calibration = _drives(protocol, arguments.cache, arguments.drive)
         kept = earlier(arguments.out)
         networks: dict[str, Any] = dict(kept.get('networks', {}))

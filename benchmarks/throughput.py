@@ -66,7 +66,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--folder', type=Path, default=Path('build/bench'), help='where drives and networks are kept')
     parser.add_argument('--vgg16', default='', metavar='FILE', help='trained weights (.safetensors); default: drawn')
-    parser.add_argument('--out', type=Path, default=RESULTS)
+    parser.add_argument('--out', type=Path, default=RESULTS, help='default: the results in the repository')
     arguments = parser.parse_args()
     os.environ.update(isolated_environment(DOMAIN_ID))
     folder = arguments.folder.resolve()

@@ -12,6 +12,7 @@ from offradar_ros.config import RadarConfig
 from offradar_ros.encoders.calibration_scans import SCANS, calibration_scans
 from offradar_ros.encoders.model_files import require_file, require_package
 from offradar_ros.encoders.onnx_export import Smaller, export_onnx
+from offradar_ros.encoders.pretrained import find_weights, pretrained_names
 from offradar_ros.encoders.weights_header import WeightsHeader
 from offradar_ros.errors import ConfigError, OffradarError
 
@@ -19,7 +20,9 @@ SAFETENSORS = '.safetensors'
 
 
 def export(
-    weights: Annotated[Path, typer.Argument(help='Weights of a learned encoder (.safetensors).')],
+    weights: Annotated[
+        Path, typer.Argument(help='Weights of a learned encoder (.safetensors), or the name of ours that come with us.')
+    ],
     out: Annotated[Path, typer.Argument(help='File to write: ONNX, unless it ends in .safetensors.')],
     half: Annotated[bool, typer.Option('--half', help='Store .safetensors in half precision.')] = False,
     unit_u: Annotated[
@@ -45,14 +48,18 @@ def export(
     An ONNX file holds the very model of its safetensors, down to the fingerprint; with --int8 or --low-rank another
     one, which is quicker: its embeddings are compared with its own alone, and its thresholds are calibrated anew.
     """
+    if str(weights) in pretrained_names():
+        weights = find_weights(str(weights), (SAFETENSORS,))
     require_file(weights)
     to_onnx, smaller = out.suffix != SAFETENSORS, int8 or low_rank < 1.0
     if to_onnx and (half or unit_u):
         raise ConfigError(f'{out}: --half and --unit-u are for .safetensors: export that to .onnx afterwards')
     if smaller and not to_onnx:
         raise ConfigError(f'{out}: --int8 and --low-rank are for .onnx')
-    if smaller != bool(calibrate):
-        raise ConfigError(f'{out}: --int8 or --low-rank is fitted to drives: expected it with --calibrate DRIVE')
+    if smaller and not calibrate:
+        raise ConfigError(f'{out}: --int8 and --low-rank are fitted to drives: expected --calibrate DRIVE')
+    if calibrate and not smaller:
+        raise ConfigError(f'{out}: --calibrate is for --int8 and --low-rank: expected one of them, --low-rank below 1')
     try:
         if to_onnx:
             header = export_onnx(weights, out, _smaller(weights, int8, low_rank, calibrate or [], scans, layout))

@@ -17,6 +17,7 @@ from offradar_ros.bags.records import stamp_ns
 from offradar_ros.config import Config
 from offradar_ros.errors import RefusedInput
 from offradar_ros.retrieval.introspective_query import IntrospectiveQuery
+from offradar_ros.retrieval.mean_storage import widens_halves_quickly
 from offradar_ros.ros import qos
 from offradar_ros.ros.diagnostics import WINDOW
 from offradar_ros.ros.embedding_message import embedding_record
@@ -47,6 +48,8 @@ class QueryNode(StageNode):
     def configure(self) -> None:
         """Start with an empty map, or with the file that `query.map_path` names."""
         self._query = IntrospectiveQuery(self.config.query)
+        if self.config.query.storage == 'float16' and not widens_halves_quickly():
+            self.get_logger().warning('query.storage: float16 is searched several times slower without llvmlite')
         path = Path(self.config.query.map_path)
         if not self.config.query.map_path:
             return

@@ -56,6 +56,11 @@ def _scores(means: NDArray[Any], query: Floats, squares: Floats) -> Floats:
     return scores
 
 
+def widens_halves_quickly() -> bool:
+    """Whether `float16` is searched at the speed of memory: without llvmlite it takes several times as long."""
+    return _half_scores() is not scores_in_blocks
+
+
 @functools.cache
 def _half_scores() -> Scores:
     """Compiled by LLVM, where llvmlite is installed and as precise as it should be."""

@@ -129,8 +129,11 @@ def test_what_a_smaller_network_needs_is_said(
     refused: Callable[..., str], weights: Path, street_bag: Callable[..., Path], tmp_path: Path
 ) -> None:
     out, bag = tmp_path / 'out.onnx', street_bag('bag', count=1)
-    for options in (['--int8'], ['--low-rank', 0.5], ['--calibrate', bag]):
-        assert 'expected it with --calibrate DRIVE' in refused('export', weights, out, *options)
+    for options in (['--int8'], ['--low-rank', 0.5]):
+        assert 'expected --calibrate DRIVE' in refused('export', weights, out, *options)
+    for options in ([], ['--low-rank', 1.0]):
+        said = refused('export', weights, out, '--calibrate', bag, *options)
+        assert 'expected one of them, --low-rank below 1' in said
     half = tmp_path / 'out.safetensors'
     assert '--int8 and --low-rank are for .onnx' in refused('export', weights, half, '--int8', '--calibrate', bag)
     missing = tmp_path / 'nothing'
