@@ -8,19 +8,28 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.distance import cdist
+from scipy.stats import spearmanr
 
 torch = pytest.importorskip('torch')
 onnx = pytest.importorskip('onnx')
 pytest.importorskip('onnxruntime')
 
+from offradar_ros.datasets.registry import open_sequence  # noqa: E402
 from offradar_ros.encoders import model_files  # noqa: E402
-from offradar_ros.encoders.calibration_scans import CalibrationScans  # noqa: E402
+from offradar_ros.encoders.calibration_scans import CalibrationScans, calibration_scans  # noqa: E402
 from offradar_ros.encoders.network_config import METHODS, NetworkConfig  # noqa: E402
 from offradar_ros.encoders.network_files import save_network  # noqa: E402
 from offradar_ros.encoders.networks import make_network  # noqa: E402
 from offradar_ros.encoders.onnx_backend import OnnxEncoder  # noqa: E402
 from offradar_ros.encoders.onnx_export import Smaller, export_onnx  # noqa: E402
+from offradar_ros.encoders.pretrained import find_weights  # noqa: E402
+from offradar_ros.encoders.weights import read_header  # noqa: E402
 from offradar_ros.errors import ModelError  # noqa: E402
+from offradar_ros.simulation.city import CityPlan, make_city  # noqa: E402
+from offradar_ros.simulation.sensor import SimulatedSensor  # noqa: E402
+from offradar_ros.simulation.sequence import SimulatedSequence  # noqa: E402
+from offradar_ros.simulation.session_plan import SessionPlan  # noqa: E402
 
 
 def images(count: int, shape: tuple[int, int], seed: int = 9) -> np.ndarray:
@@ -114,6 +123,31 @@ def test_another_parent_is_another_model_though_its_integers_are_the_same(tmp_pa
         weights = saved(changed, tmp_path / f'{name}.safetensors')
         found.append(export_onnx(weights, tmp_path / f'{name}.onnx', Smaller(scans, int8=True)).fingerprint)
     assert found[0] != found[1]
+
+
+@pytest.mark.parametrize('share, same', [(1.0, 1.0), (0.75, 0.9)])
+def test_a_copy_of_the_weights_that_ship_agrees_with_them_on_recorded_scans(
+    real_data: Path, tmp_path: Path, share: float, same: float
+) -> None:
+    """Fitted to simulated scans, as docs/speed.md has it."""
+    weights = find_weights('compact', ('.safetensors',))
+    city = make_city(CityPlan(seed=2595001, blocks=(2, 2), route_m=400.0))
+    fitted = SimulatedSequence(city, SessionPlan(scans=32, degraded=0.35), SimulatedSensor())
+    scans = calibration_scans([fitted], read_header(weights).config)
+    export_onnx(weights, tmp_path / 'copy.onnx', Smaller(scans, int8=True, low_rank=share))
+    drives = [open_sequence(real_data / name) for name in ('oxford_tiny', 'radiate_tiny_foggy', 'mulran_kaist03')]
+    recorded = [drive.scan(index) for drive in drives for index in range(len(drive))]
+    found = []
+    for path in (find_weights('compact', ('.onnx',)), tmp_path / 'copy.onnx'):
+        encoder = OnnxEncoder(str(path))
+        embeddings = [encoder.encode(scan) for scan in recorded]
+        apart = cdist(*[[embedding.mean for embedding in embeddings]] * 2)
+        np.fill_diagonal(apart, np.inf)
+        found.append(([embedding.uncertainty for embedding in embeddings], apart.argmin(axis=1)))
+    (uncertainties, nearest), (copied_uncertainties, copied_nearest) = found
+    assert len(recorded) >= 30
+    assert spearmanr(uncertainties, copied_uncertainties).statistic >= 0.98
+    assert np.mean(nearest == copied_nearest) >= same
 
 
 def test_nothing_is_left_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
