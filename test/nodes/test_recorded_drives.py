@@ -24,12 +24,31 @@ def counts(printed: str) -> dict[str, int]:
     return {name: int(count) for count, name in (part.split(' ', 1) for part in counted.split(', '))}
 
 
-@pytest.mark.parametrize(('name', 'scans', 'mapped'), [('oxford_tiny', 11, True), ('radiate_tiny_foggy', 18, False)])
+RING_KEY: dict[str, str] = {}
+COMPACT = {'encoder.name': 'variational', 'encoder.weights': 'compact'}
+
+
+@pytest.mark.parametrize(
+    ('name', 'scans', 'mapped', 'encoder'),
+    [
+        ('oxford_tiny', 11, True, RING_KEY),
+        ('oxford_tiny', 11, True, COMPACT),
+        ('radiate_tiny_foggy', 18, False, RING_KEY),
+    ],
+)
 def test_every_scan_is_embedded_and_answered_once(
-    real_data: Path, tmp_path: Path, stack: Callable[..., Stack], name: str, scans: int, mapped: bool
+    real_data: Path,
+    tmp_path: Path,
+    stack: Callable[..., Stack],
+    name: str,
+    scans: int,
+    mapped: bool,
+    encoder: dict[str, str],
 ) -> None:
+    if encoder:
+        pytest.importorskip('onnxruntime')
     bag = write_bag(open_sequence(real_data / name), tmp_path / name)
-    with stack({'map.path': str(tmp_path / 'map.db'), 'query.delta': 100.0}) as nodes:
+    with stack({'map.path': str(tmp_path / 'map.db'), 'query.delta': 100.0, **encoder}) as nodes:
         nodes.wait_until_ready()
         first = counts(replay(nodes, bag, '--lockstep', '--session'))
         second = counts(replay(nodes, bag, '--lockstep'))
