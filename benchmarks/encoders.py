@@ -11,7 +11,7 @@ import numpy as np
 import onnx
 from drives import SEED, decoded_scans, simulated_drive
 from machine_peaks import gigabytes_per_s, gigaflops
-from measuring import interleaved, machine, rounded, single_threaded, write_results
+from measuring import interleaved, machine, made_by_this_code, rounded, single_threaded, write_results
 from numpy.typing import NDArray
 from sample_networks import drawn, exported, in_integers
 
@@ -196,7 +196,7 @@ def main() -> None:
     parser.add_argument('--out', type=Path, default=RESULTS, help='default: the results in the repository')
     parser.add_argument('--picture', type=Path, default=PICTURE, help='default: the one in docs')
     arguments = parser.parse_args()
-    folder = arguments.folder.resolve()
+    folder = made_by_this_code(arguments.folder)
     drive = simulated_drive(folder)
     scans = decoded_scans(drive, SCANS)
     timings = interleaved(

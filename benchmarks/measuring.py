@@ -7,10 +7,12 @@ meets all of them alike.
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import json
 import os
 import platform
 import shlex
+import shutil
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -20,6 +22,9 @@ from typing import Any
 import numpy as np
 
 from offradar_ros.evaluation.results import processor, versions
+
+ROOT = Path(__file__).resolve().parents[1]
+MAKERS = ('drives.py', 'sample_networks.py', 'synthetic_maps.py')
 
 PACKAGES = (
     'numpy',
@@ -112,6 +117,17 @@ def earlier(path: Path) -> dict[str, Any]:
     return record
 
 
+def made_by_this_code(folder: Path) -> Path:
+    """A folder in `folder` for drives, networks and maps that this very code makes; what other code made is removed."""
+    sources = sorted([*(ROOT / 'offradar_ros').rglob('*.py'), *(ROOT / 'benchmarks' / name for name in MAKERS)])
+    digest = hashlib.sha256(b''.join(path.read_bytes() for path in sources)).hexdigest()[:12]
+    made = folder.resolve() / f'made_by_{digest}'
+    for other in set(folder.glob('made_by_*')) - {folder / made.name}:
+        shutil.rmtree(other)
+    made.mkdir(parents=True, exist_ok=True)
+    return made
+
+
 def single_threaded() -> None:
     """Run this script again with one BLAS thread, as the nodes have it, unless it does: NumPy is loaded by now."""
     if any(os.environ.get(name) != '1' for name in THREADS):
@@ -148,7 +164,6 @@ def as_typed(words: Sequence[str]) -> str:
 
 
 def _relative(word: str) -> str:
-    root = str(Path(__file__).resolve().parents[1]) + os.sep
     name, equals, path = word.rpartition('=')
-    inside = path.removeprefix(root)
+    inside = path.removeprefix(f'{ROOT}{os.sep}')
     return name + equals + (Path(inside).name if inside.startswith(('/', '~', '../')) else inside)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from drives import SEED, decoded_scans, origin_of, simulated_drive, write_map
 from live_scans import Driven, LiveScans, Recording, read_recording
-from measuring import Timing, earlier, rounded, single_threaded, write_results
+from measuring import Timing, earlier, made_by_this_code, rounded, single_threaded, write_results
 from sample_networks import drawn, exported, in_integers
 
 from offradar_ros.config import EncoderConfig
@@ -245,7 +245,7 @@ def main() -> None:
     parser.add_argument('--out', type=Path, default=RESULTS, help='default: the results in the repository')
     arguments = parser.parse_args()
     os.environ.update(isolated_environment(arguments.domain))
-    folder = arguments.folder.resolve()
+    folder = made_by_this_code(arguments.folder)
     drive = simulated_drive(folder)
     setting = Setting(
         folder, drive, read_recording(drive), decoded_scans(drive, 20), arguments.seconds, arguments.domain

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 from machine_peaks import gigaflops, readings
-from measuring import Timing, earlier, interleaved, rounded, single_threaded, write_results
+from measuring import ROOT, Timing, earlier, interleaved, made_by_this_code, rounded, single_threaded, write_results
 from numpy.typing import NDArray
 from search_plot import draw
 from synthetic_maps import DIMENSION, MODEL, SPACING_M, map_file, near_some, synthetic_table
@@ -32,7 +32,6 @@ from offradar_ros.retrieval.place_index import PlaceIndex
 from offradar_ros.ros.process_usage import process_usage
 from offradar_ros.types import Embedding, PlaceTable, Pose
 
-ROOT = Path(__file__).resolve().parents[1]
 SIZES = (1_000, 10_000, 100_000, 1_000_000)
 TOP_K = (1, 5, 25, 100, 1000)
 STORAGES = ('float32', 'float16')
@@ -63,7 +62,7 @@ def main() -> None:
     kept = earlier(arguments.out) if arguments.parts else {}
     results = dict(kept)
     for part in arguments.parts or PARTS:
-        results[part] = PARTS[part](arguments.folder)
+        results[part] = PARTS[part](made_by_this_code(arguments.folder))
     write_results(arguments.out, {part: results[part] for part in PARTS if part in results}, {'maps': SEED}, kept)
     if len(set(PARTS) & set(results)) == len(PARTS):
         draw(results, arguments.picture)

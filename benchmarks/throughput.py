@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from drives import SCANS, SEED, offradar, origin_of, simulated_drive, write_map
-from measuring import rounded, single_threaded, write_results
+from measuring import made_by_this_code, rounded, single_threaded, write_results
 from pipeline import ANY_U, DOMAIN_ID, NAMES, PLACES, RATE_HZ, Candidate, candidate
 
 from offradar_ros.encoders.registry import make_encoder
@@ -69,7 +69,7 @@ def main() -> None:
     parser.add_argument('--out', type=Path, default=RESULTS, help='default: the results in the repository')
     arguments = parser.parse_args()
     os.environ.update(isolated_environment(DOMAIN_ID))
-    folder = arguments.folder.resolve()
+    folder = made_by_this_code(arguments.folder)
     drive = simulated_drive(folder)
     replays = {}
     for name in NAMES:

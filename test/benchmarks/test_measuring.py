@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from measuring import as_typed
+from measuring import as_typed, made_by_this_code
 
 PROJECT = Path(__file__).resolve().parents[2]
 
@@ -24,3 +24,14 @@ PROJECT = Path(__file__).resolve().parents[2]
 )
 def test_a_command_names_no_place_outside_the_project(words: list[str], told: str) -> None:
     assert as_typed(words) == told
+
+
+def test_what_other_code_made_is_removed_and_what_this_made_is_kept(tmp_path: Path) -> None:
+    old, other = tmp_path / 'made_by_0123456789ab', tmp_path / 'logs'
+    for folder in (old, other):
+        folder.mkdir()
+        (folder / 'file').touch()
+    made = made_by_this_code(tmp_path)
+    (made / 'drive').touch()
+    assert made_by_this_code(tmp_path) == made
+    assert (made / 'drive').exists() and (other / 'file').exists() and not old.exists()
