@@ -79,8 +79,8 @@ done:
   ret void
 }
 """
-"""Products of float16 means (rows, dimension) and a float32 factor (dimension,). Asking memory for them ahead is
-worth a third: the processor's own guess comes too late for rows this short."""
+"""Products of float16 means (rows, dimension) and a float32 factor (dimension,). Memory is asked for them
+ahead, since the processor's own guess comes too late for rows this short."""
 
 
 def _compiled() -> llvm.ExecutionEngine:

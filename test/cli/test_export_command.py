@@ -125,6 +125,12 @@ def test_a_network_in_integers_is_another_model_that_drives(
     assert 'model: variational, d = 8' in done('map', map_file)
 
 
+def test_weights_that_ship_are_exported_by_their_name(done: Callable[..., str], tmp_path: Path) -> None:
+    out = tmp_path / 'own.onnx'
+    shipped = make_encoder(EncoderConfig(name='variational', weights='compact')).info
+    assert done('export', 'compact', out) == f'{out}: {shipped.fingerprint}\n'
+
+
 def test_what_a_smaller_network_needs_is_said(
     refused: Callable[..., str], weights: Path, street_bag: Callable[..., Path], tmp_path: Path
 ) -> None:
