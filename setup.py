@@ -61,7 +61,7 @@ setup(
     maintainer_email='maintainers@offradar-ros.example',
     description='Uncertainty-aware radar place recognition with map maintenance and introspective querying',
     license='Apache-2.0',
-    package_data={PACKAGE: ['py.typed', 'weights/*', 'evaluation/report/*.jinja']},
+    package_data={PACKAGE: ['py.typed', 'weights/*', 'lab/report/*.jinja']},
     entry_points={
         'console_scripts': [
             f'offradar = {PACKAGE}.cli.main:main',

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from sample_networks import drawn, exported, in_integers
 
 from offradar_ros.config import EncoderConfig
-from offradar_ros.encoders.mc_dropout import PASSES
 from offradar_ros.encoders.network_config import NetworkConfig
+from offradar_ros.encoders.networks.mc_dropout import PASSES
 from offradar_ros.encoders.onnx_backend import OnnxEncoder
 from offradar_ros.encoders.pretrained import find_weights
 from offradar_ros.encoders.rad_vlad import RadVladEncoder

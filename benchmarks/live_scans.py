@@ -16,9 +16,10 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import Image, NavSatFix, PointCloud2
 
-from offradar_ros.bags.reader import STAMP, STAMP_OFFSET, Bag, header_stamp_ns, scan_topic
-from offradar_ros.bags.topics import FIX, FIX_TYPE
+from offradar_ros.messages import STAMP, STAMP_OFFSET, header_stamp_ns
 from offradar_ros.nodes.encoder_node import SCANS
+from offradar_ros.recordings.bags.reader import Bag, scan_topic
+from offradar_ros.recordings.bags.topics import FIX, FIX_TYPE
 from offradar_ros.ros import qos
 
 MEET_S = 20.0

@@ -15,14 +15,14 @@ import torch
 from numpy.typing import NDArray
 
 from offradar_ros.cli.progress import progress_bar
-from offradar_ros.encoders.network_files import load_network
-from offradar_ros.encoders.variational import VariationalNetwork, uncertainty
-from offradar_ros.evaluation.metrics.auroc import auroc
-from offradar_ros.evaluation.metrics.spearman import spearman
-from offradar_ros.training.cache import CachedDrive, Reduction, cached_drives
-from offradar_ros.training.config import DataConfig, RefinementConfig, TrainingConfig, ValidationConfig
-from offradar_ros.training.config_file import read_config
-from offradar_ros.training.refinement import (
+from offradar_ros.encoders.networks.files import load_network
+from offradar_ros.encoders.networks.variational import VariationalNetwork, uncertainty
+from offradar_ros.lab.evaluation.metrics.auroc import auroc
+from offradar_ros.lab.evaluation.metrics.spearman import spearman
+from offradar_ros.lab.training.cache import CachedDrive, Reduction, cached_drives
+from offradar_ros.lab.training.config import DataConfig, RefinementConfig, TrainingConfig, ValidationConfig
+from offradar_ros.lab.training.config_file import read_config
+from offradar_ros.lab.training.refinement import (
     MAP_SPACINGS_M,
     Lessons,
     descriptors_of,
@@ -30,8 +30,8 @@ from offradar_ros.training.refinement import (
     learn,
     lessons,
 )
-from offradar_ros.training.searches import Search, searches
-from offradar_ros.training.simulated_drives import simulated_drives
+from offradar_ros.lab.training.searches import Search, searches
+from offradar_ros.lab.training.simulated_drives import simulated_drives
 
 WEIGHTS = {
     'wrong': (1.0, 0.0, 0.0),

@@ -17,8 +17,8 @@ def drawn(folder: Path, name: str, config: NetworkConfig) -> Path:
     if not weights.is_file():
         import torch  # noqa: PLC0415
 
-        from offradar_ros.encoders.network_files import save_network  # noqa: PLC0415
-        from offradar_ros.encoders.networks import make_network  # noqa: PLC0415
+        from offradar_ros.encoders.networks.files import save_network  # noqa: PLC0415
+        from offradar_ros.encoders.networks.registry import make_network  # noqa: PLC0415
 
         torch.manual_seed(SEED)
         save_network(weights, make_network(config), 'weights drawn at random, for timing only')

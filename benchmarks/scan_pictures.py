@@ -16,16 +16,16 @@ from numpy.typing import NDArray
 from scan_statistics import LAGS_M, LAGS_ROWS, mean_against_range, statistics
 
 from offradar_ros.config import CartesianConfig
+from offradar_ros.lab.simulation.city import CityPlan, make_city
+from offradar_ros.lab.simulation.degradation import Degradation, DegradationKind
+from offradar_ros.lab.simulation.physics import NOMINAL_PHYSICS, RadarPhysics, draw_physics, held_out_physics
+from offradar_ros.lab.simulation.radar_model import RadarModel
+from offradar_ros.lab.simulation.sensor import SimulatedSensor
+from offradar_ros.lab.simulation.session_plan import SessionPlan
+from offradar_ros.lab.simulation.traversal import Traversal
+from offradar_ros.lab.simulation.weather import CLEAR, Weather
+from offradar_ros.lab.simulation.world import World
 from offradar_ros.radar.cartesian import PolarToCartesian
-from offradar_ros.simulation.city import CityPlan, make_city
-from offradar_ros.simulation.degradation import Degradation, DegradationKind
-from offradar_ros.simulation.physics import NOMINAL_PHYSICS, RadarPhysics, draw_physics, held_out_physics
-from offradar_ros.simulation.radar_model import RadarModel
-from offradar_ros.simulation.sensor import SimulatedSensor
-from offradar_ros.simulation.session_plan import SessionPlan
-from offradar_ros.simulation.traversal import Traversal
-from offradar_ros.simulation.weather import CLEAR, Weather
-from offradar_ros.simulation.world import World
 from offradar_ros.types import PolarScan
 
 Image = NDArray[np.float32]

@@ -12,16 +12,16 @@ import cv2
 import numpy as np
 
 from offradar_ros import __version__
-from offradar_ros.bags.reader import decode_message
-from offradar_ros.bags.records import scan_from_image
-from offradar_ros.bags.topics import IMAGE_TYPE
 from offradar_ros.config import RadarConfig
-from offradar_ros.datasets.registry import open_sequence
-from offradar_ros.datasets.sequence import RadarSequence
-from offradar_ros.simulation.city import CityPlan, make_city
-from offradar_ros.simulation.sensor import SimulatedSensor
-from offradar_ros.simulation.sequence import SimulatedSequence
-from offradar_ros.simulation.session_plan import SessionPlan
+from offradar_ros.lab.simulation.city import CityPlan, make_city
+from offradar_ros.lab.simulation.sensor import SimulatedSensor
+from offradar_ros.lab.simulation.sequence import SimulatedSequence
+from offradar_ros.lab.simulation.session_plan import SessionPlan
+from offradar_ros.messages import scan_from_image
+from offradar_ros.recordings.bags.reader import decode_message
+from offradar_ros.recordings.bags.topics import IMAGE_TYPE
+from offradar_ros.recordings.datasets.registry import open_sequence
+from offradar_ros.sequence import RadarSequence
 from offradar_ros.types import PolarScan
 
 SENSORS = {

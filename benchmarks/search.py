@@ -25,11 +25,11 @@ from search_plot import draw
 from synthetic_maps import DIMENSION, MODEL, SPACING_M, map_file, near_some, synthetic_table
 
 from offradar_ros.config import MapConfig, QueryConfig
+from offradar_ros.lab.live.process_usage import process_usage
 from offradar_ros.mapping.sessions import SessionMap
 from offradar_ros.retrieval.introspective_query import IntrospectiveQuery
 from offradar_ros.retrieval.mean_storage import scores_in_blocks
 from offradar_ros.retrieval.place_index import PlaceIndex
-from offradar_ros.ros.process_usage import process_usage
 from offradar_ros.types import Embedding, PlaceTable, Pose
 
 SIZES = (1_000, 10_000, 100_000, 1_000_000)

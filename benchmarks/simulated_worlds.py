@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from offradar_ros.simulation.city import CityPlan, District, make_city
-from offradar_ros.simulation.picture import Panel, draw_worlds
-from offradar_ros.simulation.sequence import SimulatedSequence
-from offradar_ros.simulation.session_plan import SessionPlan
+from offradar_ros.lab.simulation.city import CityPlan, District, make_city
+from offradar_ros.lab.simulation.picture import Panel, draw_worlds
+from offradar_ros.lab.simulation.sequence import SimulatedSequence
+from offradar_ros.lab.simulation.session_plan import SessionPlan
 
 OUT = Path(__file__).resolve().parents[1] / 'docs' / 'simulated_worlds.png'
 CLOSE_M = 160.0

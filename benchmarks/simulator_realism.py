@@ -13,11 +13,11 @@ from scan_pictures import draw_side_by_side, draw_simulated, draw_statistics
 from scan_sources import REAL, announce_machine, recorded_sources
 from scan_statistics import BANDS_M, LAGS_M, LAGS_ROWS, QUANTILES, Statistics, statistics
 
-from offradar_ros.simulation.city import CityPlan, make_city
-from offradar_ros.simulation.physics import NOMINAL_PHYSICS, RadarPhysics
-from offradar_ros.simulation.sensor import TRAINING_SENSOR, SimulatedSensor
-from offradar_ros.simulation.sequence import SimulatedSequence
-from offradar_ros.simulation.session_plan import SessionPlan
+from offradar_ros.lab.simulation.city import CityPlan, make_city
+from offradar_ros.lab.simulation.physics import NOMINAL_PHYSICS, RadarPhysics
+from offradar_ros.lab.simulation.sensor import TRAINING_SENSOR, SimulatedSensor
+from offradar_ros.lab.simulation.sequence import SimulatedSequence
+from offradar_ros.lab.simulation.session_plan import SessionPlan
 from offradar_ros.types import PolarScan
 
 DOCS = Path(__file__).resolve().parents[1] / 'docs'

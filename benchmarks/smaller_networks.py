@@ -15,22 +15,22 @@ import numpy as np
 from measuring import earlier, interleaved, single_threaded, write_results
 
 from offradar_ros.cli.progress import progress_bar
-from offradar_ros.cli.source import open_source
 from offradar_ros.config import RadarConfig
-from offradar_ros.datasets.sequence import RadarSequence
-from offradar_ros.encoders.calibration_scans import SCANS, CalibrationScans, calibration_scans
+from offradar_ros.encoders.export.calibration_scans import SCANS, CalibrationScans, calibration_scans
+from offradar_ros.encoders.export.onnx_export import Smaller, export_onnx
 from offradar_ros.encoders.onnx_backend import OnnxEncoder
-from offradar_ros.encoders.onnx_export import Smaller, export_onnx
 from offradar_ros.encoders.weights import read_header
-from offradar_ros.evaluation.answers import Pair, Rules, answers_from
-from offradar_ros.evaluation.drives import CityDrive, drives_of
-from offradar_ros.evaluation.embedding_cache import EmbeddedDrive, embedded
-from offradar_ros.evaluation.evaluated_drive import EvaluatedDrive
-from offradar_ros.evaluation.metrics.recall_at_n import recall_at_n
-from offradar_ros.evaluation.metrics.spearman import spearman
-from offradar_ros.evaluation.protocol import VALIDATION, Protocol
-from offradar_ros.evaluation.protocol_file import read_protocol
-from offradar_ros.evaluation.scan_cache import cached_drives
+from offradar_ros.lab.evaluation.answers import Pair, Rules, answers_from
+from offradar_ros.lab.evaluation.drives import CityDrive, drives_of
+from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive, embedded
+from offradar_ros.lab.evaluation.evaluated_drive import EvaluatedDrive
+from offradar_ros.lab.evaluation.metrics.recall_at_n import recall_at_n
+from offradar_ros.lab.evaluation.metrics.spearman import spearman
+from offradar_ros.lab.evaluation.protocol import VALIDATION, Protocol
+from offradar_ros.lab.evaluation.protocol_file import read_protocol
+from offradar_ros.lab.evaluation.scan_cache import cached_drives
+from offradar_ros.recordings.source import open_source
+from offradar_ros.sequence import RadarSequence
 from offradar_ros.types import PolarScan
 
 PROJECT = Path(__file__).resolve().parents[1]

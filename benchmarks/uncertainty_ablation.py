@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from offradar_ros.cli.progress import progress_bar
-from offradar_ros.evaluation.drives import drives_of
-from offradar_ros.evaluation.methods import open_method
-from offradar_ros.evaluation.protocol_file import read_protocol
-from offradar_ros.evaluation.results import assemble
-from offradar_ros.evaluation.runner import measure, opened_worlds
+from offradar_ros.lab.evaluation.drives import drives_of
+from offradar_ros.lab.evaluation.methods import open_method
+from offradar_ros.lab.evaluation.protocol_file import read_protocol
+from offradar_ros.lab.evaluation.results import assemble
+from offradar_ros.lab.evaluation.runner import measure, opened_worlds
 
 REJECTIONS = (0.0, 0.1, 0.2, 0.3, 0.5)
 

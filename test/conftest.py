@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from offradar_ros.bags.writer import write_bag
 from offradar_ros.geometry import GeoPoint, LocalFrame, Trajectory
+from offradar_ros.recordings.bags.writer import write_bag
 from offradar_ros.types import PolarScan
+
+pytest_plugins = ('commands',)
 
 PROJECT = Path(__file__).resolve().parent.parent
 ORIGIN = GeoPoint(51.75, -1.25, 70.0)

@@ -1,9 +1,8 @@
 """Folder order is import order.
 
 Each folder of the package, and each module beside the folders, imports only from those above it in `ORDER`. So the
-core stands without what is built on it, and everything up to `cli` without ROS: `cli` comes before `ros`, `nodes` and
-`demo`, and reaches what it needs of them (the demonstration, the session services) from inside a function. Because that
-order alone would let a node import the command line, `APART` forbids it.
+vehicle's part stands without the laboratory (`lab`), which may import everything and is imported by nothing: the
+command line reaches its commands by name. The core, up to `calibration`, stands without ROS.
 
 Only imports at a module's level count. Those inside functions load something heavy where it is needed and are listed,
 each of them, in `LAZY`. What `import` statements cannot tell, a fresh interpreter does: nothing of the core or the
@@ -28,70 +27,46 @@ ORDER = (
     'errors',
     'types',
     'geometry',
+    'sequence',
     'config',
     'yaml_record',
     'shipped',
     'processes',
     'radar',
-    'datasets',
-    'simulation',
-    'bags',
+    'messages',
     'encoders',
     'mapping',
     'retrieval',
-    'evaluation',
-    'training',
-    'pipeline',
-    'cli',
+    'stages',
+    'recordings',
+    'calibration',
     'ros',
     'nodes',
-    'demo',
+    'cli',
+    'lab',
 )
-APART = {('ros', 'cli'), ('nodes', 'cli')}
-WITH_ROS = ('ros', 'nodes', 'demo')
-WITH_TORCH = ('training',)
+WITH_ROS = ('ros', 'nodes', 'lab.demo', 'lab.live')
+WITH_TORCH = ('encoders.networks', 'encoders.export', 'lab.training')
 LAZY = {
+    ('cli.export', 'encoders.export.shipping'),
+    ('cli.export', 'encoders.weights'),
+    ('cli.session', 'ros.sessions'),
+    ('encoders.export.onnx_export', 'encoders.export.onnx_half'),
+    ('encoders.export.onnx_export', 'encoders.export.onnx_int8'),
+    ('encoders.export.onnx_export', 'encoders.networks.files'),
+    ('encoders.export.onnx_export', 'encoders.networks.low_rank'),
     ('encoders.registry', 'encoders.onnx_backend'),
     ('encoders.registry', 'encoders.torch_backend'),
-    ('encoders.onnx_export', 'encoders.network_files'),
-    ('encoders.onnx_export', 'encoders.onnx_half'),
-    ('encoders.onnx_export', 'encoders.low_rank'),
-    ('encoders.onnx_export', 'encoders.onnx_int8'),
-    ('cli.export', 'encoders.shipping'),
-    ('cli.export', 'encoders.weights'),
-    ('cli.card', 'encoders.weights'),
-    ('cli.demo', 'demo.run'),
-    ('evaluation.methods', 'encoders.onnx_backend'),
-    ('evaluation.methods', 'encoders.weights'),
-    ('cli.session', 'ros.sessions'),
-    ('cli.train', 'training.config_file'),
-    ('cli.train', 'training.run'),
-    ('cli.train', 'training.split_drives'),
+    ('lab.cli.card', 'encoders.weights'),
+    ('lab.cli.demo', 'lab.demo.run'),
+    ('lab.cli.train', 'lab.training.config_file'),
+    ('lab.cli.train', 'lab.training.run'),
+    ('lab.cli.train', 'lab.training.split_drives'),
+    ('lab.evaluation.methods', 'encoders.onnx_backend'),
+    ('lab.evaluation.methods', 'encoders.weights'),
     ('retrieval.mean_storage', 'retrieval.half_scores'),
 }
-BACKENDS = {
-    f'encoders.{name}'
-    for name in (
-        'backbone',
-        'bc_radar',
-        'feature_map',
-        'grey_to_colour',
-        'low_rank',
-        'mc_dropout',
-        'network_files',
-        'networks',
-        'onnx_backend',
-        'onnx_half',
-        'onnx_int8',
-        'resnet50',
-        'shipping',
-        'stun',
-        'torch_backend',
-        'unit_length',
-        'vae',
-        'variational',
-    )
-} | {'retrieval.half_scores'}
+BACKENDS = {'encoders.onnx_backend', 'encoders.torch_backend', 'retrieval.half_scores'}
 """The modules that import a runtime of learned encoders, or a compiler, when they are imported."""
 HEAVY = ('rclpy', 'torch', 'onnxruntime', 'onnx', 'llvmlite', 'matplotlib', 'scipy')
 VAGUE = {'util', 'utils', 'common', 'helper', 'helpers', 'manager', 'managers', 'misc'}
@@ -152,7 +127,7 @@ def violations(root: Path) -> list[str]:
         f'{module} imports {imported}'
         for module, imported, lazy in found
         if not lazy and imported and unit(module) != unit(imported)
-        if rank[unit(imported)] > rank[unit(module)] or (unit(module), unit(imported)) in APART
+        if rank[unit(imported)] > rank[unit(module)]
     ]
     wrong += [
         f'{module} imports {imported} inside a function'
@@ -172,7 +147,8 @@ def loaded_by(modules: list[str], path: Path) -> list[str]:
 
 def light_modules(root: Path) -> list[str]:
     names = [module_name(file, root) for file in sorted(root.rglob('*.py'))]
-    return [f'{PACKAGE}.{n}' for n in names if n and unit(n) not in (*WITH_ROS, *WITH_TORCH) and n not in BACKENDS]
+    apart = tuple(f'{name}.' for name in (*WITH_ROS, *WITH_TORCH))
+    return [f'{PACKAGE}.{n}' for n in names if n and not f'{n}.'.startswith(apart) and n not in BACKENDS]
 
 
 def vague_names(*folders: Path) -> list[str]:
@@ -196,8 +172,9 @@ def test_every_listed_exception_is_needed() -> None:
 
 def test_core_and_command_line_load_nothing_heavy() -> None:
     modules = light_modules(PROJECT / PACKAGE)
-    assert f'{PACKAGE}.pipeline' in modules
+    assert f'{PACKAGE}.stages.map' in modules
     assert f'{PACKAGE}.cli.main' in modules
+    assert f'{PACKAGE}.lab.cli.evaluate' in modules
     assert loaded_by(modules, PROJECT) == []
 
 
@@ -215,7 +192,7 @@ def test_files_are_named_after_what_they_hold() -> None:
 
 def package(folder: Path, **sources: str) -> Path:
     root = folder / PACKAGE
-    files = {'errors': '', 'cli__map': '', 'ros__qos': '', 'demo__run': ''} | sources
+    files = {'errors': '', 'cli__map': '', 'ros__qos': '', 'lab__demo__run': ''} | sources
     for name, source in files.items():
         file = root.joinpath(*name.split('__')).with_suffix('.py')
         file.parent.mkdir(parents=True, exist_ok=True)
@@ -227,15 +204,15 @@ def package(folder: Path, **sources: str) -> Path:
 @pytest.mark.parametrize(
     ('sources', 'said'),
     [
-        ({'radar__png': 'import offradar_ros.pipeline', 'pipeline': ''}, 'radar.png imports pipeline'),
+        ({'radar__png': 'import offradar_ros.messages', 'messages': ''}, 'radar.png imports messages'),
         ({'errors': 'from offradar_ros.cli.map import show'}, 'errors imports cli.map'),
-        ({'cli__main': 'from offradar_ros.ros import qos'}, 'cli.main imports ros.qos'),
-        ({'cli__main': 'if True:\n    from offradar_ros.ros import qos'}, 'cli.main imports ros.qos'),
-        ({'cli__main': 'class A:\n    import offradar_ros.demo.run'}, 'cli.main imports demo.run'),
+        ({'ros__run': 'from offradar_ros.cli import map'}, 'ros.run imports cli.map'),
+        ({'ros__run': 'if True:\n    from offradar_ros.cli import map'}, 'ros.run imports cli.map'),
+        ({'cli__main': 'class A:\n    import offradar_ros.lab.demo.run'}, 'cli.main imports lab.demo.run'),
         ({'nodes__query': 'import offradar_ros.cli.map'}, 'nodes.query imports cli.map'),
         (
-            {'cli__main': 'def f():\n    if 1:\n        from offradar_ros.demo.run import x'},
-            'cli.main imports demo.run inside a function',
+            {'cli__main': 'def f():\n    if 1:\n        from offradar_ros.lab.demo.run import x'},
+            'cli.main imports lab.demo.run inside a function',
         ),
     ],
 )
@@ -245,9 +222,9 @@ def test_an_import_against_the_order_is_found(tmp_path: Path, sources: dict[str,
 
 def test_imports_with_the_order_are_none(tmp_path: Path) -> None:
     sources = {
-        'pipeline': 'from offradar_ros import __version__\nimport numpy, offradar_ros.errors',
+        'messages': 'from offradar_ros import __version__\nimport numpy, offradar_ros.errors',
         'nodes__query': 'from offradar_ros.ros import qos\nfrom offradar_ros.ros.qos import SCANS',
-        'cli__demo': 'def demo():\n    from offradar_ros.demo.run import run_demo',
+        'lab__cli__demo': 'from offradar_ros.cli import map',
     }
     assert violations(package(tmp_path, **sources)) == []
 
@@ -259,9 +236,9 @@ def test_a_relative_import_is_found(tmp_path: Path) -> None:
 
 def test_a_heavy_import_is_found(tmp_path: Path) -> None:
     (tmp_path / 'rclpy.py').write_text('')
-    root = package(tmp_path, pipeline='import offradar_ros.bags', bags='import rclpy', nodes__query='import rclpy')
-    assert light_modules(root) == [f'{PACKAGE}.{name}' for name in ('bags', 'cli.map', 'errors', 'pipeline')]
-    assert loaded_by([f'{PACKAGE}.pipeline'], tmp_path) == ['rclpy']
+    root = package(tmp_path, messages='import offradar_ros.stages', stages='import rclpy', nodes__query='import rclpy')
+    assert light_modules(root) == [f'{PACKAGE}.{name}' for name in ('cli.map', 'errors', 'messages', 'stages')]
+    assert loaded_by([f'{PACKAGE}.messages'], tmp_path) == ['rclpy']
     assert loaded_by([f'{PACKAGE}.errors'], tmp_path) == []
 
 

@@ -11,8 +11,8 @@ from typer.testing import CliRunner
 from offradar_ros.cli.main import app
 from offradar_ros.cli.parameters import markdown_table
 from offradar_ros.config import Config, load_config, parameters, read_parameters
-from offradar_ros.datasets.registry import LAYOUTS
-from offradar_ros.datasets.splits import read_split
+from offradar_ros.recordings.datasets.registry import LAYOUTS
+from offradar_ros.recordings.datasets.splits import read_split
 
 PROJECT = Path(__file__).resolve().parent.parent
 FOLDERS = ('bags', 'benchmarks', 'docs')

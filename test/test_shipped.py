@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from offradar_ros.errors import ConfigError
-from offradar_ros.evaluation.protocol_file import read_protocol
+from offradar_ros.lab.evaluation.protocol_file import read_protocol
 from offradar_ros.shipped import shipped_file
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros.errors import DataError
-from offradar_ros.evaluation.truth import TOLERANCE_M, recall_at_1
+from offradar_ros.recordings.truth import TOLERANCE_M, recall_at_1
 from offradar_ros.types import Match, Outcome
 
 COLUMNS = ('stamp_ns', 'answer', 'reason', 'uncertainty', 'threshold', 'place_id', 'distance', 'x_m', 'y_m')
@@ -33,7 +33,7 @@ def write_answers(
 ) -> None:
     """CSV with the best candidate, returned or withheld, of each outcome; what is unknown is left empty.
 
-    `positions` (N, 2) and `errors` (N,) as `offradar_ros.evaluation.truth` has them, metres in the ``map`` frame.
+    `positions` (N, 2) and `errors` (N,) as `offradar_ros.recordings.truth` has them, metres in the ``map`` frame.
     """
     try:
         with path.open('w', encoding='utf-8', newline='') as file:

@@ -7,15 +7,15 @@ from typing import Annotated, Optional
 import typer
 from rich.console import Console
 
-from offradar_ros.bags.check import check_bag
-from offradar_ros.bags.reader import is_bag
 from offradar_ros.cli.check_set import HowToCheck, Section, check_set
 from offradar_ros.cli.progress import progress_bar
-from offradar_ros.cli.source import LAYOUT_HELP, recordings_in, require_recording
 from offradar_ros.config import load_config
-from offradar_ros.datasets.check import Finding, check_folder
-from offradar_ros.datasets.splits import read_split
 from offradar_ros.errors import ConfigError
+from offradar_ros.recordings.bags.check import check_bag
+from offradar_ros.recordings.bags.reader import is_bag
+from offradar_ros.recordings.datasets.check import Finding, check_folder
+from offradar_ros.recordings.datasets.splits import read_split
+from offradar_ros.recordings.source import LAYOUT_HELP, recordings_in, require_recording
 
 STYLES = {'ok': 'green', 'note': 'yellow', 'problem': 'red'}
 

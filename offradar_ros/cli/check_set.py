@@ -4,22 +4,22 @@ import contextlib
 from pathlib import Path
 from typing import NamedTuple, Optional
 
-from offradar_ros.bags.check import check_bag
-from offradar_ros.bags.reader import is_bag
-from offradar_ros.bags.sequence import BagSequence
 from offradar_ros.cli.joint_progress import Shares, joint_progress, telling
 from offradar_ros.cli.progress import progress_bar
-from offradar_ros.cli.source import folders_in
 from offradar_ros.config import PositionConfig, RadarConfig
-from offradar_ros.datasets.check.alignment import check_alignment
-from offradar_ros.datasets.check.findings import Finding, Findings, note, problem
-from offradar_ros.datasets.check.folder import check_sequence
-from offradar_ros.datasets.check.split import check_split
-from offradar_ros.datasets.check.whereabouts import Whereabouts, nowhere, whereabouts
-from offradar_ros.datasets.registry import open_sequence
-from offradar_ros.datasets.splits import Split
 from offradar_ros.errors import OffradarError
 from offradar_ros.processes import shared_out
+from offradar_ros.recordings.bags.check import check_bag
+from offradar_ros.recordings.bags.reader import is_bag
+from offradar_ros.recordings.bags.sequence import BagSequence
+from offradar_ros.recordings.datasets.check.alignment import check_alignment
+from offradar_ros.recordings.datasets.check.findings import Finding, Findings, note, problem
+from offradar_ros.recordings.datasets.check.folder import check_sequence
+from offradar_ros.recordings.datasets.check.split import check_split
+from offradar_ros.recordings.datasets.check.whereabouts import Whereabouts, nowhere, whereabouts
+from offradar_ros.recordings.datasets.registry import open_sequence
+from offradar_ros.recordings.datasets.splits import Split
+from offradar_ros.recordings.source import folders_in
 
 Section = tuple[str, tuple[Finding, ...]]
 """A heading and what was found under it."""

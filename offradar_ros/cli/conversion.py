@@ -7,12 +7,12 @@ from typing import NamedTuple, Optional
 import numpy as np
 from numpy.typing import NDArray
 
-from offradar_ros.bags.writer import BagOptions, write_bag
 from offradar_ros.config import PositionConfig
-from offradar_ros.datasets.check.coverage import coverage
-from offradar_ros.datasets.sequence import RadarSequence
 from offradar_ros.errors import DataError, OffradarError
 from offradar_ros.processes import Progress
+from offradar_ros.recordings.bags.writer import BagOptions, write_bag
+from offradar_ros.recordings.datasets.check.coverage import coverage
+from offradar_ros.sequence import RadarSequence
 
 
 class Conversion(NamedTuple):

@@ -5,16 +5,16 @@ from typing import Annotated
 
 import typer
 
-from offradar_ros.bags.reader import Bag
-from offradar_ros.bags.writer import BagOptions
 from offradar_ros.cli.conversion import Conversion, convert_sequence
 from offradar_ros.cli.convert_set import HowToConvert, convert_set
 from offradar_ros.cli.progress import progress_bar
-from offradar_ros.cli.source import LAYOUT_HELP, open_source, recordings_in
 from offradar_ros.config import RadarConfig
-from offradar_ros.datasets.check.coverage import LARGEST_OFFSET_S
-from offradar_ros.datasets.check.findings import counted
 from offradar_ros.errors import ConfigError
+from offradar_ros.recordings.bags.reader import Bag
+from offradar_ros.recordings.bags.writer import BagOptions
+from offradar_ros.recordings.datasets.check.coverage import LARGEST_OFFSET_S
+from offradar_ros.recordings.datasets.check.findings import counted
+from offradar_ros.recordings.source import LAYOUT_HELP, open_source, recordings_in
 
 
 def convert(

@@ -4,13 +4,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple, Union
 
-from offradar_ros.bags.writer import BagOptions
 from offradar_ros.cli.conversion import Conversion, convert_sequence
 from offradar_ros.cli.joint_progress import Shares, joint_progress, telling
-from offradar_ros.cli.source import open_source
 from offradar_ros.config import RadarConfig
 from offradar_ros.errors import OffradarError
 from offradar_ros.processes import shared_out
+from offradar_ros.recordings.bags.writer import BagOptions
+from offradar_ros.recordings.source import open_source
 
 Outcome = Union[Conversion, str, None]
 """What was written, why nothing could be, or None for a bag that is there already."""

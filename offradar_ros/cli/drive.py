@@ -12,23 +12,23 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from offradar_ros.bags.positions import read_positions
-from offradar_ros.bags.reader import Bag
-from offradar_ros.bags.topics import FIX_TYPE, ODOMETRY_TYPE
 from offradar_ros.cli.answers import recall_line, require_writable, write_answers
 from offradar_ros.cli.interrupt import held_interrupt
 from offradar_ros.cli.progress import progress_bar
 from offradar_ros.config import Config, load_config
-from offradar_ros.datasets.check.findings import counted
 from offradar_ros.encoders.protocol import Encoder, ModelInfo
 from offradar_ros.encoders.registry import make_encoder
 from offradar_ros.errors import MapError
-from offradar_ros.evaluation.truth import errors_m, true_positions
 from offradar_ros.geometry import GeoPoint
 from offradar_ros.mapping.sessions import SessionMap
 from offradar_ros.mapping.store import MapStore
-from offradar_ros.pipeline import DriveResult
-from offradar_ros.pipeline import drive as drive_through
+from offradar_ros.recordings.bags.positions import read_positions
+from offradar_ros.recordings.bags.reader import Bag
+from offradar_ros.recordings.bags.topics import FIX_TYPE, ODOMETRY_TYPE
+from offradar_ros.recordings.datasets.check.findings import counted
+from offradar_ros.recordings.drive import DriveResult
+from offradar_ros.recordings.drive import drive as drive_through
+from offradar_ros.recordings.truth import errors_m, true_positions
 from offradar_ros.types import Match, PlaceTable
 
 INTERRUPTED = 130

@@ -7,14 +7,14 @@ import typer
 
 from offradar_ros.cli.need import pip_hint
 from offradar_ros.cli.progress import progress_bar
-from offradar_ros.cli.source import LAYOUT_HELP, open_source
 from offradar_ros.config import RadarConfig
-from offradar_ros.encoders.calibration_scans import SCANS, calibration_scans
+from offradar_ros.encoders.export.calibration_scans import SCANS, calibration_scans
+from offradar_ros.encoders.export.onnx_export import Smaller, export_onnx
 from offradar_ros.encoders.model_files import require_file, require_package
-from offradar_ros.encoders.onnx_export import Smaller, export_onnx
 from offradar_ros.encoders.pretrained import find_weights, pretrained_names
 from offradar_ros.encoders.weights_header import WeightsHeader
 from offradar_ros.errors import ConfigError, OffradarError
+from offradar_ros.recordings.source import LAYOUT_HELP, open_source
 
 SAFETENSORS = '.safetensors'
 
@@ -89,7 +89,7 @@ def _smaller(
 
 
 def _to_safetensors(weights: Path, out: Path, half: bool, unit_u: Optional[Path], layout: str) -> WeightsHeader:
-    from offradar_ros.encoders.shipping import ship  # noqa: PLC0415
+    from offradar_ros.encoders.export.shipping import ship  # noqa: PLC0415
 
     if unit_u is None:
         return ship(weights, out, half=half, clean_drive=None)

@@ -16,23 +16,23 @@ from offradar_ros import __version__
 from offradar_ros.errors import OffradarError
 
 COMMANDS = {
-    'check': 'check',
-    'convert': 'convert',
-    'simulate': 'simulate',
-    'calibrate': 'calibrate',
-    'drive': 'drive',
-    'encode': 'encode',
-    'evaluate': 'evaluate',
-    'report': 'report',
-    'card': 'card',
-    'map': 'show_map',
-    'session': 'session',
-    'export': 'export',
-    'parameters': 'parameters',
-    'demo': 'demo',
-    'train': 'train',
+    'check': 'cli.check:check',
+    'convert': 'cli.convert:convert',
+    'simulate': 'lab.cli.simulate:simulate',
+    'calibrate': 'lab.cli.calibrate:calibrate',
+    'drive': 'cli.drive:drive',
+    'encode': 'lab.cli.encode:encode',
+    'evaluate': 'lab.cli.evaluate:evaluate',
+    'report': 'lab.cli.report:report',
+    'card': 'lab.cli.card:card',
+    'map': 'cli.map:show_map',
+    'session': 'cli.session:session',
+    'export': 'cli.export:export',
+    'parameters': 'cli.parameters:parameters',
+    'demo': 'lab.cli.demo:demo',
+    'train': 'lab.cli.train:train',
 }
-"""Each command's module in this folder, and its function there."""
+"""Each command's module in this package, and its function there."""
 
 
 class _Commands(TyperGroup):
@@ -46,9 +46,9 @@ class _Commands(TyperGroup):
         del ctx
         if cmd_name not in COMMANDS:
             return None
-        module = importlib.import_module(f'offradar_ros.cli.{cmd_name}')
+        module, _, function = COMMANDS[cmd_name].partition(':')
         alone = typer.Typer(add_completion=False)
-        alone.command(cmd_name)(getattr(module, COMMANDS[cmd_name]))
+        alone.command(cmd_name)(getattr(importlib.import_module(f'offradar_ros.{module}'), function))
         return typer.main.get_command(alone)
 
 

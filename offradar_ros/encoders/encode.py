@@ -7,10 +7,10 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from offradar_ros.datasets.sequence import RadarSequence
 from offradar_ros.encoders.image_encoder import ImageEncoder
 from offradar_ros.encoders.protocol import Encoder
 from offradar_ros.errors import RefusedInput
+from offradar_ros.sequence import RadarSequence
 
 BATCH = 16
 """Images at once, on any device: enough to keep a GPU busy, few enough for the activations of VGG-16 in main memory."""

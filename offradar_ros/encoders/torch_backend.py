@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from offradar_ros.encoders.device import torch_device
 from offradar_ros.encoders.image_encoder import ImageEncoder
-from offradar_ros.encoders.network_files import load_network
+from offradar_ros.encoders.networks.files import load_network
 
 
 class TorchEncoder(ImageEncoder):

@@ -17,15 +17,15 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from sensor_msgs.msg import Image, PointCloud2
 from std_srvs.srv import Trigger
 
-from offradar_ros.bags.records import scan_from_image, stamp_ns
 from offradar_ros.encoders.registry import make_encoder
 from offradar_ros.errors import RefusedInput
-from offradar_ros.pipeline import EncodeStage
+from offradar_ros.messages import scan_from_image, stamp_ns
 from offradar_ros.ros import navtech, qos
 from offradar_ros.ros.embedding_message import embedding_message, model_message
 from offradar_ros.ros.newest import NewestWorker
 from offradar_ros.ros.run import run
 from offradar_ros.ros.stage_node import StageNode
+from offradar_ros.stages.encode import EncodeStage
 from offradar_ros.types import PolarScan
 
 SCANS = 'radar_data/b_scan_image'

@@ -20,10 +20,9 @@ from rclpy.task import Future
 from sensor_msgs.msg import NavSatFix, PointCloud2
 from std_srvs.srv import Trigger
 
-from offradar_ros.bags.records import point_from_fix, pose_from_odometry, stamp_ns
 from offradar_ros.errors import MapError, RefusedInput
 from offradar_ros.mapping.sessions import SessionMap
-from offradar_ros.pipeline import MapStage, MapUpdate
+from offradar_ros.messages import point_from_fix, pose_from_odometry, stamp_ns
 from offradar_ros.ros import qos
 from offradar_ros.ros.embedding_message import embedding_record, model_record
 from offradar_ros.ros.place_message import (
@@ -35,6 +34,7 @@ from offradar_ros.ros.place_message import (
 )
 from offradar_ros.ros.run import run
 from offradar_ros.ros.stage_node import StageNode
+from offradar_ros.stages.map import MapStage, MapUpdate
 from offradar_ros.types import Embedding, PlaceTable
 
 LATCHED_PLACES = 50_000

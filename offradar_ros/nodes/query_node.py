@@ -13,9 +13,9 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from sensor_msgs.msg import PointCloud2
 
-from offradar_ros.bags.records import stamp_ns
 from offradar_ros.config import Config
 from offradar_ros.errors import RefusedInput
+from offradar_ros.messages import stamp_ns
 from offradar_ros.retrieval.introspective_query import IntrospectiveQuery
 from offradar_ros.retrieval.mean_storage import widens_halves_quickly
 from offradar_ros.ros import qos

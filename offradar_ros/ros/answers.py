@@ -12,9 +12,8 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
 
-from offradar_ros.bags.reader import header_stamp_ns
-from offradar_ros.bags.records import stamp_ns
 from offradar_ros.errors import RefusedInput
+from offradar_ros.messages import header_stamp_ns, stamp_ns
 from offradar_ros.ros import qos
 from offradar_ros.ros.outcome_message import rejection_record
 

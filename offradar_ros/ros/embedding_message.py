@@ -11,9 +11,9 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from sensor_msgs.msg import PointCloud2
 
-from offradar_ros.bags.records import stamp_ns
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.errors import RefusedInput
+from offradar_ros.messages import stamp_ns
 from offradar_ros.ros.clouds import from_cloud, to_cloud
 from offradar_ros.ros.stamps import header
 from offradar_ros.types import Embedding

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
-from offradar_ros.bags.records import scan_from_image
 from offradar_ros.config import RadarConfig
 from offradar_ros.errors import RefusedInput
+from offradar_ros.messages import scan_from_image
 from offradar_ros.radar.image import scan_from_rows
 from offradar_ros.types import PolarScan
 

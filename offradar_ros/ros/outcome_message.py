@@ -10,8 +10,8 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from sensor_msgs.msg import PointCloud2
 
-from offradar_ros.bags.records import stamp_ns
 from offradar_ros.errors import RefusedInput
+from offradar_ros.messages import stamp_ns
 from offradar_ros.ros.clouds import from_cloud, to_cloud
 from offradar_ros.ros.place_message import MAP_FRAME
 from offradar_ros.ros.stamps import header

@@ -16,11 +16,12 @@ from rclpy.publisher import Publisher
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
-from offradar_ros.bags.reader import STAMP, STAMP_OFFSET, Bag, RawMessage, header_stamp_ns, scan_topic
-from offradar_ros.bags.topics import FIX_TYPE, ODOMETRY_TYPE
 from offradar_ros.config import PositionConfig
 from offradar_ros.errors import OffradarError
-from offradar_ros.pipeline import in_lockstep_order
+from offradar_ros.messages import STAMP, STAMP_OFFSET, header_stamp_ns
+from offradar_ros.recordings.bags.reader import Bag, RawMessage, scan_topic
+from offradar_ros.recordings.bags.topics import FIX_TYPE, ODOMETRY_TYPE
+from offradar_ros.recordings.drive import in_lockstep_order
 from offradar_ros.ros import qos
 from offradar_ros.ros.answers import TOPICS, AnswerLog, Answers
 from offradar_ros.ros.listeners import count_listeners

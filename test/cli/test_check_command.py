@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from offradar_ros.bags.writer import write_bag
+from offradar_ros.recordings.bags.writer import write_bag
 
 
 def lines(ran: Any) -> list[tuple[str, str]]:

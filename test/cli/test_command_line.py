@@ -74,7 +74,7 @@ def test_the_demonstration_says_what_it_needs(
 def test_export_asks_for_the_file_before_it_asks_for_torch(
     refused: Callable[..., str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(sys.modules, 'offradar_ros.encoders.network_files', None)
+    monkeypatch.setitem(sys.modules, 'offradar_ros.encoders.networks.files', None)
     assert 'nope: no such weights file' in refused('export', tmp_path / 'nope', tmp_path / 'out.onnx')
     (tmp_path / 'weights.safetensors').write_text('')
     said = refused('export', tmp_path / 'weights.safetensors', tmp_path / 'out.onnx')

@@ -14,9 +14,9 @@ import cv2
 import numpy as np
 import pytest
 
-from offradar_ros.bags.reader import Bag
-from offradar_ros.bags.sequence import BagSequence
-from offradar_ros.datasets.registry import LAYOUTS, open_sequence
+from offradar_ros.recordings.bags.reader import Bag
+from offradar_ros.recordings.bags.sequence import BagSequence
+from offradar_ros.recordings.datasets.registry import LAYOUTS, open_sequence
 
 WAIT_S = 30.0
 

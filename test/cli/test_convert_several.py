@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from offradar_ros.bags.oxford_folder import write_oxford
-from offradar_ros.bags.reader import Bag
-from offradar_ros.bags.sequence import BagSequence
-from offradar_ros.datasets.registry import open_sequence
+from offradar_ros.recordings.bags.oxford_folder import write_oxford
+from offradar_ros.recordings.bags.reader import Bag
+from offradar_ros.recordings.bags.sequence import BagSequence
+from offradar_ros.recordings.datasets.registry import open_sequence
 
 NAMES = ('friday', 'monday', 'tuesday')
 WAIT_S = 60.0

@@ -16,11 +16,11 @@ from typing import Any
 
 import pytest
 
-from offradar_ros.bags.sequence import BagSequence
-from offradar_ros.bags.writer import write_bag
 from offradar_ros.config import MapConfig, load_config
 from offradar_ros.mapping.sessions import SessionMap
 from offradar_ros.mapping.store import MapStore
+from offradar_ros.recordings.bags.sequence import BagSequence
+from offradar_ros.recordings.bags.writer import write_bag
 
 HOUR_NS = 3600 * 10**9
 START_NS = 1_600_000_000 * 10**9
@@ -258,16 +258,16 @@ def test_ctrl_c_ends_the_session_and_keeps_it(street_bag: Callable[..., Path], t
     bag, db = street_bag('long', count=600), tmp_path / 'map.db'
     code = (
         'import os, signal, sys\n'
-        'from offradar_ros import pipeline\n'
+        'from offradar_ros.stages import encode as stage\n'
         'from offradar_ros.cli.main import main\n'
-        'encode = pipeline.EncodeStage.encode\n'
+        'encode = stage.EncodeStage.encode\n'
         'def interrupted(self, *scan):\n'
         '    interrupted.count += 1\n'
         '    if interrupted.count == 20:\n'
         '        os.kill(os.getpid(), signal.SIGINT)\n'
         '    return encode(self, *scan)\n'
         'interrupted.count = 0\n'
-        'pipeline.EncodeStage.encode = interrupted\n'
+        'stage.EncodeStage.encode = interrupted\n'
         'sys.exit(main())\n'
     )
     command = [sys.executable, '-c', code, 'drive', str(bag), '--map', str(db), '--session', 'one']

@@ -10,12 +10,12 @@ torch = pytest.importorskip('torch')
 pytest.importorskip('onnx')
 pytest.importorskip('onnxruntime')
 
-from offradar_ros.bags.sequence import BagSequence  # noqa: E402
 from offradar_ros.config import EncoderConfig  # noqa: E402
 from offradar_ros.encoders.network_config import NetworkConfig  # noqa: E402
-from offradar_ros.encoders.network_files import save_network  # noqa: E402
+from offradar_ros.encoders.networks.files import save_network  # noqa: E402
+from offradar_ros.encoders.networks.variational import VariationalNetwork  # noqa: E402
 from offradar_ros.encoders.registry import make_encoder  # noqa: E402
-from offradar_ros.encoders.variational import VariationalNetwork  # noqa: E402
+from offradar_ros.recordings.bags.sequence import BagSequence  # noqa: E402
 
 
 @pytest.fixture(scope='module')

@@ -42,8 +42,8 @@ def street() -> PolarScan:
 def save_random(tmp_path_factory: pytest.TempPathFactory) -> Callable[[NetworkConfig], Path]:
     """Writes random weights whose variances differ from scan to scan, as trained ones do; returns their file."""
     torch = pytest.importorskip('torch')
-    from offradar_ros.encoders.network_files import save_network  # noqa: PLC0415
-    from offradar_ros.encoders.variational import VariationalNetwork  # noqa: PLC0415
+    from offradar_ros.encoders.networks.files import save_network  # noqa: PLC0415
+    from offradar_ros.encoders.networks.variational import VariationalNetwork  # noqa: PLC0415
 
     def save(config: NetworkConfig) -> Path:
         torch.manual_seed(3)
@@ -65,7 +65,7 @@ def small_weights(save_random: Callable[[NetworkConfig], Path]) -> Path:
 @pytest.fixture(scope='session')
 def small_onnx(small_weights: Path) -> Path:
     pytest.importorskip('onnx')
-    from offradar_ros.encoders.onnx_export import export_onnx  # noqa: PLC0415
+    from offradar_ros.encoders.export.onnx_export import export_onnx  # noqa: PLC0415
 
     path = small_weights.with_suffix('.onnx')
     export_onnx(small_weights, path)

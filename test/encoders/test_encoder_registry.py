@@ -89,8 +89,8 @@ def test_missing_package_is_named(monkeypatch: pytest.MonkeyPatch, suffix: str, 
 @pytest.mark.parametrize('method', [name for name in METHODS if name != 'variational'])
 def test_each_method_is_made_by_its_own_name_alone(tmp_path: Path, small_config: NetworkConfig, method: str) -> None:
     pytest.importorskip('torch')
-    from offradar_ros.encoders.network_files import save_network  # noqa: PLC0415
-    from offradar_ros.encoders.networks import make_network  # noqa: PLC0415
+    from offradar_ros.encoders.networks.files import save_network  # noqa: PLC0415
+    from offradar_ros.encoders.networks.registry import make_network  # noqa: PLC0415
 
     path = tmp_path / 'net.safetensors'
     save_network(path, make_network(dataclasses.replace(small_config, method=method)))

@@ -15,11 +15,11 @@ torch = pytest.importorskip('torch')
 onnx = pytest.importorskip('onnx')
 pytest.importorskip('onnxruntime')
 
+from offradar_ros.encoders.export.onnx_export import export_onnx  # noqa: E402
 from offradar_ros.encoders.image_encoder import ImageEncoder  # noqa: E402
 from offradar_ros.encoders.network_config import NetworkConfig  # noqa: E402
-from offradar_ros.encoders.network_files import load_network, save_network  # noqa: E402
+from offradar_ros.encoders.networks.files import load_network, save_network  # noqa: E402
 from offradar_ros.encoders.onnx_backend import OnnxEncoder  # noqa: E402
-from offradar_ros.encoders.onnx_export import export_onnx  # noqa: E402
 from offradar_ros.encoders.protocol import Encoder  # noqa: E402
 from offradar_ros.encoders.torch_backend import TorchEncoder  # noqa: E402
 from offradar_ros.encoders.weights import read_header  # noqa: E402

@@ -74,9 +74,9 @@ def test_both_files_of_a_name_are_one_model(
     pytest.importorskip('torch')
     pytest.importorskip('onnx')
     pytest.importorskip('onnxruntime')
-    from offradar_ros.encoders.network_files import save_network  # noqa: PLC0415
-    from offradar_ros.encoders.networks import make_network  # noqa: PLC0415
-    from offradar_ros.encoders.onnx_export import export_onnx  # noqa: PLC0415
+    from offradar_ros.encoders.export.onnx_export import export_onnx  # noqa: PLC0415
+    from offradar_ros.encoders.networks.files import save_network  # noqa: PLC0415
+    from offradar_ros.encoders.networks.registry import make_network  # noqa: PLC0415
 
     monkeypatch.setattr(pretrained, 'FOLDER', tmp_path)
     save_network(tmp_path / 'tiny.safetensors', make_network(small_config), half=True)

@@ -26,6 +26,7 @@ from sensor_msgs.msg import Image, NavSatFix, PointCloud2
 from std_srvs.srv import Trigger
 
 from offradar_ros.encoders.protocol import ModelInfo
+from offradar_ros.lab.live.processes import Stack, isolated_environment
 from offradar_ros.mapping.store import MapStore
 from offradar_ros.nodes import map_server_node, query_node
 from offradar_ros.nodes.encoder_node import EncoderNode
@@ -34,7 +35,6 @@ from offradar_ros.nodes.query_node import QueryNode
 from offradar_ros.ros import qos
 from offradar_ros.ros.embedding_message import embedding_message, model_message
 from offradar_ros.ros.place_message import PlaceRows, descriptors_message
-from offradar_ros.ros.processes import Stack, isolated_environment
 from offradar_ros.ros.stage_node import StageNode
 from offradar_ros.ros.stamps import header
 from offradar_ros.types import Embedding, Place, PlaceTable, Pose

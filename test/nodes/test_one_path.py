@@ -9,13 +9,13 @@ from typing import Any
 import pytest
 from live_nodes import Observer, key, replay, wait_until
 
-from offradar_ros.bags.reader import Bag
 from offradar_ros.config import load_config
 from offradar_ros.encoders.registry import make_encoder
+from offradar_ros.lab.live.processes import Stack
 from offradar_ros.mapping.sessions import SessionMap
 from offradar_ros.mapping.store import MapStore
-from offradar_ros.pipeline import drive
-from offradar_ros.ros.processes import Stack
+from offradar_ros.recordings.bags.reader import Bag
+from offradar_ros.recordings.drive import drive
 from offradar_ros.types import Match, Outcome, PlaceTable
 
 PARAMETERS = {'map.match_distance_m': 4.0, 'query.top_k': 3, 'query.delta': 0.4, 'encoder.ring_key.variance_scale': 2.1}

@@ -11,11 +11,11 @@ import rclpy.serialization
 from live_nodes import Observer, replay, wait_until
 from sensor_msgs.msg import Image, PointCloud2
 
-from offradar_ros.bags.writer import write_bag
-from offradar_ros.datasets.registry import open_sequence
+from offradar_ros.lab.live.processes import Stack
 from offradar_ros.mapping.store import MapStore
+from offradar_ros.recordings.bags.writer import write_bag
+from offradar_ros.recordings.datasets.registry import open_sequence
 from offradar_ros.ros import qos
-from offradar_ros.ros.processes import Stack
 
 
 def counts(printed: str) -> dict[str, int]:

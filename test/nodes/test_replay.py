@@ -20,14 +20,14 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image, NavSatFix, PointCloud2
 from std_msgs.msg import Bool
 
-from offradar_ros.bags.reader import Bag
-from offradar_ros.bags.records import stamp_ns
-from offradar_ros.bags.writer import TYPES, image_message, write_bag
 from offradar_ros.geometry import Trajectory
+from offradar_ros.lab.live.processes import Stack
 from offradar_ros.mapping.store import MapStore
+from offradar_ros.messages import stamp_ns
+from offradar_ros.recordings.bags.reader import Bag
+from offradar_ros.recordings.bags.writer import TYPES, image_message, write_bag
 from offradar_ros.ros import qos
 from offradar_ros.ros.embedding_message import embedding_message
-from offradar_ros.ros.processes import Stack
 from offradar_ros.types import Embedding
 
 

@@ -16,9 +16,9 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import PointCloud2
 
+from offradar_ros.lab.live.processes import Stack
 from offradar_ros.ros import qos
 from offradar_ros.ros.outcome_message import match_record, rejection_record
-from offradar_ros.ros.processes import Stack
 from offradar_ros.types import Match, Outcome
 
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'

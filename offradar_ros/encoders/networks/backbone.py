@@ -1,0 +1,165 @@
+"""Convolutional backbones: an image to a feature map. Needs torch."""
+
+from __future__ import annotations
+
+import torch
+from torch import nn
+
+from offradar_ros.encoders.network_config import CARTESIAN_REDUCTION, POLAR_REDUCTION, NetworkConfig
+from offradar_ros.encoders.networks.grey_to_colour import GreyToColour
+from offradar_ros.encoders.networks.resnet50 import Resnet50
+
+# Channels of VGG-16's 13 convolutions, pooled after each group (Simonyan and Zisserman, 2015, configuration D).
+VGG16_GROUPS = ((64, 64), (128, 128), (256, 256, 256), (512, 512, 512), (512, 512, 512))
+
+# Output channels, size and stride of the compact backbone's convolutions; together they reduce eight times.
+COMPACT_CONVOLUTIONS = ((48, 7, 4), (96, 3, 2), (128, 3, 1), (128, 3, 1))
+COMPACT_FEATURES = 48
+COMPACT_FREQUENCIES = 8
+COMPACT_TURNS = (0, 2, 4, 6)
+_TINY = 1e-10
+# Puts standardised power on the scale of power itself.
+_CONTRAST = 0.25
+_LEAST_DEVIATION = 0.01
+
+
+class Vgg16(nn.Module):
+    """VGG-16's convolutions: (N, 1, S, S) float32 in [0, 1] → (N, 512, S / 32, S / 32), after the fifth pooling.
+
+    `features` numbers its layers as torchvision does, so that its weights fit.
+    """
+
+    def __init__(self, side_px: int) -> None:
+        super().__init__()
+        side = side_px // CARTESIAN_REDUCTION
+        self.shape = (VGG16_GROUPS[-1][-1], side, side)
+        layers: list[nn.Module] = []
+        inputs = 3
+        for group in VGG16_GROUPS:
+            for outputs in group:
+                layers += [nn.Conv2d(inputs, outputs, 3, padding=1), nn.ReLU(inplace=True)]
+                inputs = outputs
+            layers.append(nn.MaxPool2d(2))
+        self.colour = GreyToColour()
+        self.features = nn.Sequential(*layers)
+        initialise_convolutions(self)
+
+    def forward(self, image: torch.Tensor) -> torch.Tensor:
+        """(N, 1, S, S) → (N, 512, S / 32, S / 32)."""
+        features: torch.Tensor = self.features(self.colour(image))
+        return features
+
+
+class Compact(nn.Module):
+    """Convolutions round a polar image, then the spectrum of their features over azimuth.
+
+    (N, 1, A, R) float32 in [0, 1] → (N, 48, F, R / 8), where F = 8 frequencies of the A / 8 azimuths are kept by their
+    amplitude alone. Turning the vehicle shifts the rows, which no amplitude shows: a turn by 8 rows changes nothing,
+    one between only what the strides alias. Outside training that is averaged over the image turned by 0, 2, 4 and 6
+    rows, so that a turn by 2 rows changes nothing. Rows are padded with the rows of the other end, as a turn has none.
+
+    A second channel is the image standardised at each range over azimuth: it has neither the receiver's gain nor its
+    noise floor, which differ from radar to radar.
+    """
+
+    around: torch.Tensor
+
+    def __init__(self, image_shape: tuple[int, int]) -> None:
+        super().__init__()
+        azimuths, range_bins = (length // POLAR_REDUCTION for length in image_shape)
+        self.shape = (COMPACT_FEATURES, min(COMPACT_FREQUENCIES, azimuths // 2 + 1), range_bins)
+        before, after = _rows_around()
+        self.register_buffer('around', torch.arange(-before, image_shape[0] + after) % image_shape[0], persistent=False)
+        layers: list[nn.Module] = []
+        inputs = 2  # the image, and the image standardised
+        for outputs, size, stride in COMPACT_CONVOLUTIONS:
+            layers += [_NormalisedConvolution(inputs, outputs, size, stride), nn.ReLU(inplace=True)]
+            inputs = outputs
+        self.convolutions = nn.Sequential(*layers)
+        self.reduce = _NormalisedConvolution(inputs, COMPACT_FEATURES, 1, 1)
+        self.spectrum = AzimuthSpectrum(azimuths, self.shape[1])
+        initialise_convolutions(self)
+
+    def forward(self, image: torch.Tensor) -> torch.Tensor:
+        """(N, 1, A, R) → (N, 48, F, R / 8)."""
+        both = torch.cat([image, _CONTRAST * standardised_over_azimuth(image)], dim=1)
+        if self.training:
+            return self._amplitudes(both)
+        # One batch of all turns: each convolution is then one node of an ONNX graph, and quantised once.
+        turned = torch.cat([torch.cat([both[:, :, k:], both[:, :, :k]], dim=2) for k in COMPACT_TURNS])
+        return self._amplitudes(turned).reshape(len(COMPACT_TURNS), -1, *self.shape).mean(dim=0)
+
+    def _amplitudes(self, image: torch.Tensor) -> torch.Tensor:
+        spectrum: torch.Tensor = self.spectrum(self.reduce(self.convolutions(image.index_select(2, self.around))))
+        return spectrum
+
+
+def standardised_over_azimuth(image: torch.Tensor) -> torch.Tensor:
+    """(N, C, A, R) → the same with mean 0 and deviation 1 over A, less where there is hardly any contrast."""
+    offset = image - image.mean(dim=2, keepdim=True)
+    return offset / (offset.square().mean(dim=2, keepdim=True).sqrt() + _LEAST_DEVIATION)
+
+
+class AzimuthSpectrum(nn.Module):
+    """Amplitudes of the first F frequencies over azimuth: (N, C, A, R) → (N, C, F, R).
+
+    A product with F cosines and sines: as exact as a fast transform and quicker for so few, on any runtime.
+    """
+
+    cosines: torch.Tensor
+    sines: torch.Tensor
+
+    def __init__(self, azimuths: int, frequencies: int) -> None:
+        super().__init__()
+        phase = 2.0 * torch.pi * torch.outer(torch.arange(frequencies), torch.arange(azimuths)) / azimuths
+        self.register_buffer('cosines', torch.cos(phase) / azimuths, persistent=False)
+        self.register_buffer('sines', torch.sin(phase) / azimuths, persistent=False)
+
+    def forward(self, features: torch.Tensor) -> torch.Tensor:
+        """(N, C, A, R) → (N, C, F, R), ≥ 0."""
+        # Half precision would round small powers to 0, where the slope of a root is infinite.
+        with torch.autocast(features.device.type, enabled=False):
+            features = features.float()
+            power = (self.cosines @ features).square() + (self.sines @ features).square()
+            return torch.sqrt(power + _TINY)
+
+
+class _NormalisedConvolution(nn.Module):
+    """Convolution and batch normalisation of a polar feature map; ranges are padded with zeros, rows are not."""
+
+    def __init__(self, inputs: int, outputs: int, size: int, stride: int) -> None:
+        super().__init__()
+        self.convolution = nn.Conv2d(inputs, outputs, size, stride, padding=(0, size // 2), bias=False)
+        self.normalise = nn.BatchNorm2d(outputs)
+
+    def forward(self, features: torch.Tensor) -> torch.Tensor:
+        normalised: torch.Tensor = self.normalise(self.convolution(features))
+        return normalised
+
+
+def _rows_around() -> tuple[int, int]:
+    """Rows before and after an image that the first and last of the convolutions' outputs see."""
+    before = after = 0
+    for _, size, stride in reversed(COMPACT_CONVOLUTIONS):
+        before, after = stride * before + size // 2, stride * (after - 1) + 1 + size // 2
+    return before, after
+
+
+def initialise_convolutions(module: nn.Module) -> None:
+    """He's initialisation, which keeps the signal's scale through the ReLUs."""
+    for layer in module.modules():
+        if isinstance(layer, nn.Conv2d):
+            nn.init.kaiming_normal_(layer.weight, mode='fan_out', nonlinearity='relu')
+            if layer.bias is not None:
+                nn.init.zeros_(layer.bias)
+
+
+def make_backbone(config: NetworkConfig) -> Vgg16 | Compact | Resnet50:
+    """The backbone of a checked `NetworkConfig`; its `shape` is that of the feature map, (C, rows, columns)."""
+    if config.backbone == 'compact':
+        return Compact(config.image_shape)
+    if config.backbone == 'vgg16':
+        return Vgg16(config.side_px)
+    network = Resnet50(config.side_px)
+    initialise_convolutions(network)
+    return network

@@ -1,0 +1,34 @@
+"""BCRadar (Gadd et al., 2021): one deterministic embedding, learned by contrast within the batch. Needs torch."""
+
+from __future__ import annotations
+
+import torch
+from torch import nn
+
+from offradar_ros.encoders.network_config import NetworkConfig
+from offradar_ros.encoders.networks.feature_map import FeatureMap
+from offradar_ros.encoders.networks.unit_length import unit_length
+
+
+class BcRadarNetwork(nn.Module):
+    """Backbone and one linear head whose output is normalised, as the batch criterion compares cosines.
+
+    It has no uncertainty, in the paper or here. Its variance is 1, the prior's, for every scan: it is as sure of each
+    as of any other, rejects none at thresholds of 1 and above, and Algorithm 1 never replaces a place by its word.
+    """
+
+    def __init__(self, config: NetworkConfig) -> None:
+        super().__init__()
+        self.config = config
+        self.features = FeatureMap(config)
+        self.head = nn.Linear(self.features.flat, config.dimension)
+
+    def forward(self, images: torch.Tensor) -> torch.Tensor:
+        """(N, d) embedding before normalisation, of images (N, H, W)."""
+        embedding: torch.Tensor = self.head(self.features(images).flatten(1))
+        return embedding
+
+    def embed(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Unit descriptor (N, d) and variance (N, d), all 1, of images (N, H, W)."""
+        descriptor = unit_length(self(images))
+        return descriptor, torch.ones_like(descriptor)

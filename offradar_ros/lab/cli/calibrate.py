@@ -1,0 +1,120 @@
+"""`offradar calibrate`: parameters that make U mean something on this sensor."""
+
+import dataclasses
+import importlib.util
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from offradar_ros.cli.answers import require_writable as require_file
+from offradar_ros.cli.need import pip_hint
+from offradar_ros.config import (
+    Config,
+    load_config,
+    parameters,
+    read_parameters,
+    require_writable,
+    write_parameters,
+)
+from offradar_ros.errors import ConfigError
+from offradar_ros.lab.cli.calibrated_drive import calibrated_drive
+from offradar_ros.lab.cli.calibrated_road import Wanted, calibrated_road, draw
+from offradar_ros.lab.evaluation.calibration.error_control import LEAST_CONFIDENCE
+from offradar_ros.recordings.source import LAYOUT_HELP, open_source
+from offradar_ros.recordings.spacing import MAP_SPACING_M
+
+LEVELS = 20
+REJECTED, WRONG, SURE = 0.01, 0.05, 0.95
+"""What is wanted where nothing is said."""
+
+
+def calibrate(
+    sources: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar='SOURCE',
+            help='Bag or data-set folder of an ordinary drive; or several, with positions, of one road.',
+        ),
+    ],
+    out: Annotated[Path, typer.Option(help='Parameter file to write; it may be the one given with --params.')],
+    params: Annotated[
+        Path | None, typer.Option(help='Parameter file with the encoder to calibrate; the rest of it is kept.')
+    ] = None,
+    reject_at_most: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0001,
+            max=0.5,
+            help=f'One drive: share of ordinary scans that may be rejected; {REJECTED:g} if not given.',
+        ),
+    ] = None,
+    error_rate: Annotated[
+        float | None,
+        typer.Option(
+            min=0.001, max=0.5, help=f'Several drives: share of the answers that may be wrong; {WRONG:g} if not given.'
+        ),
+    ] = None,
+    confidence: Annotated[
+        float | None,
+        typer.Option(
+            min=LEAST_CONFIDENCE, max=0.9999, help=f'Several drives: with which it is kept; {SURE:g} if not given.'
+        ),
+    ] = None,
+    spacing_m: Annotated[
+        float, typer.Option(min=0.0, help='Several drives: metres driven between two scans that are taken; 0: all.')
+    ] = MAP_SPACING_M,
+    levels: Annotated[
+        int | None,
+        typer.Option(
+            min=1, max=10000, help=f'N, steps between the thresholds; that of --params, or {LEVELS}, if not given.'
+        ),
+    ] = None,
+    plot: Annotated[
+        Path | None, typer.Option(help='Several drives: picture of wrong answers against U (needs matplotlib).')
+    ] = None,
+    layout: Annotated[str, typer.Option(help=LAYOUT_HELP)] = 'auto',
+) -> None:
+    """Choose the threshold on U, and scale the ring key's variance so that U is 1 on average.
+
+    Over one drive: few ordinary scans are rejected. Over several: few answers are wrong. docs/calibration.md says what
+    is certain of either.
+    """
+    one, several = {'--reject-at-most': reject_at_most}, {'--error-rate': error_rate, '--confidence': confidence}
+    unfit = [name for name, value in (several if len(sources) == 1 else one).items() if value is not None]
+    if unfit:
+        raise ConfigError(f'{unfit[0]}: expected {"several drives" if len(sources) == 1 else "one drive"} for it')
+    if plot is not None and len(sources) == 1:
+        raise ConfigError('--plot: one drive has no wrong answers to draw: expected several of one road')
+    if plot is not None and importlib.util.find_spec('matplotlib') is None:
+        raise ConfigError(f'--plot needs the Python package matplotlib: {pip_hint("plot")}')
+    given = {} if params is None else read_parameters(params)
+    config = _with_levels(load_config(params), levels or given.get('query.levels', LEVELS))
+    replaced = {path: path.exists() for path in (plot, out) if path is not None}
+    if len(sources) == 1:
+        sequence = open_source(sources[0], layout, config.radar)
+        require_writable(out)
+        done = calibrated_drive(sequence, config, reject_at_most or REJECTED)
+    else:
+        require_writable(out)
+        if plot is not None:
+            require_file(plot)
+        done, choice = calibrated_road(
+            sources, layout, config, Wanted(error_rate or WRONG, confidence or SURE, spacing_m)
+        )
+        if plot is not None:
+            draw(choice, plot)
+    write_parameters(out, _typed(given, config) | done.values, f'Written by offradar calibrate over {done.source}.')
+    for line in (*done.lines, *(f'{path}: {"replaced" if was else "written"}' for path, was in replaced.items())):
+        typer.echo(line)
+
+
+def _with_levels(config: Config, levels: int) -> Config:
+    # Set together: the level of the file may be above the new N.
+    return dataclasses.replace(config, query=dataclasses.replace(config.query, levels=levels, level=levels))
+
+
+def _typed(given: dict[str, Any], config: Config) -> dict[str, Any]:
+    """Every parameter of the file, those for nodes alone included, each of the type that nodes want."""
+    typed = {leaf.name: leaf.value for leaf in parameters(config)}
+    return {name: typed.get(name, value) for name, value in given.items()}

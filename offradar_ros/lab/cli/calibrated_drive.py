@@ -1,0 +1,84 @@
+"""What one ordinary drive tells: the scale of U, and which U is out of the ordinary."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from offradar_ros.cli.progress import progress_bar
+from offradar_ros.config import Config, Value
+from offradar_ros.encoders.calibration import spanning_delta, variance_factor
+from offradar_ros.encoders.protocol import Encoder
+from offradar_ros.encoders.registry import make_encoder
+from offradar_ros.errors import DataError, RefusedInput
+from offradar_ros.lab.evaluation.calibration.calibrated_parameters import calibrated_parameters
+from offradar_ros.lab.evaluation.calibration.conformal import conformal_quantile, scans_for_quantile
+from offradar_ros.retrieval.thresholds import static_thresholds
+from offradar_ros.sequence import RadarSequence
+
+FEWEST_SCANS = 2
+
+
+class Calibrated(NamedTuple):
+    """Parameters by dotted name, what they come from, and what there is to say about them."""
+
+    values: dict[str, Value]
+    source: str
+    lines: list[str]
+
+
+def calibrated_drive(sequence: RadarSequence, config: Config, reject_at_most: float) -> Calibrated:
+    """Parameters for the encoder and the query; N is the configuration's.
+
+    The threshold is the lowest static one that rejects an ordinary scan with a chance of at most `reject_at_most`; 0
+    takes the highest, as few scans do. Scans that are refused are left out; DataError if fewer than two are left. A
+    learned encoder's variance has its scale from training (prior at 1): only the threshold is set for it.
+    """
+    encoder = make_encoder(config.encoder)
+    uncertainties = _uncertainties(sequence, encoder)
+    factor = variance_factor(uncertainties) if config.encoder.name == 'ring_key' else 1.0
+    uncertainties = uncertainties * factor
+    delta, levels = spanning_delta(uncertainties), config.query.levels
+    thresholds = static_thresholds(delta, levels)
+    needed = scans_for_quantile(reject_at_most) if reject_at_most > 0.0 else 0
+    level = levels
+    if 0 < needed <= len(uncertainties):
+        level = int(np.searchsorted(thresholds, conformal_quantile(uncertainties, reject_at_most)))
+    scans = len(uncertainties)
+    rejected = int(np.sum(uncertainties > thresholds[level]))
+    chance = reject_at_most if level < levels else 1.0 / (scans + 1)
+    lines = [
+        f'{scans} of {len(sequence)} scans: U {uncertainties.mean():.3f} on average, {uncertainties.min():.3f} to '
+        f'{uncertainties.max():.3f}, standard deviation {uncertainties.std():.3f}; delta {delta:.3f}',
+        f'level {level} of {levels} rejects U above {thresholds[level]:.3f}: {rejected} of these scans, and one more '
+        f'like them with a chance of at most {chance:.4f}',
+    ]
+    if scans < needed:
+        lines.append(
+            f'note: {scans} scans are too few to reject {reject_at_most:g} of ordinary ones ({needed} are enough): the '
+            'threshold is just above all of them, and will reject more'
+        )
+    lines.append('note: nothing is known of wrong answers: calibrate over several drives of one road to keep them rare')
+    values = calibrated_parameters(config, encoder, factor, delta, levels, level)
+    return Calibrated(values, f'{scans} scans of {sequence.name}', lines)
+
+
+def _uncertainties(sequence: RadarSequence, encoder: Encoder) -> NDArray[np.float64]:
+    found: list[float] = []
+    refused: dict[str, list[str]] = {}
+    with progress_bar(f'encoding {sequence.name}') as progress:
+        for index in range(len(sequence)):
+            try:
+                found.append(encoder.encode(sequence.scan(index)).uncertainty)
+            except RefusedInput as refusal:
+                refused.setdefault(refusal.cause, []).append(str(refusal))
+            progress(index + 1, len(sequence))
+    if len(found) < FEWEST_SCANS:
+        causes = [
+            f'{len(said)} of {len(sequence)} scans refused: {cause}: {said[0]}' for cause, said in refused.items()
+        ]
+        raise DataError(
+            f'{sequence.name}: expected at least {FEWEST_SCANS} scans that can be encoded, got {len(found)}'
+            + ''.join(f'; {cause}' for cause in causes)
+        )
+    return np.array(found, np.float64)

@@ -1,0 +1,63 @@
+"""`offradar encode`: the embeddings of a protocol's drives, ready for `offradar evaluate`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from offradar_ros.cli.interrupt import resumable
+from offradar_ros.cli.progress import progress_bar
+from offradar_ros.config import load_config
+from offradar_ros.lab.cli.evaluation_options import (
+    DEFAULT_METHODS,
+    Data,
+    ExclusionS,
+    Maps,
+    Methods,
+    Params,
+    Processes,
+    ProtocolName,
+    Queries,
+    RealWorlds,
+    Threads,
+    protocol_of,
+    say,
+)
+from offradar_ros.lab.evaluation.evaluate import Options, encode_drives
+from offradar_ros.lab.evaluation.recorded_drives import RecordedSource
+
+
+def encode(
+    protocol: ProtocolName = None,
+    methods: Methods = None,
+    cache: Annotated[Path, typer.Option(help='Folder of simulated scans and embeddings, as evaluate is given it.')] = (
+        Path('evaluation') / 'cache'
+    ),
+    data: Data = None,
+    maps: Maps = None,
+    queries: Queries = None,
+    exclusion_s: ExclusionS = None,
+    params: Params = None,
+    real_worlds: RealWorlds = None,
+    processes: Processes = 0,
+    threads: Threads = 0,
+) -> None:
+    """Encode every drive that a protocol names, once; goes on where it was interrupted."""
+    config = load_config(params)
+    options = Options(
+        out=cache,
+        cache=cache,
+        command='',
+        bar=progress_bar,
+        say=say,
+        real_worlds=real_worlds,
+        recorded=RecordedSource(data, config.radar, config.position),
+        encoder=config.encoder,
+        processes=processes,
+        threads=threads,
+    )
+    with resumable():
+        encoded = encode_drives(protocol_of(protocol, maps, queries, exclusion_s), methods or DEFAULT_METHODS, options)
+    for told in encoded:
+        typer.echo(f'{told.method}: {told.scans} scans of {told.drives} drives encoded, {told.refused} refused')
+    typer.echo(f'{cache}: ready for offradar evaluate --cache {cache}')

@@ -1,0 +1,90 @@
+"""`offradar evaluate`: recall, uncertainty and map maintenance of encoders, by a protocol."""
+
+import importlib.util
+import shlex
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from offradar_ros.cli.interrupt import resumable
+from offradar_ros.cli.need import pip_hint
+from offradar_ros.cli.progress import progress_bar
+from offradar_ros.config import load_config, read_parameters
+from offradar_ros.errors import ConfigError
+from offradar_ros.lab.cli.evaluation_options import (
+    DEFAULT_METHODS,
+    Data,
+    ExclusionS,
+    Maps,
+    Methods,
+    Params,
+    Processes,
+    ProtocolName,
+    Queries,
+    RealWorlds,
+    Threads,
+    protocol_of,
+    say,
+)
+from offradar_ros.lab.evaluation.evaluate import Options
+from offradar_ros.lab.evaluation.evaluate import evaluate as run
+from offradar_ros.lab.evaluation.recorded_drives import RecordedSource
+from offradar_ros.lab.evaluation.results import RESULTS_FILE
+from offradar_ros.lab.evaluation.table import tables
+from offradar_ros.lab.evaluation.thresholds import NOT_DEPLOYED, Deployed
+from offradar_ros.retrieval.thresholds import threshold_at
+
+THRESHOLD = frozenset({'query.delta', 'query.levels', 'query.level'})
+
+
+def evaluate(
+    protocol: ProtocolName = None,
+    methods: Methods = None,
+    out: Annotated[Path, typer.Option(help='Folder for results.json, scans.npy, maps.npz and pictures.')] = Path(
+        'evaluation'
+    ),
+    data: Data = None,
+    maps: Maps = None,
+    queries: Queries = None,
+    exclusion_s: ExclusionS = None,
+    params: Params = None,
+    real_worlds: RealWorlds = None,
+    real_scans: Annotated[
+        Path | None, typer.Option(help='Folder of oxford_tiny and radiate_tiny_foggy: U of recorded scans.')
+    ] = None,
+    cache: Annotated[
+        Path | None, typer.Option(help='Folder of simulated scans and embeddings, kept; OUT/cache if not given.')
+    ] = None,
+    processes: Processes = 0,
+    threads: Threads = 0,
+    pictures: Annotated[bool, typer.Option(help='Draw pictures (needs matplotlib).')] = True,
+) -> None:
+    """Measure encoders on drives that none of them was trained on; goes on where it was interrupted."""
+    if pictures and importlib.util.find_spec('matplotlib') is None:
+        raise ConfigError(f'pictures need the Python package matplotlib: {pip_hint("plot")}, or --no-pictures')
+    config = load_config(params)
+    in_use = params is not None and not THRESHOLD.isdisjoint(read_parameters(params))
+    options = Options(
+        out=out,
+        cache=cache or out / 'cache',
+        command=shlex.join(['offradar', *sys.argv[1:]]),
+        bar=progress_bar,
+        say=say,
+        real_worlds=real_worlds,
+        real_scans=real_scans,
+        recorded=RecordedSource(data, config.radar, config.position),
+        encoder=config.encoder,
+        deployed=Deployed(threshold_at(config.query), config.query.model) if in_use else NOT_DEPLOYED,
+        processes=processes,
+        threads=threads,
+        pictures=pictures,
+    )
+    with resumable():
+        results = run(protocol_of(protocol, maps, queries, exclusion_s), methods or DEFAULT_METHODS, options)
+    console = Console()
+    for table in tables(results):
+        console.print(table)
+    typer.echo(f'{out / RESULTS_FILE}: written; offradar report {out} makes tables and figures of it')

@@ -1,0 +1,98 @@
+"""What `offradar evaluate` and `offradar encode` are both told."""
+
+import dataclasses
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from offradar_ros.errors import ConfigError
+from offradar_ros.lab.evaluation.protocol import Group, Protocol, Recorded
+from offradar_ros.lab.evaluation.protocol_file import read_protocol
+from offradar_ros.recordings.source import require_recording
+
+METHODS_HELP = (
+    'ours, bc_radar, vae, mc_dropout, stun with weights; ring_key; rad_vlad, fitted to each map unless weights are '
+    'given. Another NAME is a variant of ours. May be repeated; ours=compact and ring_key if not given.'
+)
+DEFAULT_METHODS = ('ring_key', 'ours=compact')
+
+ProtocolName = Annotated[
+    str | None,
+    typer.Argument(
+        help='Protocol: a YAML file, or the name of one that comes with us; simulated if not given, or own with --map.'
+    ),
+]
+Methods = Annotated[list[str] | None, typer.Option('--method', metavar='NAME[=WEIGHTS]', help=METHODS_HELP)]
+Data = Annotated[Path | None, typer.Option(help='Folder of the recorded sequences that the protocol names.')]
+Maps = Annotated[
+    list[Path] | None,
+    typer.Option(
+        '--map',
+        help='A recording of your own, mapped, in place of what the protocol drives; for M the others given are merged '
+        'into it.',
+    ),
+]
+Queries = Annotated[
+    list[Path] | None, typer.Option('--query', help='A recording of your own, searched for in the maps.')
+]
+ExclusionS = Annotated[
+    float | None,
+    typer.Option(
+        min=0.0,
+        help='Above 0 drives are also searched for in their own maps, less places within so many seconds of the scan.',
+    ),
+]
+Params = Annotated[
+    Path | None,
+    typer.Option(
+        help='Parameter file: how recordings are read, the encoder, and the threshold in use where it has one.'
+    ),
+]
+RealWorlds = Annotated[Path | None, typer.Option(help='Folder of the maps and traversals that the protocol names.')]
+Processes = Annotated[int, typer.Option(min=0, help='Processes that simulate; 0 for one a core.')]
+Threads = Annotated[int, typer.Option(min=0, help='Threads of a learned encoder; 0 for one a core.')]
+
+
+def say(note: str) -> None:
+    """Prints what is worth a note."""
+    typer.echo(f'note: {note}')
+
+
+def protocol_of(
+    name: str | None,
+    maps: list[Path] | None,
+    queries: list[Path] | None,
+    exclusion_s: float | None = None,
+) -> Protocol:
+    """The protocol of a name, with recordings of one's own in place of what it drives where any are given.
+
+    One that is mapped and searched for is searched for in its own map, too. No simulated drives are left to validate
+    on: their U says nothing of another radar's.
+    """
+    given = bool(maps or queries)
+    protocol = read_protocol(name or ('own' if given else 'simulated'))
+    if exclusion_s is not None:
+        protocol = dataclasses.replace(protocol, exclusion_s=exclusion_s)
+    if not given and protocol.groups:
+        return protocol
+    if not maps or not queries:
+        raise ConfigError(f'protocol {protocol.name}: expected at least one --map and one --query')
+    for path in (*maps, *queries):
+        require_recording(path, 'auto')
+    mapped, asked = (list(dict.fromkeys(str(path.resolve()) for path in paths)) for paths in (maps, queries))
+    both = [path for path in mapped if path in asked]
+    if both and not protocol.exclusion_s > 0.0:
+        raise ConfigError(f'{both[0]}: is searched for in its own map: expected --exclusion-s above 0')
+    road = Recorded(
+        'own',
+        sequences=tuple(both),
+        maps=tuple(path for path in mapped if path not in both),
+        queries=tuple(path for path in asked if path not in both),
+    )
+    return dataclasses.replace(
+        protocol,
+        title='Own recordings',
+        groups=(Group('own', 'Own recordings', recorded=(road,)),),
+        validation=dataclasses.replace(protocol.validation, cities=()),
+    )

@@ -1,0 +1,115 @@
+"""`offradar simulate`: drives through a simulated world, as bags or folders of scans."""
+
+import dataclasses
+import enum
+from pathlib import Path
+from typing import Annotated, List  # noqa: UP035
+
+import typer
+
+from offradar_ros.cli.progress import progress_bar
+from offradar_ros.errors import ConfigError
+from offradar_ros.lab.simulation.ahead import ScansAhead, made_ahead
+from offradar_ros.lab.simulation.degradation import DegradationKind
+from offradar_ros.lab.simulation.ground_truth import write_ground_truth
+from offradar_ros.lab.simulation.named_weather import parse_weather
+from offradar_ros.lab.simulation.named_world import open_world
+from offradar_ros.lab.simulation.recorded_path import load_tum
+from offradar_ros.lab.simulation.sensor import SimulatedSensor
+from offradar_ros.lab.simulation.sequence import SimulatedSequence
+from offradar_ros.lab.simulation.session_plan import SessionPlan
+from offradar_ros.radar.profiles import PROFILES
+from offradar_ros.recordings.bags.oxford_folder import encode_oxford_png, write_oxford
+from offradar_ros.recordings.bags.writer import BagOptions, write_bag
+
+DAY_NS = 24 * 3600 * 10**9
+LANES_M = (0.0, 1.0, -0.8, 0.5, -1.2)
+SCANS = 120
+
+
+class Format(str, enum.Enum):
+    """What a drive is written as."""
+
+    BAG = 'bag'
+    OXFORD = 'oxford'
+
+
+def session_plan(index: int, *, scans: int, seed: int, degraded: float) -> SessionPlan:
+    """Drive `index` of a route: each a day later, in a lane offset, traffic and noise of its own."""
+    return SessionPlan(
+        name=f'session_{index + 1}',
+        seed=1000 * seed + index,
+        scans=scans,
+        left_m=LANES_M[index % len(LANES_M)],
+        degraded=degraded,
+        start_ns=SessionPlan().start_ns + index * DAY_NS,
+    )
+
+
+def simulate(
+    world: Annotated[str, typer.Argument(help='city, city:SEED, or the YAML file of a nav2 map.')],
+    out: Annotated[Path, typer.Option(help='Folder in which to write the drives.')],
+    sessions: Annotated[
+        int | None, typer.Option(min=1, max=100, help='Drives; 3, or one for each traversal.', show_default=False)
+    ] = None,
+    scans: Annotated[
+        int | None,
+        typer.Option(min=1, max=100_000, help=f'Scans a drive; {SCANS}, or the whole traversal.', show_default=False),
+    ] = None,
+    traversal: Annotated[
+        List[Path] | None,  # noqa: UP006
+        typer.Option(help='TUM file of a drive to follow, in the frame of the world; several are taken in turn.'),
+    ] = None,
+    two_way: Annotated[bool, typer.Option('--two-way', help='Drive every second session backwards.')] = False,
+    format_: Annotated[Format, typer.Option('--format', help='rosbag2 folders or Oxford-layout folders.')] = Format.BAG,
+    sensor: Annotated[str, typer.Option(help=f'Size of the scans: {", ".join(PROFILES)}.')] = 'radiate',
+    seed: Annotated[int, typer.Option(min=0, max=10**12, help='Of the world and of the drives.')] = 1,
+    degraded: Annotated[float, typer.Option(min=0.0, max=1.0, help='Share of degraded scans in every drive.')] = 0.0,
+    kind: Annotated[
+        List[DegradationKind] | None,  # noqa: UP006
+        typer.Option(help='Degradation to draw from; several may be given, all by default.'),
+    ] = None,
+    weather: Annotated[str, typer.Option(help='clear, or rain=MM_H,snow=MM_H,fog=VISIBILITY_M.')] = 'clear',
+    workers: Annotated[int, typer.Option(min=1, max=256, help='Processes; the scans are the same for any number.')] = 2,
+    overwrite: Annotated[bool, typer.Option('--overwrite', help='Replace existing drives.')] = False,
+) -> None:
+    """Simulate several drives through one world, deterministically by seed.
+
+    Beside each drive lies NAME.csv: for every scan the true pose, and what is wrong with it.
+    """
+    size = _size_of_scans(sensor)
+    air, paths = parse_weather(weather), [load_tum(file) for file in traversal or ()]
+    place = open_world(world, seed)
+    for index in range(sessions or len(paths) or 3):
+        plan = session_plan(index, scans=scans or SCANS, seed=seed, degraded=degraded)
+        plan = dataclasses.replace(
+            plan, reverse=two_way and index % 2 == 1, weather=air, kinds=tuple(kind or plan.kinds)
+        )
+        if paths:
+            path = paths[index % len(paths)]
+            start_m = float(path.driven_m[-1]) if plan.reverse else 0.0
+            length = path.scans(size.rotation_s, start_m=0.0)
+            plan = dataclasses.replace(plan, path=path, start_m=start_m, scans=min(scans or length, length))
+        elif plan.reverse:
+            # Back from where the others end, over the same streets.
+            plan = dataclasses.replace(plan, start_m=plan.scans * size.rotation_s * plan.speed_mps)
+        sequence = SimulatedSequence(place, plan, size)
+        _write(sequence, out / plan.name, format_, overwrite=overwrite, workers=workers)
+        write_ground_truth(sequence, out / f'{plan.name}.csv')
+        typer.echo(f'{out / plan.name}: written')
+
+
+def _size_of_scans(sensor: str) -> SimulatedSensor:
+    if sensor not in PROFILES:
+        raise ConfigError(f'sensor {sensor!r}: expected one of {", ".join(PROFILES)}')
+    profile = PROFILES[sensor]
+    return SimulatedSensor(profile.azimuths, profile.range_bins, profile.range_resolution_m)
+
+
+def _write(sequence: SimulatedSequence, out: Path, format_: Format, *, overwrite: bool, workers: int) -> None:
+    with progress_bar(f'simulating {sequence.name}') as progress:
+        if format_ is Format.BAG:
+            write_bag(ScansAhead(sequence, workers), out, BagOptions(plain=True, overwrite=overwrite), progress)
+        else:
+            encoded = made_ahead(sequence, encode_oxford_png, workers)
+            write_oxford(sequence, out, overwrite=overwrite, progress=progress, encoded=encoded)

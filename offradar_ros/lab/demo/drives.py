@@ -1,0 +1,52 @@
+"""What the demonstration drives: one route of a simulated town, three times."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+from offradar_ros.cli.progress import progress_bar
+from offradar_ros.config import Config, EncoderConfig, write_parameters
+from offradar_ros.lab.cli.calibrated_drive import calibrated_drive
+from offradar_ros.lab.cli.simulate import session_plan
+from offradar_ros.lab.simulation.city import CityPlan, make_city
+from offradar_ros.lab.simulation.sequence import SimulatedSequence
+from offradar_ros.recordings.bags.writer import BagOptions, write_bag
+
+SEED = 1
+SCANS = 400
+MAPPED = (True, True, False)
+DEGRADED = (0.2, 0.2, 0.35)
+ENCODER = EncoderConfig(name='variational', weights='compact')
+
+
+@dataclasses.dataclass(frozen=True)
+class Drive:
+    """One drive: its bag, whether it is mapped, and the stamps of its spoiled scans."""
+
+    name: str
+    bag: Path
+    mapped: bool
+    spoiled_ns: frozenset[int]
+
+
+def simulate_drives(folder: Path) -> list[Drive]:
+    """Write the bags of all drives, seeded."""
+    town = make_city(CityPlan(seed=SEED))
+    drives = []
+    for index, (mapped, degraded) in enumerate(zip(MAPPED, DEGRADED, strict=True)):
+        sequence = SimulatedSequence(town, session_plan(index, scans=SCANS, seed=SEED, degraded=degraded))
+        with progress_bar(f'simulating {sequence.name}') as progress:
+            bag = write_bag(sequence, folder / sequence.name, BagOptions(plain=True, overwrite=True), progress)
+        pairs = zip(sequence.stamps_ns, sequence.degradations, strict=True)
+        drives.append(Drive(sequence.name, bag, mapped, frozenset(int(s) for s, fault in pairs if fault)))
+    return drives
+
+
+def calibrate_on_a_clean_drive(path: Path) -> Path:
+    """Parameters for the trained encoder from one more, undisturbed drive: Δ spans its U."""
+    plan = session_plan(len(MAPPED), scans=SCANS, seed=SEED, degraded=0.0)
+    sequence = SimulatedSequence(make_city(CityPlan(seed=SEED)), plan)
+    done = calibrated_drive(sequence, Config(encoder=ENCODER), reject_at_most=0.0)
+    write_parameters(path, done.values, f'Calibrated over {SCANS} scans of a clean simulated drive.')
+    return path

@@ -1,0 +1,115 @@
+"""The demonstration's table and picture."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+from rich.console import Console
+from rich.table import Table
+
+from offradar_ros.lab.demo.truth import Judged
+from offradar_ros.mapping.stored_map import StoredSession
+from offradar_ros.recordings.truth import TOLERANCE_M
+from offradar_ros.types import Match, PlaceTable, Reason
+
+
+def print_table(drives: list[Judged], sessions: Sequence[StoredSession], console: Console) -> None:
+    """One column a drive; `sessions` are those of the map, in the order of the drives that made them."""
+    table = Table('', *(judged.driven.drive.name for judged in drives), title='Simulated drives of one route')
+    for name, cells in (_rows(drives) | _map_rows(drives, sessions)).items():
+        table.add_row(name, *cells)
+    console.print(table)
+
+
+def _rows(drives: list[Judged]) -> dict[str, list[str]]:
+    reasons = sorted({o.reason.value for j in drives for o in j.driven.outcomes if not isinstance(o, Match)})
+    rejected = [Counter(o.reason.value for o in j.driven.outcomes if not isinstance(o, Match)) for j in drives]
+    percentiles = [np.percentile(j.driven.latencies_s, [50, 99]) * 1e3 for j in drives]
+    searched = [bool(j.nearest_is_right.any()) for j in drives]
+
+    def recall(chosen: list[NDArray[np.bool_]]) -> list[str]:
+        pairs = zip(drives, chosen, searched, strict=True)
+        return [f'{j.recall(c):.3f} of {int(c.sum())}' if known else '-' for j, c, known in pairs]
+
+    return {
+        'scans': [str(j.driven.counts['scans']) for j in drives],
+        'of them spoiled by the simulation': [str(int(j.spoiled.sum())) for j in drives],
+        'unanswered': [str(j.driven.counts['unanswered']) for j in drives],
+        'matches': [str(j.driven.counts['matches']) for j in drives],
+        **{f'rejected: {reason}': [str(counter[reason]) for counter in rejected] for reason in reasons},
+        'rejected as uncertain, spoiled / clean': [_uncertain(j) for j in drives],
+        f'Recall@1 within {TOLERANCE_M:g} m, every scan': recall([np.ones(len(j.accepted), bool) for j in drives]),
+        'Recall@1 of the matches': recall([j.accepted for j in drives]),
+        'of those, of clean scans': recall([j.accepted & ~j.spoiled for j in drives]),
+        'of those, of spoiled scans': recall([j.accepted & j.spoiled for j in drives]),
+        'Recall@1 had the rejected been answered': recall([~j.accepted for j in drives]),
+        'latency, median / p99': [f'{p50:.0f} / {p99:.0f} ms' for p50, p99 in percentiles],
+    }
+
+
+def _uncertain(judged: Judged) -> str:
+    outcomes = judged.driven.outcomes
+    uncertain = np.array([not isinstance(o, Match) and o.reason is Reason.UNCERTAIN for o in outcomes], np.bool_)
+    return f'{int((uncertain & judged.spoiled).sum())} / {int((uncertain & ~judged.spoiled).sum())}'
+
+
+def _map_rows(drives: list[Judged], sessions: Sequence[StoredSession]) -> dict[str, list[str]]:
+    reports = iter([session.report for session in sessions])
+    told = [next(reports) if judged.driven.drive.mapped else None for judged in drives]
+
+    def cells(text: str) -> list[str]:
+        return ['-' if report is None else text.format_map(_Readable(report)) for report in told]
+
+    return {
+        'inserted, replaced, kept': cells('{inserted}, {replaced}, {kept}'),
+        'places, before and after': cells('{places_before} → {places_after}'),
+        'mean U of the map, before and after': cells('{mean_uncertainty_before} → {mean_uncertainty_after}'),
+    }
+
+
+class _Readable(dict[str, object]):
+    """A report's values as a person reads them."""
+
+    def __getitem__(self, key: str) -> str:
+        value = super().__getitem__(key)
+        return '-' if value is None else f'{value:.3f}' if isinstance(value, float) else str(value)
+
+
+def draw_map(places: PlaceTable, judged: Judged, path: Path) -> None:
+    """The map coloured by U, and on it the last drive: matches, wrong matches and rejections."""
+    figure = Figure(figsize=(12, 8))
+    axes = figure.add_axes((0.07, 0.16, 0.84, 0.78))
+    drawn = axes.scatter(
+        places.positions_m[:, 0], places.positions_m[:, 1], c=places.uncertainties, s=150, cmap='YlOrBr', zorder=1
+    )
+    figure.colorbar(drawn, label='uncertainty U of the mapped scan (1 on average when calibrated)', shrink=0.7)
+    right = judged.accepted & judged.nearest_is_right
+    for chosen, marker, colour, size, label in (
+        (right, '.', 'limegreen', 22, 'matched to the right place'),
+        (judged.accepted & ~judged.nearest_is_right, 'x', 'red', 26, f'matched to a place over {TOLERANCE_M:g} m away'),
+        (~judged.accepted & judged.nearest_is_right, '+', 'black', 30, 'rejected, would have been right'),
+        (~judged.accepted & ~judged.nearest_is_right, '+', 'blue', 30, 'rejected, would have been wrong'),
+    ):
+        east_m, north_m = judged.positions_m[chosen].T
+        axes.scatter(east_m, north_m, s=size, c=colour, marker=marker, label=f'{label} ({int(chosen.sum())})', zorder=2)
+    east_m, north_m = judged.positions_m[judged.spoiled].T
+    spoiled = f'scan spoiled by the simulation ({int(judged.spoiled.sum())})'
+    axes.scatter(
+        east_m, north_m, s=90, edgecolors='dimgrey', facecolors='none', linewidths=0.7, label=spoiled, zorder=2
+    )
+    axes.set(
+        aspect='equal',
+        xlabel='east, m',
+        ylabel='north, m',
+        title=f'{judged.driven.drive.name} asked of a map of {len(places)} places (simulated)',
+        facecolor='whitesmoke',
+    )
+    figure.legend(loc='lower center', ncols=3, facecolor='whitesmoke')
+    FigureCanvasAgg(figure)
+    figure.savefig(path)

@@ -1,0 +1,184 @@
+"""What one drive's scans find in another drive's map, and whether it is right."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive
+from offradar_ros.lab.evaluation.metrics.pair_level import PairLevel, PairTally
+from offradar_ros.lab.evaluation.nearness import distances_m
+from offradar_ros.lab.evaluation.neighbours import k_least, squared_distances
+from offradar_ros.recordings.spacing import one_a_cell
+from offradar_ros.types import PlaceTable
+
+DEPTH = 10
+"""So many nearest places are judged."""
+
+NOT_FOUND = 1_000_000
+"""Rank where none of them is right."""
+
+_BLOCK = 256
+
+
+@dataclasses.dataclass(frozen=True)
+class Pair:
+    """Which drive searched which: `map_index` and `query_index` are drives of `world`."""
+
+    method: str
+    group: str
+    world: str
+    map_index: int
+    query_index: int
+    spacing_m: float
+
+
+class Rules(NamedTuple):
+    """What is right, as in the protocol: metres, and nanoseconds around a scan whose places are left out."""
+
+    tolerance_m: float = 25.0
+    negative_m: float = 50.0
+    exclusion_ns: int = 0
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Answers:
+    """One row for each of Q query scans.
+
+    Attributes:
+        pair: who searched whom.
+        places: size of the map.
+        uncertainties: (Q,) float64, infinite where the encoder refused the scan.
+        ranks: (Q,) int, 0 where the nearest place is right, and so on; `NOT_FOUND` beyond `DEPTH`.
+        positive: (Q,) whether the map holds a right place at all.
+        errors_m: (Q,) metres from the nearest place in embedding space to where the scan was taken.
+        distances: (Q,) distance of that place in embedding space.
+        found: (Q,) int, row of that place in the map.
+        right: (Q,) int, row of the place nearest to where the scan was taken.
+        kinds: (Q,) what is wrong with the scan; empty where nothing is known to be.
+        severities: (Q,) how badly, 0 to 1; NaN where nobody knows.
+        pair_level: of every query with every place, as right or wrong pairs; None where it was not asked for.
+    """
+
+    pair: Pair
+    places: int
+    uncertainties: NDArray[np.float64]
+    ranks: NDArray[np.int64]
+    positive: NDArray[np.bool_]
+    errors_m: NDArray[np.float64]
+    distances: NDArray[np.float64]
+    found: NDArray[np.int64]
+    right: NDArray[np.int64]
+    kinds: NDArray[np.str_]
+    severities: NDArray[np.float64]
+    pair_level: PairLevel | None
+
+    @property
+    def correct(self) -> NDArray[np.bool_]:
+        """(Q,) whether the nearest place is right."""
+        right: NDArray[np.bool_] = self.ranks == 0
+        return right
+
+
+def map_rows(drive: EmbeddedDrive, spacing_m: float) -> NDArray[np.intp]:
+    """Scans of a drive that a map with a place every `spacing_m` holds; refused ones are passed over."""
+    usable = np.flatnonzero(drive.usable)
+    return usable[one_a_cell(drive.drive.driven_m[usable], spacing_m)]
+
+
+def places_of(drive: EmbeddedDrive, rows: NDArray[np.intp]) -> PlaceTable:
+    """The map of these scans, in their order."""
+    count = len(rows)
+    return PlaceTable(
+        np.arange(count, dtype=np.int64),
+        np.ones(count, np.int32),
+        drive.drive.stamps_ns[rows],
+        np.column_stack([drive.drive.poses[rows, :2], np.zeros(count)]),
+        drive.drive.poses[rows, 2],
+        drive.uncertainties[rows].astype(np.float32),
+        drive.means[rows],
+    )
+
+
+def answers(
+    pair: Pair,
+    places: PlaceTable,
+    query: EmbeddedDrive,
+    rules: Rules,
+    *,
+    all_pairs: bool = False,
+    depth: int = DEPTH,
+) -> Answers:
+    """Search the places for every scan of `query`, by exact Euclidean distance; so many nearest ones are judged.
+
+    `all_pairs` asks for `pair_level`, which takes as long again.
+    """
+    count, depth = len(query.means), min(depth, len(places))
+    positions_m, truth_m = places.positions_m[:, :2], query.drive.poses[:, :2]
+    ranks = np.full(count, NOT_FOUND, np.int64)
+    found, right = np.zeros((2, count), np.int64)
+    errors_m, distances = np.full((2, count), np.inf)
+    positive = np.zeros(count, np.bool_)
+    tally = PairTally() if all_pairs else None
+    for start in range(0, count if len(places) else 0, _BLOCK):
+        part = slice(start, start + _BLOCK)
+        squares = squared_distances(query.means[part], places.means)
+        apart_m = distances_m(truth_m[part], positions_m)
+        if rules.exclusion_ns:
+            late_ns = np.abs(places.stamps_ns - query.drive.stamps_ns[part, None])
+            squares[late_ns <= rules.exclusion_ns] = np.inf
+            apart_m[late_ns <= rules.exclusion_ns] = np.inf
+        usable = query.usable[part]
+        if tally:
+            known = np.isfinite(apart_m)
+            reached = np.where(usable[:, None], squares, np.inf)
+            tally.add(reached, known & (apart_m <= rules.tolerance_m), known & (apart_m > rules.negative_m))
+        rows = k_least(squares, depth)
+        near = (np.take_along_axis(apart_m, rows, 1) <= rules.tolerance_m) & usable[:, None]
+        ranks[part] = np.where(near.any(axis=1), np.argmax(near, axis=1), NOT_FOUND)
+        found[part], right[part] = rows[:, 0], apart_m.argmin(axis=1)
+        errors_m[part] = np.take_along_axis(apart_m, rows[:, :1], 1)[:, 0]
+        distances[part] = np.sqrt(np.maximum(np.take_along_axis(squares, rows[:, :1], 1)[:, 0], 0.0))
+        positive[part] = apart_m.min(axis=1) <= rules.tolerance_m
+    return Answers(
+        pair,
+        len(places),
+        query.uncertainties,
+        ranks,
+        positive,
+        errors_m,
+        distances,
+        found,
+        right,
+        query.drive.kinds,
+        query.drive.severities,
+        tally.level() if tally else None,
+    )
+
+
+def answers_from(pair: Pair, mapped: EmbeddedDrive, query: EmbeddedDrive, rules: Rules) -> Answers:
+    """Search the map made of one drive for another's scans; rows of places become rows of the mapped drive.
+
+    Queries have a right place where the drive has one, also if the encoder refused its scan: so all methods are asked
+    the same. A map without any place answers nothing.
+    """
+    rows = map_rows(mapped, pair.spacing_m)
+    told = answers(pair, places_of(mapped, rows), query, rules, all_pairs=True)
+    if not mapped.usable.all():
+        told = dataclasses.replace(told, positive=_positive(mapped, pair.spacing_m, query, rules))
+    if not len(rows):
+        return told
+    return dataclasses.replace(told, found=rows[told.found], right=rows[told.right])
+
+
+def _positive(mapped: EmbeddedDrive, spacing_m: float, query: EmbeddedDrive, rules: Rules) -> NDArray[np.bool_]:
+    """(Q,) whether the map would hold a right place had no scan been refused."""
+    whole = dataclasses.replace(mapped, uncertainties=np.zeros(len(mapped.uncertainties)))
+    blank = dataclasses.replace(whole, means=np.zeros((len(whole.means), 1), np.float32))
+    asked = dataclasses.replace(query, means=np.zeros((len(query.means), 1), np.float32))
+    return answers(
+        Pair('', '', '', 0, 0, spacing_m), places_of(blank, map_rows(whole, spacing_m)), asked, rules
+    ).positive

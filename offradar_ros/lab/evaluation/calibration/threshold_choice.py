@@ -1,0 +1,122 @@
+"""The static threshold that keeps wrong answers as rare as was asked for, and what is to be expected of it."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from offradar_ros.errors import DataError
+from offradar_ros.lab.evaluation.calibration.clustered_bound import clustered_upper_bound
+from offradar_ros.lab.evaluation.calibration.conformal import risk_bound
+from offradar_ros.lab.evaluation.calibration.error_control import (
+    Counts,
+    counts_at,
+    fewest_answers,
+    interval,
+    passing,
+    upper_bound,
+)
+from offradar_ros.lab.evaluation.calibration.validation_queries import ValidationQueries
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class ThresholdChoice:
+    """What was chosen from which queries.
+
+    Attributes:
+        queries: all of them.
+        thresholds: (N + 1,) float64, ascending.
+        counts: at each of them.
+        level: which is chosen.
+        error_rate: ε, the share of the answers that may be wrong.
+        confidence: with which it is at most ε.
+    """
+
+    queries: ValidationQueries
+    thresholds: NDArray[np.float64]
+    counts: Counts
+    level: int
+    error_rate: float
+    confidence: float
+
+    @property
+    def threshold(self) -> float:
+        """The U above which a scan is rejected."""
+        return float(self.thresholds[self.level])
+
+    @property
+    def answered(self) -> int:
+        """Scans at or below the threshold."""
+        return int(self.counts.answered[self.level])
+
+    @property
+    def wrong(self) -> int:
+        """Those of them whose answer is wrong."""
+        return int(self.counts.wrong[self.level])
+
+    @property
+    def rejection(self) -> tuple[float, float, float]:
+        """Share of all scans that is rejected, and both ends of its interval."""
+        rejected = len(self.queries) - self.answered
+        return (rejected / len(self.queries), *interval(rejected, len(self.queries), self.confidence))
+
+    @property
+    def chance_of_wrong_answer(self) -> float:
+        """What conformal risk control holds against ε: that one more exchangeable scan is answered, and wrongly.
+
+        Never above ε, being below the bound that the level passed with: so the promise of `risk_bound` is kept, too.
+        """
+        return risk_bound(self.wrong, len(self.queries))
+
+    @property
+    def squares(self) -> int:
+        """Squares of ground with an answered scan."""
+        return len(np.unique(self.queries.squares[self._accepted]))
+
+    @property
+    def error_rate_by_squares(self) -> float:
+        """Upper bound on the share of wrong answers where a square, not a scan, is one draw; pointwise."""
+        count = int(self.queries.squares.max()) + 1
+        accepted, wrong = self._accepted, self._accepted & self.queries.wrong
+        answered, mistakes = (np.bincount(self.queries.squares[rows], minlength=count) for rows in (accepted, wrong))
+        return clustered_upper_bound(answered, mistakes, self.confidence)
+
+    @property
+    def _accepted(self) -> NDArray[np.bool_]:
+        accepted: NDArray[np.bool_] = self.queries.uncertainties <= self.threshold
+        return accepted
+
+
+def choose_threshold(
+    queries: ValidationQueries, thresholds: NDArray[np.float64], error_rate: float, confidence: float
+) -> ThresholdChoice:
+    """The highest of the (N + 1,) thresholds that pass (`error_control.passing`).
+
+    DataError where none does, with the best that could be said: a lower threshold that fails too would be taken for one
+    that was asked for.
+    """
+    counts = counts_at(queries.uncertainties, queries.wrong, thresholds)
+    passed = np.flatnonzero(passing(counts, error_rate, confidence))
+    if not len(passed):
+        raise DataError(_nothing_passes(counts, error_rate, confidence))
+    return ThresholdChoice(queries, thresholds, counts, int(passed[-1]), error_rate, confidence)
+
+
+def _nothing_passes(counts: Counts, error_rate: float, confidence: float) -> str:
+    needed, had = fewest_answers(error_rate, confidence), int(counts.answered[-1])
+    wanted = f'wrong answers at {error_rate:g} or fewer with confidence {confidence:g}'
+    if had < needed:
+        return (
+            f'{wanted}: expected at least {needed} scans that can be answered, got {had}: drive further or more often'
+        )
+    bounds = [
+        upper_bound(k, n, confidence) for k, n in zip(counts.wrong.tolist(), counts.answered.tolist(), strict=True)
+    ]
+    best = int(np.argmin(bounds))
+    return (
+        f'no threshold is sure to keep {wanted}: at best {counts.wrong[best]} of {counts.answered[best]} answers are '
+        f'wrong, by itself up to {bounds[best]:.3f} with that confidence, and more as one chosen of several: more '
+        'drives, a better encoder or a higher --error-rate'
+    )

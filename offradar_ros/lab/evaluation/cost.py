@@ -1,0 +1,61 @@
+"""What an encoder costs: time a scan, time a query, memory a place."""
+
+from __future__ import annotations
+
+import resource
+import time
+
+import numpy as np
+
+from offradar_ros.encoders.protocol import Encoder
+from offradar_ros.errors import RefusedInput
+from offradar_ros.lab.evaluation.evaluated_drive import EvaluatedDrive
+from offradar_ros.retrieval.place_index import PlaceIndex
+from offradar_ros.types import Embedding, Place, PlaceTable, Pose
+
+SCANS = 20
+WARM_UP = 3
+
+
+def measure_cost(encoder: Encoder, drive: EvaluatedDrive, places: int) -> dict[str, float]:
+    """Medians over some scans of a drive, one by one as a node encodes them, decoding left out.
+
+    `encode_ms`, and `search_ms` of the ten nearest in a map of so many `places`; `bytes_a_place` of its descriptor;
+    `peak_memory_mb` of this process until now. Those that depend on the machine are told, never compared with others'.
+    """
+    encoded_s: list[float] = []
+    searched_s: list[float] = []
+    index: PlaceIndex | None = None
+    for row in np.linspace(0, len(drive) - 1, SCANS + WARM_UP).round().astype(int).tolist():
+        try:
+            scan = drive.scan(row)
+            start_s = time.perf_counter()
+            embedding = encoder.encode(scan)
+        except RefusedInput:
+            continue
+        encoded_s.append(time.perf_counter() - start_s)
+        index = index or _index(embedding, places)
+        start_s = time.perf_counter()
+        index.search(embedding.mean, 10)
+        searched_s.append(time.perf_counter() - start_s)
+    return {
+        'encode_ms': _median_ms(encoded_s),
+        'search_ms': _median_ms(searched_s),
+        'bytes_a_place': 4.0 * encoder.info.dimension,
+        'peak_memory_mb': resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0,
+    }
+
+
+def _index(embedding: Embedding, places: int) -> PlaceIndex:
+    """So many places with descriptors of this kind."""
+    table = PlaceTable.from_places(
+        [Place(i, 1, i, Pose(0.0, 0.0), 1.0, embedding.mean * (1.0 + 0.01 * i)) for i in range(max(places, 1))],
+        len(embedding.mean),
+    )
+    index = PlaceIndex(len(embedding.mean), len(table))
+    index.upsert(table)
+    return index
+
+
+def _median_ms(seconds: list[float]) -> float:
+    return 1000.0 * float(np.median(seconds[WARM_UP:])) if len(seconds) > WARM_UP else float('nan')

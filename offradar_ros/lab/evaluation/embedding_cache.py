@@ -1,0 +1,157 @@
+"""Embeddings of drives on disk, so that an evaluation goes on where it stopped.
+
+``MODEL/DRIVE.means.npy`` is (N, d) float32, or float16 for descriptors of more than 4096 numbers;
+``MODEL/DRIVE.uncertainty.npy`` is (N,) float64 and written last. A scan that the encoder refuses has no descriptor
+(NaN) and the highest uncertainty there is (infinite). A drive of more than `BLOCK` scans is kept in blocks until it is
+whole.
+"""
+
+from __future__ import annotations
+
+import concurrent.futures
+import dataclasses
+import os
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from offradar_ros.encoders.encode import encode_all
+from offradar_ros.encoders.image_encoder import ImageEncoder
+from offradar_ros.encoders.protocol import Encoder
+from offradar_ros.errors import DataError, RefusedInput
+from offradar_ros.lab.evaluation.evaluated_drive import EvaluatedDrive
+from offradar_ros.processes import Progress
+from offradar_ros.types import Embedding
+
+BLOCK = 1024
+"""So many scans at most are encoded anew when an encoding was interrupted."""
+
+LONG = 4096
+"""Longer descriptors are kept in half precision: signed square roots of unit length lose nothing that matters."""
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class EmbeddedDrive:
+    """A drive and what an encoder made of it: `means` (N, d) float32, `uncertainties` (N,) float64."""
+
+    drive: EvaluatedDrive
+    means: NDArray[np.float32]
+    uncertainties: NDArray[np.float64]
+
+    @property
+    def usable(self) -> NDArray[np.bool_]:
+        """(N,) whether a scan has a descriptor."""
+        return np.isfinite(self.uncertainties)
+
+
+def embedded(encoder: Encoder, drive: EvaluatedDrive, folder: Path, progress: Progress) -> EmbeddedDrive:
+    """The drive's embeddings, from `folder` or made and kept there; a long drive's block by block."""
+    place = folder / encoder.info.fingerprint[:16]
+    kept = _load(drive, place, drive.key)
+    if kept:
+        return kept
+    try:
+        place.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DataError(f'{place}: expected a folder for embeddings ({error.strerror})') from None
+    starts = range(0, len(drive), BLOCK)
+    blocks = [_block(encoder, drive, start, place, progress) for start in starts]
+    made = EmbeddedDrive(
+        drive,
+        np.concatenate([block.means for block in blocks]),
+        np.concatenate([block.uncertainties for block in blocks]),
+    )
+    _keep(made, place, drive.key)
+    for start in starts:
+        for path in _paths(place, _block_key(drive, start)):
+            path.unlink(missing_ok=True)
+    return _load(drive, place, drive.key) or made
+
+
+def _block(encoder: Encoder, drive: EvaluatedDrive, start: int, place: Path, progress: Progress) -> EmbeddedDrive:
+    part = _part_of(drive, start)
+    kept = _load(part, place, _block_key(drive, start))
+    if kept is None:
+        kept = encode(encoder, part, lambda done, _: progress(start + done, len(drive)))
+        if len(drive) > BLOCK:
+            _keep(kept, place, _block_key(drive, start))
+    progress(start + len(part), len(drive))
+    return kept
+
+
+def _part_of(drive: EvaluatedDrive, start: int) -> EvaluatedDrive:
+    rows = slice(start, start + BLOCK)
+    return dataclasses.replace(
+        drive,
+        stamps_ns=drive.stamps_ns[rows],
+        poses=drive.poses[rows],
+        driven_m=drive.driven_m[rows],
+        kinds=drive.kinds[rows],
+        severities=drive.severities[rows],
+        read_scan=lambda row: drive.read_scan(start + row),
+    )
+
+
+def _block_key(drive: EvaluatedDrive, start: int) -> str:
+    return f'{drive.key}.from_{start}'
+
+
+def _paths(place: Path, key: str) -> tuple[Path, Path]:
+    return place / f'{key}.means.npy', place / f'{key}.uncertainty.npy'
+
+
+def _load(drive: EvaluatedDrive, place: Path, key: str) -> EmbeddedDrive | None:
+    means_path, uncertainty_path = _paths(place, key)
+    if not uncertainty_path.is_file():
+        return None
+    try:
+        means = np.load(means_path, allow_pickle=False).astype(np.float32)
+        return EmbeddedDrive(drive, means, np.load(uncertainty_path, allow_pickle=False))
+    except (OSError, ValueError, EOFError) as error:
+        raise DataError(f'{means_path}: damaged embeddings ({error}): remove them to have them made again') from None
+
+
+def _keep(made: EmbeddedDrive, place: Path, key: str) -> None:
+    means_path, uncertainty_path = _paths(place, key)
+    _write(means_path, made.means if made.means.shape[1] <= LONG else made.means.astype(np.float16))
+    _write(uncertainty_path, made.uncertainties)
+
+
+def encode(encoder: Encoder, drive: EvaluatedDrive, progress: Progress) -> EmbeddedDrive:
+    """Every scan of a drive; those that the encoder refuses, or gives anything but finite numbers for, are unusable."""
+    if isinstance(encoder, ImageEncoder):
+        means, variances = encode_all(encoder, drive, progress)
+        uncertainties = variances.mean(axis=1, dtype=np.float64)
+    else:
+        means, uncertainties = _at_once(encoder, drive, progress)
+    usable = np.isfinite(means).all(axis=1) & np.isfinite(uncertainties)
+    means[~usable], uncertainties[~usable] = np.nan, np.inf
+    return EmbeddedDrive(drive, means, uncertainties)
+
+
+def _at_once(
+    encoder: Encoder, drive: EvaluatedDrive, progress: Progress
+) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+    """A scan a core: encoders without a network have no batches."""
+    means = np.full((len(drive), encoder.info.dimension), np.nan, np.float32)
+    uncertainties = np.full(len(drive), np.nan)
+
+    def encode_one(index: int) -> Embedding | None:
+        try:
+            return encoder.encode(drive.scan(index))
+        except RefusedInput:
+            return None
+
+    with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
+        for index, embedding in enumerate(pool.map(encode_one, range(len(drive)))):
+            if embedding is not None:
+                means[index], uncertainties[index] = embedding.mean, embedding.uncertainty
+            progress(index + 1, len(drive))
+    return means, uncertainties
+
+
+def _write(path: Path, array: NDArray[np.generic]) -> None:
+    partial = path.with_suffix(f'.{os.getpid()}.partial.npy')
+    np.save(partial, array, allow_pickle=False)
+    partial.replace(path)

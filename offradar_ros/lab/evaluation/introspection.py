@@ -1,0 +1,72 @@
+"""O, M, Q and QM as figures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from offradar_ros.lab.evaluation.answers import Answers
+from offradar_ros.lab.evaluation.maintenance import Ablation
+from offradar_ros.lab.evaluation.metrics.bootstrap import bootstrap_interval
+from offradar_ros.lab.evaluation.metrics.recall_at_n import recall_at_n
+from offradar_ros.lab.evaluation.protocol import Protocol
+from offradar_ros.lab.evaluation.summary import Json, recognition
+
+
+def summarise_ablation(several: Sequence[Ablation], threshold: float, protocol: Protocol) -> Json:
+    """Recall@1 over the queries with a right place in the unmaintained map (in all cases the same queries).
+
+    O, M and M_random answer every query; Q and QM those whose U is at most `threshold`, `rejected` is the share of the
+    others; all three are NaN without a threshold. M_random is the mean over its draws.
+    """
+    keep = [a.unmaintained.positive for a in several]
+    accepted = [a.unmaintained.uncertainties <= threshold for a in several]
+    some = [k & u for k, u in zip(keep, accepted, strict=True)]
+    before, after = [a.unmaintained for a in several], [a.maintained for a in several]
+    draws = zip(*(a.random for a in several), strict=True)
+    return {
+        'O': _recall(before, keep),
+        'M': _recall(after, keep),
+        'M_random': float(np.mean([_recall(draw, keep) for draw in draws])),
+        'Q': _recall(before, some),
+        'QM': _recall(after, some),
+        'threshold': threshold,
+        'rejected': math.nan if math.isnan(threshold) else _share_left_out(some, keep),
+        'ordered_pairs': len(several),
+        'queries': int(np.concatenate(keep).sum()),
+        'opportunities': sum(a.opportunities for a in several),
+        'replaced': sum(a.replaced for a in several),
+        'figures': {'O': recognition(before, protocol), 'M': recognition(after, protocol)},
+        'gains': {
+            'M_over_O': _gain(several, lambda a: [a.unmaintained], protocol),
+            'M_over_M_random': _gain(several, lambda a: list(a.random), protocol),
+        },
+    }
+
+
+def _gain(several: Sequence[Ablation], other: Callable[[Ablation], Sequence[Answers]], protocol: Protocol) -> Json:
+    """Recall@1 of the maintained map less that of others, on the same queries, with a bootstrap interval over pairs."""
+    differences, pairs = [], []
+    for number, ablation in enumerate(several):
+        keep = ablation.unmaintained.positive
+        theirs = np.mean([answers.correct for answers in other(ablation)], axis=0)
+        differences.append((ablation.maintained.correct - theirs)[keep])
+        pairs.append(np.full(int(keep.sum()), number))
+    every = np.concatenate(differences)
+    if not len(every):
+        return {'value': math.nan, 'low': math.nan, 'high': math.nan}
+    low, high = bootstrap_interval(
+        np.concatenate(pairs), lambda w: float(w @ every / w.sum()), resamples=protocol.resamples, seed=protocol.seed
+    )
+    return {'value': float(every.mean()), 'low': low, 'high': high}
+
+
+def _share_left_out(some: Sequence[NDArray[np.bool_]], keep: Sequence[NDArray[np.bool_]]) -> float:
+    return 1.0 - float(np.concatenate(some).sum()) / max(1, int(np.concatenate(keep).sum()))
+
+
+def _recall(several: Sequence[Answers], chosen: Sequence[NDArray[np.bool_]]) -> float:
+    return recall_at_n(np.concatenate([a.ranks[c] for a, c in zip(several, chosen, strict=True)]), 1)

@@ -1,0 +1,22 @@
+"""Sparsification (Ilg et al., ECCV 2018): how the error rate falls as the most uncertain queries are taken away.
+
+It is Recall@RR seen from below: error(r) = 1 − Recall@RR(r). An oracle takes the wrong answers away first.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from offradar_ros.lab.evaluation.metrics.recall_at_rejection import rejection_curve
+
+
+def sparsification_area(uncertainties: ArrayLike, correct: ArrayLike, weights: ArrayLike | None = None) -> float:
+    """AUSC, the area under the error rate over rejected shares 0 to 1: 0 is best; NaN where there is no query."""
+    return 1.0 - rejection_curve(uncertainties, correct, weights).mean_recall(1.0)
+
+
+def sparsification_error(uncertainties: ArrayLike, correct: ArrayLike, weights: ArrayLike | None = None) -> float:
+    """AUSE, that area less the oracle's: what U loses by ranking errors less than perfectly, at any recall."""
+    oracle = sparsification_area(~np.asarray(correct, np.bool_), correct, weights)
+    return sparsification_area(uncertainties, correct, weights) - oracle

@@ -1,0 +1,25 @@
+"""How near drives of one world come to each other, from where their scans were taken."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from offradar_ros.lab.evaluation.evaluated_drive import EvaluatedDrive
+
+_BLOCK = 512
+
+
+def distances_m(some: NDArray[np.float64], others: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(S, O) metres between (S, 2) and (O, 2) positions."""
+    east, north = (np.subtract.outer(some[:, axis], others[:, axis]) for axis in (0, 1))
+    east *= east
+    north *= north
+    east += north
+    return np.asarray(np.sqrt(east, out=east))
+
+
+def nearest_m(one: EvaluatedDrive, other: EvaluatedDrive) -> float:
+    """Metres between the two scans of two drives that are nearest to each other."""
+    blocks = range(0, len(one), _BLOCK)
+    return min(float(distances_m(one.poses[start : start + _BLOCK, :2], other.poses[:, :2]).min()) for start in blocks)

@@ -1,0 +1,48 @@
+"""The static thresholds that a method's U is held to, from drives of no group."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from offradar_ros.encoders.calibration import largest_deviation
+from offradar_ros.lab.evaluation.protocol import Validation
+from offradar_ros.retrieval.thresholds import static_thresholds
+
+
+class Deployed(NamedTuple):
+    """A threshold in use, and the fingerprint of the model that it is for; empty for any. NaN where there is none."""
+
+    threshold: float = math.nan
+    model: str = ''
+
+    def of(self, fingerprint: str) -> float:
+        """The threshold for the model of this fingerprint; NaN where it is for another, whose U it says nothing of."""
+        return self.threshold if self.model in ('', fingerprint) else math.nan
+
+
+NOT_DEPLOYED = Deployed()
+
+
+class Thresholds(NamedTuple):
+    """`static` ascending, none where nothing was validated on; `deployed` is the one in use, NaN where none is."""
+
+    static: tuple[float, ...] = ()
+    deployed: float = math.nan
+
+
+def thresholds_from(uncertainties: Sequence[float], validation: Validation, given: float = math.nan) -> Thresholds:
+    """From U over validation drives (Sec. III-C of the paper): Δ is the largest |U − 1|, N the protocol's.
+
+    The one in use is `given`, or else the protocol's quantile of U.
+    """
+    known = np.asarray(uncertainties, np.float64)
+    known = known[np.isfinite(known)]
+    if not len(known):
+        return Thresholds((), given)
+    static = static_thresholds(largest_deviation(known), validation.levels)
+    deployed = float(np.quantile(known, validation.quantile)) if math.isnan(given) else given
+    return Thresholds(tuple(static.tolist()), deployed)

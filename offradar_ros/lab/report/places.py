@@ -1,0 +1,112 @@
+"""Figures with places in them: maps before and after maintenance, and where queries were right, wrong or rejected."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+import numpy as np
+
+from offradar_ros.lab.evaluation.figures import new_figure
+from offradar_ros.lab.evaluation.summary import Json
+from offradar_ros.lab.report.curves import png_of
+from offradar_ros.lab.report.sections import FigureSection
+from offradar_ros.lab.report.source import Source
+
+RIGHT, WRONG, UNMAPPED, REJECTED = '#009E73', '#D55E00', '#CC79A7', '#444444'
+MOST = 6
+"""Worlds that are drawn."""
+
+
+def map_figures(source: Source) -> Iterator[FigureSection]:
+    """The map of the first drive of each world, before and after the others were merged, coloured by U."""
+    spacing = source.spacings[0]
+    listed = [
+        (number, told)
+        for number, told in enumerate(source.results['maps'])
+        if (told['method'], f'{told["spacing_m"]:g}') == (source.shown, spacing)
+    ]
+    for number, told in listed[:MOST]:
+        before, after = source.maps[f'before_{number}'], source.maps[f'after_{number}']
+        low, high = np.quantile(np.concatenate([before[:, 2], after[:, 2]]), [0.02, 0.98])
+        figure = new_figure(11.0, 4.6)
+        axes = figure.subplots(1, 2, sharex=True, sharey=True)
+        for axis, places, word in zip(axes, (before, after), ('before', 'after'), strict=True):
+            dots = axis.scatter(places[:, 0], places[:, 1], s=7, c=places[:, 2], cmap='viridis', vmin=low, vmax=high)
+            axis.set_title(f'{word}: mean U {places[:, 2].mean():.3f}', fontsize='small')
+            axis.set_aspect('equal')
+            axis.set_xlabel('east (m)')
+            axis.grid(alpha=0.3)
+        axes[0].set_ylabel('north (m)')
+        figure.colorbar(dots, ax=axes, label='U of the scan that a place holds', extend='both')
+        word = source.data_word(told['group'])
+        figure.suptitle(f'{told["world"]} ({word})', fontsize='medium')
+        yield FigureSection(
+            f'map_{told["group"]}_{told["world"]}',
+            f'Map maintenance: {told["world"]}',
+            f'The map of one drive ({len(before)} places) before and after the others were merged: {told["replaced"]} '
+            f'replacements at {told["opportunities"]} opportunities, the size stays; {word}.',
+            f'Two maps of {len(before)} places coloured by U, before and after maintenance',
+            png_of(figure),
+        )
+
+
+def trajectory_figures(source: Source) -> Iterator[FigureSection]:
+    """The first search of each world: each query where it was made, by what became of it."""
+    spacing = source.spacings[0]
+    drawn: set[tuple[str, str]] = set()
+    for number, pair in enumerate(source.results['pairs']):
+        key = (pair['group'], pair['world'])
+        same = (pair['method'], f'{pair["spacing_m"]:g}', pair['maintained']) == (source.shown, spacing, False)
+        if same and key not in drawn and len(drawn) < MOST:
+            drawn.add(key)
+            yield _trajectory(source, number, pair)
+
+
+def _trajectory(source: Source, number: int, pair: Json) -> FigureSection:
+    rows = source.rows[source.rows['pair'] == number]
+    told = source.results['groups'][pair['group']][source.spacings[0]][source.shown]['at_deployed_threshold']
+    threshold = math.inf if told.get('threshold') is None else told['threshold']
+    # Refused scans have an infinite U: they are rejected whatever the threshold.
+    answered = np.isfinite(rows['uncertainty']) & (rows['uncertainty'] <= threshold)
+    right = rows['rank'] == 0
+    kinds = (
+        ('match', RIGHT, 'o', answered & right),
+        ('miss', WRONG, 's', answered & ~right & rows['positive']),
+        ('miss: the map has no place here', UNMAPPED, 'D', answered & ~rows['positive']),
+        ('rejected, would have been right', REJECTED, '+', ~answered & right),
+        ('rejected, would have been wrong', '#000000', 'x', ~answered & ~right),
+    )
+    figure = new_figure(8.2, 5.6)
+    axis = figure.subplots()
+    for label, colour, marker, chosen in kinds:
+        if not chosen.any():
+            continue
+        axis.scatter(
+            rows['x_m'][chosen],
+            rows['y_m'][chosen],
+            s=16,
+            c=colour,
+            marker=marker,
+            linewidths=1.2 if marker in '+x' else 0,
+            label=f'{label}: {int(chosen.sum())}',
+        )
+    axis.set_aspect('equal', 'datalim')
+    axis.set_xlabel('east (m)')
+    axis.set_ylabel('north (m)')
+    axis.grid(alpha=0.3)
+    axis.legend(fontsize='x-small')
+    drives = source.results['drives'][f'{pair["group"]}/{pair["world"]}']
+    names = {drive['index']: drive['name'] for drive in drives}
+    mapped, query = names[pair['map_index']], names[pair['query_index']]
+    word = source.data_word(pair['group'])
+    limit = 'no threshold' if math.isinf(threshold) else f'threshold {threshold:.3f}'
+    figure.suptitle(f'{query}\nsearched in the map of {mapped} ({word}, {limit})', fontsize='small')
+    return FigureSection(
+        f'trajectory_{pair["group"]}_{pair["world"]}',
+        f'Along the way: {pair["world"]}',
+        f'Every query of {query} in the map of {mapped}: a match (right place), a miss (another place; where '
+        f'the map has no place near, nothing else was possible), or rejected for its U ({limit}); {word}.',
+        f'{len(rows)} queries on a map, coloured by match, miss and rejection',
+        png_of(figure),
+    )

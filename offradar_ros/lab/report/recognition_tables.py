@@ -1,0 +1,111 @@
+"""Recognition in the form of the paper's Tab. 1 and 2, and the paper's own figures beside."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from offradar_ros.lab.evaluation.methods import OURS
+from offradar_ros.lab.evaluation.summary import Json
+from offradar_ros.lab.evaluation.table import number
+from offradar_ros.lab.report.paper_tables import PAPER_TABLES, PAPER_TITLES, PaperRow
+from offradar_ros.lab.report.sections import TableSection
+from offradar_ros.lab.report.source import Source
+from offradar_ros.lab.report.words import NAMES, map_words, percent
+
+RECOGNITION_HEAD = (
+    'method',
+    'R@1 (%)',
+    'R@5 (%)',
+    'R@10 (%)',
+    'R@1, 95 %',
+    'F1',
+    'F0.5',
+    'F2',
+    'AP',
+    'R@1 of all (%)',
+    'AP of pairs',
+)
+PAPER_HEAD = ('R@1/5/10', 'F (as printed)', 'AP')
+
+
+def recognition_table(source: Source, group: str, spacing: str) -> TableSection:
+    """The paper's form: Recall@1, 5, 10, F_β and AP; OURS(M) where maps were maintained; the paper's own beside."""
+    methods = source.results['groups'][group][spacing]
+    rows: dict[str, Json] = {name: methods[name] for name in source.methods}
+    maintained = source.results['maintenance'].get(group, {}).get(spacing, {}).get(OURS)
+    if maintained:
+        rows[f'{OURS} (M)'] = maintained['figures']['M']
+    which = _paper_of(source, group)
+    paper = PAPER_TABLES.get(which, {})
+    columns = [_recognition(figures) for figures in rows.values()]
+    places = [_places([column[k] for column in columns]) for k in range(len(columns[0]))]
+    cells = [
+        (NAMES.get(name, name), *own, *(_paper_cells(paper.get(name)) if paper else ()))
+        for (name, _), own in zip(rows.items(), columns, strict=True)
+    ]
+    first = next(iter(methods.values()))
+    beside = f' Right columns: {PAPER_TITLES[which]}, F as printed there' if paper else ''
+    if paper and source.data_word(group) != 'recorded scans':
+        beside += '; of recorded scans and the networks of the paper, not of what is measured here'
+    return TableSection(
+        f'recognition_{group}_{spacing}m',
+        f'Recognition: {source.title(group)}, {map_words(spacing)}',
+        f'Pooled over {first["with_positive"]} of {first["queries"]} queries, those that have a right place in the '
+        f'map, of {first["pairs"]} ordered pairs of drives, with a 95 % bootstrap interval over pairs; '
+        f'{source.data_word(group)}. F is the highest over thresholds on the distance of the nearest place, for each β '
+        'by itself; AP over the same, one answer a query. R@1 of all counts every query: one without a right place is '
+        f'always wrong. AP of pairs is of every query with every place.{beside}{"." if beside else ""}',
+        RECOGNITION_HEAD + (tuple(f'paper: {name}' for name in PAPER_HEAD) if paper else ()),
+        tuple(cells),
+        *(_standing_out(places, place) for place in (0, 1)),
+    )
+
+
+def _paper_of(source: Source, group: str) -> int:
+    return next((int(g['paper']) for g in source.results['protocol']['groups'] if g['name'] == group), 0)
+
+
+def _paper_cells(row: PaperRow | None) -> tuple[str, ...]:
+    if row is None:
+        return ('-',) * len(PAPER_HEAD)
+    printed = ' / '.join(f'{value:.2f}' for value in row.f_printed)
+    recalls = ' / '.join(f'{value:.2f}' for value in (row.recall_at_1, row.recall_at_5, row.recall_at_10))
+    return recalls, printed, f'{row.average_precision:.2f}'
+
+
+def _recognition(figures: Json) -> list[str]:
+    recalls = [_value(figures[f'recall_at_{n}']) for n in (1, 5, 10)]
+    f_beta = [figures['max_f_beta'][beta]['value'] for beta in ('1', '0.5', '2')]
+    paired = figures.get('pair_level', {}).get('average_precision', {}).get('value')
+    every = figures['every_query']['recall_at_1']
+    precision = _value(figures['average_precision'])
+    return [
+        *map(percent, recalls),
+        _interval(figures['recall_at_1']),
+        *map(number, [*f_beta, precision]),
+        percent(every),
+        number(paired),
+    ]
+
+
+def _interval(figure: Json) -> str:
+    ends = [percent(figure[end]) for end in ('low', 'high')]
+    return '-' if '-' in ends else ' to '.join(ends)
+
+
+def _value(figure: Json | float | None) -> float | None:
+    return figure['value'] if isinstance(figure, dict) else figure
+
+
+def _standing_out(places: Sequence[Sequence[int]], place: int) -> frozenset[tuple[int, int]]:
+    """Rows and columns of the cells with this place; none in a table of one row: nothing is best of one."""
+    cells = [(row, k + 1, at) for k, column in enumerate(places) for row, at in enumerate(column) if len(column) > 1]
+    return frozenset((row, k) for row, k, at in cells if at == place)
+
+
+def _places(column: Sequence[str]) -> list[int]:
+    """0 for the best of a column, 1 for the second, and so on; equal ones share a place, what is no number has −1."""
+    if any(' to ' in text for text in column):
+        return [-1] * len(column)
+    known = sorted({float(text) for text in column if text != '-'}, reverse=True)
+    return [known.index(float(text)) if text != '-' else -1 for text in column]

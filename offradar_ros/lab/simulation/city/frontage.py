@@ -1,0 +1,105 @@
+"""One side of a street: buildings or gardens, what divides them from the road, poles, trees and places to park."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from offradar_ros.lab.simulation.city.building import add_building, footprint
+from offradar_ros.lab.simulation.city.fences import add_fence, add_guard_rail
+from offradar_ros.lab.simulation.city.greenery import add_hedge, add_tree
+from offradar_ros.lab.simulation.city.ground import Ground
+from offradar_ros.lab.simulation.city.patches import Patches
+from offradar_ros.lab.simulation.city.scenery import Frame, Scenery
+from offradar_ros.lab.simulation.city.style import Style
+from offradar_ros.lab.simulation.route import polyline_at
+
+Array = NDArray[np.float64]
+
+_CORNER_M = 9.0
+"""Crossings are kept free this far along every street."""
+
+
+class Frontage:
+    """The left of a street, as one walks along its (M, 2) line."""
+
+    def __init__(self, rng: np.random.Generator, line_m: Array, half_width_m: float, patches: Patches) -> None:
+        self._rng, self._line, self._patches = rng, line_m, patches
+        self._half_width_m = half_width_m
+        self._length_m = float(np.sum(np.hypot(*np.diff(line_m, axis=0).T)))
+        self._shift_m = float(rng.normal(0.0, 0.8))
+
+    def add_to(self, scenery: Scenery, ground: Ground) -> None:
+        """Plot after plot, then what stands on the kerb."""
+        along = _CORNER_M
+        while along < self._length_m - _CORNER_M:
+            along += self._add_plot(scenery, ground, along)
+        self._add_kerb(scenery)
+
+    def _frame(self, along_m: float, aside_m: float) -> Frame:
+        x, y, heading = polyline_at(self._line, np.array([along_m]), np.array([aside_m]))[0]
+        return Frame(np.array([x, y]), np.array([np.cos(heading), np.sin(heading)]))
+
+    def _style(self, along_m: float) -> Style:
+        return self._patches.at(self._frame(along_m, self._half_width_m + 10.0).corner_m)
+
+    def _add_plot(self, scenery: Scenery, ground: Ground, along_m: float) -> float:
+        """Whatever is on the plot that starts here; how far along the next one starts."""
+        rng, style = self._rng, self._style(along_m)
+        width, depth = float(rng.uniform(*style.width_m)), float(rng.uniform(*style.depth_m))
+        setback = max(1.2, style.setback_m + self._shift_m + float(rng.normal(0.0, style.uneven_m)))
+        kerb = Frame(*_corner_and_axis(self._frame(along_m + width / 2, self._half_width_m), width))
+        front = Frame(kerb.place(np.array([(0.0, setback)]))[0], kerb.along)
+        if rng.random() < style.built:
+            if not ground.claim(footprint(front, width, depth), 0.1):
+                return 3.0
+            add_building(scenery, rng, style, front, width, depth)
+        self._add_garden(scenery, kerb, style, width, setback)
+        return width + (float(rng.uniform(*style.gap_m)) if rng.random() < style.gaps else 0.0)
+
+    def _add_garden(self, scenery: Scenery, kerb: Frame, style: Style, width_m: float, setback_m: float) -> None:
+        """A hedge or fence with a gap for the drive, and trees."""
+        rng = self._rng
+        if setback_m > 2.5:
+            border = float(rng.uniform(1.2, min(3.0, setback_m - 1.0)))
+            gap = float(rng.uniform(0.2, 0.7)) * width_m
+            parts = [np.array([(0.0, border), (gap, border)]), np.array([(gap + 3.5, border), (width_m, border)])]
+            for part in parts:
+                if part[1, 0] - part[0, 0] > 1.5:
+                    drawn = rng.random()
+                    if drawn < style.hedges:
+                        add_hedge(scenery, rng, kerb.place(part))
+                    elif drawn < style.hedges + style.fences:
+                        add_fence(scenery, rng, kerb.place(part))
+            if rng.random() < 0.3 * style.gaps and setback_m > 6.0:
+                scenery.add_parking(kerb.place(np.array([(gap + 1.7, setback_m - 2.8)])), kerb.heading + np.pi / 2)
+        for _ in range(rng.poisson(style.trees * width_m / 20.0)):
+            place = np.array([(float(rng.uniform(0.0, width_m)), float(rng.uniform(1.2, max(1.5, setback_m - 1.0))))])
+            add_tree(scenery, rng, kerb.place(place)[0], float(rng.uniform(0.6, 3.0)))
+
+    def _add_kerb(self, scenery: Scenery) -> None:
+        rng, length, half = self._rng, self._length_m, self._half_width_m
+        style = self._style(length / 2)
+        poles = np.arange(rng.uniform(0.2, 1.0) * style.poles_m, length, style.poles_m)
+        poles = poles + rng.normal(0.0, 1.0, len(poles))
+        places = polyline_at(self._line, poles, np.full(len(poles), half + 0.6) + rng.normal(0.0, 0.2, len(poles)))
+        scenery.add_points(places[:, :2], style.pole_db + rng.normal(0.0, 3.0, len(poles)))
+        # Signs, bins, hydrants and bollards.
+        small = rng.uniform(0.0, length, rng.poisson(length / 12.0))
+        places = polyline_at(self._line, small, half + rng.uniform(0.3, 2.0, len(small)))
+        scenery.add_points(places[:, :2], rng.uniform(28.0, 48.0, len(small)))
+        if rng.random() < style.rails:
+            stations = np.arange(_CORNER_M + 3.0, length - _CORNER_M - 3.0, 6.0)
+            if len(stations) > 1:
+                add_guard_rail(
+                    scenery, rng, polyline_at(self._line, stations, np.full(len(stations), half + 0.3))[:, :2]
+                )
+        if rng.random() < style.parking and half > 6.2:
+            spots = np.arange(_CORNER_M + 5.0, length - _CORNER_M - 5.0, float(rng.uniform(5.8, 7.5)))
+            places = polyline_at(self._line, spots, np.full(len(spots), half - 1.1))
+            for x, y, heading in places.tolist():
+                scenery.add_parking(np.array([(x, y)]), heading)
+
+
+def _corner_and_axis(middle: Frame, width_m: float) -> tuple[Array, Array]:
+    return middle.corner_m - middle.along * width_m / 2, middle.along

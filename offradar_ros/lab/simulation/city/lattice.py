@@ -1,0 +1,81 @@
+"""Streets of a city: an uneven, bent lattice with missing edges."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from offradar_ros.lab.simulation.city.plan import CityPlan
+from offradar_ros.lab.simulation.streets import Edge, Streets, neighbours
+
+Array = NDArray[np.float64]
+
+
+def make_streets(rng: np.random.Generator, plan: CityPlan) -> Streets:
+    """Streets around and between the plan's blocks, and one block more on every side."""
+    columns, rows = plan.blocks[0] + 3, plan.blocks[1] + 3
+    nodes = _nodes(rng, plan, columns, rows)
+    index = np.arange(columns * rows).reshape(columns, rows)
+    edges = [(int(a), int(b)) for a, b in zip(index[:-1].ravel(), index[1:].ravel(), strict=True)]
+    edges += [(int(a), int(b)) for a, b in zip(index[:, :-1].ravel(), index[:, 1:].ravel(), strict=True)]
+    inner = np.zeros((columns, rows), np.bool_)
+    inner[1:-1, 1:-1] = True
+    edges = _thinned(rng, edges, inner.ravel(), round(rng.uniform(0.05, 0.2) * len(edges)))
+    bend = float(rng.uniform(0.0, 0.09))
+    return Streets(
+        nodes_m=nodes,
+        inner=inner.ravel(),
+        lines={(a, b): _bent(nodes[a], nodes[b], float(np.clip(rng.normal(0.0, bend), -0.16, 0.16))) for a, b in edges},
+        half_widths={edge: float(rng.uniform(6.0, 9.0)) for edge in edges},
+    )
+
+
+def _nodes(rng: np.random.Generator, plan: CityPlan, columns: int, rows: int) -> Array:
+    """(columns · rows, 2): uneven gaps, jitter, two long waves, and the whole turned."""
+    axes = [np.cumsum(np.clip(np.exp(rng.normal(0.0, 0.25, n)), 0.6, 1.6)) for n in (columns, rows)]
+    nodes = np.stack(np.meshgrid(axes[0] - axes[0].mean(), axes[1] - axes[1].mean(), indexing='ij'), axis=-1)
+    nodes = nodes.reshape(-1, 2) + rng.uniform(-0.1, 0.1, (columns * rows, 2))
+    for _ in range(2):
+        direction, phase, length = rng.uniform(0.0, 2 * np.pi), rng.uniform(0.0, 2 * np.pi), rng.uniform(4.0, 8.0)
+        along = np.array([np.cos(direction), np.sin(direction)])
+        wave = np.sin(nodes @ along * (2 * np.pi / length) + phase)
+        nodes = nodes + rng.uniform(0.0, 0.3) * wave[:, None] * np.array([-along[1], along[0]])
+    turn = rng.uniform(0.0, 2 * np.pi)
+    turned = nodes @ np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]])
+    return np.asarray(turned * plan.block_m)
+
+
+def _thinned(rng: np.random.Generator, edges: list[Edge], inner: NDArray[np.bool_], fewer: int) -> list[Edge]:
+    """Edges without up to `fewer` of them; all, and the inner ones alone, stay connected and without dead ends."""
+    kept = set(edges)
+    for i in rng.permutation(len(edges)):
+        left = kept - {edges[i]}
+        if (
+            fewer
+            and _connected(left, len(inner))
+            and _connected({e for e in left if inner[list(e)].all()}, inner.sum())
+        ):
+            kept = left
+            fewer -= 1
+    return sorted(kept)
+
+
+def _connected(edges: set[Edge], nodes: int) -> bool:
+    """Whether `edges` join that many nodes into one net without dead ends."""
+    around = neighbours(edges)
+    if len(around) < nodes or min(map(len, around.values())) < 2:
+        return False
+    first = next(iter(around))
+    seen, waiting = {first}, [first]
+    while waiting:
+        fresh = set(around[waiting.pop()]) - seen
+        seen |= fresh
+        waiting += fresh
+    return len(seen) == nodes
+
+
+def _bent(start: Array, end: Array, bend: float) -> Array:
+    """(M, 2) points about 4 m apart on a curve that leaves the straight line by half of `bend` times its length."""
+    control = (start + end) / 2 + bend * np.array([start[1] - end[1], end[0] - start[0]])
+    t = np.linspace(0.0, 1.0, max(3, round(float(np.hypot(*(end - start))) / 4.0)))[:, None]
+    return np.asarray((1 - t) ** 2 * start + 2 * t * (1 - t) * control + t**2 * end)

@@ -1,0 +1,29 @@
+"""What is true of each simulated scan, as a table."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+from offradar_ros.errors import DataError
+from offradar_ros.lab.simulation.sequence import SimulatedSequence
+
+COLUMNS = ('stamp_ns', 'x_m', 'y_m', 'heading_rad', 'kind', 'severity', 'azimuth')
+
+
+def write_ground_truth(sequence: SimulatedSequence, path: str | Path) -> None:
+    """A CSV file with a header and one row a scan, in the frame of the world.
+
+    `kind` is empty and `severity` 0 for a clean scan; `azimuth` is the row where the fault starts. DataError where it
+    cannot be written.
+    """
+    try:
+        with Path(path).open('w', newline='', encoding='utf-8') as file:
+            writer = csv.writer(file)
+            writer.writerow(COLUMNS)
+            rows = zip(sequence.stamps_ns.tolist(), sequence.poses.tolist(), sequence.degradations, strict=True)
+            for stamp_ns, (x, y, heading), fault in rows:
+                told = (fault.kind.value, f'{fault.severity:.4f}', fault.azimuth) if fault else ('', 0, '')
+                writer.writerow((stamp_ns, f'{x:.3f}', f'{y:.3f}', f'{heading:.5f}', *told))
+    except OSError as error:
+        raise DataError(f'{path}: cannot be written ({error.strerror})') from error

@@ -1,0 +1,62 @@
+"""From a world and a moving radar to one polar scan.
+
+Each azimuth is one ray from where the radar then is. `scene` adds up what returns along it, `receiver` spreads it over
+the beam and the range window and records it in noise and speckle; `degradation` spoils it in between. Cells of some
+0.175 m are worked with, and interpolated where the sensor's range bins are finer.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from offradar_ros.lab.simulation.degradation import Degradation, degraded_noise, degraded_signal, lost_rows
+from offradar_ros.lab.simulation.physics import NOMINAL_PHYSICS, RadarPhysics
+from offradar_ros.lab.simulation.receiver import Receiver
+from offradar_ros.lab.simulation.reflectors import Reflectors
+from offradar_ros.lab.simulation.scene import Scene
+from offradar_ros.lab.simulation.sensor import SimulatedSensor
+from offradar_ros.lab.simulation.weather import CLEAR, Weather
+
+_CELL_M = 0.175
+
+
+class RadarModel:
+    """Renders scans for one sensor, in one weather."""
+
+    def __init__(
+        self, sensor: SimulatedSensor, physics: RadarPhysics = NOMINAL_PHYSICS, weather: Weather = CLEAR
+    ) -> None:
+        self.sensor = sensor
+        finer = max(1, round(_CELL_M / sensor.range_resolution_m))
+        self._cell_m = finer * sensor.range_resolution_m
+        cells = -(-sensor.range_bins // finer)
+        self.azimuths_rad: NDArray[np.float64] = np.arange(sensor.azimuths, dtype=np.float64) * (
+            2.0 * np.pi / sensor.azimuths
+        )
+        self._scene = Scene(sensor.azimuths, cells, self._cell_m, physics, weather)
+        self._receiver = Receiver(sensor.azimuths, cells, self._cell_m, finer, sensor.range_bins, physics)
+
+    def render(
+        self,
+        reflectors: Reflectors,
+        poses: NDArray[np.float64],
+        rng: np.random.Generator,
+        degradation: Degradation | None = None,
+    ) -> NDArray[np.uint8]:
+        """(A, R) uint8 power, seen from (A, 3) poses x, y, heading: one for each azimuth, as the radar moves on.
+
+        A fault changes neither the noise nor the speckle that `rng` gives the same scan without it.
+        """
+        fault_rng = np.random.default_rng(rng.integers(2**63))
+        near = reflectors.within(poses[len(poses) // 2, :2], self.sensor.max_range_m + 5.0)
+        returned, diffuse = self._scene.power(near, poses)
+        signal = self._receiver.spread(returned) + diffuse
+        if degradation:
+            signal = degraded_signal(signal, degradation, self._cell_m)
+        noise = self._receiver.noise_with_streaks(signal)
+        if degradation:
+            noise = degraded_noise(noise, degradation, self._cell_m, fault_rng)
+        power = self._receiver.recorded(signal, noise, rng)
+        power[lost_rows(len(power), degradation, fault_rng)] = 0
+        return power

@@ -1,0 +1,34 @@
+"""Other vehicles on the road."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from offradar_ros.lab.simulation.reflectors import Reflectors
+from offradar_ros.lab.simulation.route import Route
+from offradar_ros.lab.simulation.session_plan import SessionPlan
+from offradar_ros.lab.simulation.vehicles import Vehicles
+
+_LANE_M = 3.5
+"""Traffic keeps this far to the right of the line, whichever way it goes."""
+
+
+class Traffic:
+    """Vehicles on a route, half of them each way, at speeds of their own; at an open route's end they start again."""
+
+    def __init__(self, plan: SessionPlan, route: Route) -> None:
+        rng = np.random.default_rng([plan.seed, 7])
+        count = round(plan.traffic * route.length_m / 1000.0)
+        self._route = route
+        self._arcs_m = rng.uniform(0.0, route.length_m, count)
+        forwards = rng.random(count) < 0.5
+        self._speeds_mps = rng.uniform(0.4, 1.3, count) * plan.speed_mps * np.where(forwards, 1.0, -1.0)
+        self._lanes_m = np.where(forwards, -_LANE_M, _LANE_M) + rng.normal(0.0, 0.3, count)
+        self._vehicles = Vehicles(rng, count, vans=0.15, lorries=0.1)
+
+    def at(self, seconds: float, centre_m: NDArray[np.float64]) -> Reflectors:
+        """All of them at one moment, without those that a radar at `centre_m` would be inside of."""
+        arcs_m = np.mod(self._arcs_m + self._speeds_mps * seconds, self._route.length_m)
+        poses = self._route.at(arcs_m, self._lanes_m)
+        return self._vehicles.reflectors(poses, self._vehicles.apart_from(centre_m, poses))

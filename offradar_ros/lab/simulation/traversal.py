@@ -1,0 +1,56 @@
+"""One drive through a world: where the radar is at each moment, and what is around it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from offradar_ros.errors import ConfigError
+from offradar_ros.lab.simulation.motion import Motion, PathMotion, RouteMotion
+from offradar_ros.lab.simulation.reflectors import Reflectors
+from offradar_ros.lab.simulation.session_plan import SessionPlan
+from offradar_ros.lab.simulation.surroundings import Surroundings
+from offradar_ros.lab.simulation.traffic import Traffic
+from offradar_ros.lab.simulation.vehicles import Vehicles
+from offradar_ros.lab.simulation.world import World
+
+Array = NDArray[np.float64]
+
+
+class Traversal:
+    """A planned drive, as a function of the seconds since its start.
+
+    ConfigError where neither the plan nor the world says where to drive.
+    """
+
+    def __init__(self, plan: SessionPlan, world: World, duration_s: float) -> None:
+        route = plan.path.route() if plan.path else world.route
+        if route is None:
+            raise ConfigError(f'drive {plan.name}: the world has no streets: give the drive a recorded path')
+        self._motion: Motion = PathMotion(plan, plan.path) if plan.path else RouteMotion(plan, route, duration_s)
+        rng = np.random.default_rng([plan.seed, 6])
+        taken = world.parking[rng.random(len(world.parking)) < plan.parked]
+        parked = Vehicles(rng, len(taken), vans=0.15, lorries=0.02)
+        jitter = rng.normal(0.0, 1.0, taken.shape) * (0.3, 0.15, 0.03)
+        self._standing = Surroundings(joined(world.reflectors, parked.reflectors(taken + jitter)))
+        self._traffic = Traffic(plan, route)
+
+    def poses_at(self, seconds: Array) -> Array:
+        """(N, 3) x, y, heading of the radar at (N,) seconds."""
+        return self._motion.at(seconds)
+
+    def reflectors_at(self, seconds: float, range_m: float) -> Reflectors:
+        """World, parked cars and traffic within `range_m` of the radar at one moment, and some beyond."""
+        centre_m = self.poses_at(np.array([seconds]))[0, :2]
+        return joined(self._standing.near(centre_m, range_m), self._traffic.at(seconds, centre_m))
+
+
+def joined(*parts: Reflectors) -> Reflectors:
+    """All of several."""
+    return Reflectors(
+        np.concatenate([part.walls_m for part in parts]),
+        np.concatenate([part.wall_powers for part in parts]),
+        np.concatenate([part.wall_through for part in parts]),
+        np.concatenate([part.scatterers_m for part in parts]),
+        np.concatenate([part.scatterer_powers for part in parts]),
+    )

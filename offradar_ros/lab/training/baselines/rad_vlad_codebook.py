@@ -1,0 +1,38 @@
+"""FFT-RadVLAD learns its centres from the scans that networks are trained on: one pass, no gradients."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from offradar_ros.encoders.rad_vlad_fit import fit_rad_vlad
+from offradar_ros.encoders.rad_vlad_rows import RowSettings
+from offradar_ros.lab.training.cache import CachedDrive
+from offradar_ros.lab.training.config import TrainingConfig
+from offradar_ros.lab.training.config_file import to_yaml
+
+SCANS = 2000
+CENTRES_FILE = 'rad_vlad.safetensors'
+
+
+def fit_centres(config: TrainingConfig, drives: Sequence[CachedDrive], out: Path) -> Path:
+    """Write the configuration and the centres of spectra as far as the network's image reaches; returns their file.
+
+    Of at most `SCANS` scans, drawn by `config.seed`. DataError where there are too few, ModelError for a folder that
+    cannot be written.
+    """
+    rng = np.random.default_rng(config.seed)
+    rows = [(drive, row) for drive in drives for row in range(len(drive.power))]
+    chosen = rng.permutation(len(rows))[:SCANS]
+    codebook = fit_rad_vlad(
+        (rows[index][0].scan(rows[index][1]) for index in chosen),
+        config.seed,
+        rows=RowSettings(max_range_m=config.network.reach_m, min_range_m=config.network.min_range_m),
+        description=f'fitted to {len(chosen)} scans of {len(drives)} drives',
+    )
+    (out / 'config.yaml').write_text(to_yaml(config), encoding='utf-8')
+    path = out / CENTRES_FILE
+    codebook.save(path)
+    return path

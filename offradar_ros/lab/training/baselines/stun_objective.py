@@ -1,0 +1,45 @@
+"""STUN: a student learns the embedding of a trained teacher, and how far from it to expect itself."""
+
+from __future__ import annotations
+
+import torch
+from torch import nn
+
+from offradar_ros.encoders.networks.bc_radar import BcRadarNetwork
+from offradar_ros.encoders.networks.stun import StunNetwork
+from offradar_ros.errors import ModelError
+from offradar_ros.lab.training.baselines.distillation import distillation, gaussian_distillation
+from offradar_ros.lab.training.config import TrainingConfig
+from offradar_ros.lab.training.objective import Views
+
+
+class StunObjective:
+    """The student's network, and a teacher that is asked but never changed.
+
+    The student starts fresh, as in its authors' code, or with ``teacher.student: teacher`` from the teacher's
+    backbone and head, as the paper's "finetuned" reads; then there is less left to be unsure of.
+    """
+
+    def __init__(self, config: TrainingConfig, teacher: nn.Module | None) -> None:
+        """ModelError for a teacher that is no `BcRadarNetwork` or of another dimension or image (and so backbone)."""
+        if not isinstance(teacher, BcRadarNetwork):
+            raise ModelError(f'teacher: expected a trained bc_radar network, got {type(teacher).__name__}')
+        self.network = StunNetwork(config.network)
+        for name in ('dimension', 'image'):
+            asked, found = getattr(config.network, name), getattr(teacher.config, name)
+            if asked != found:
+                raise ModelError(f"teacher: expected the student's {name} = {asked}, got {found}")
+        if config.teacher.student == 'teacher':
+            self.network.features.load_state_dict(teacher.features.state_dict())
+            self.network.head.load_state_dict(teacher.head.state_dict())
+        self.teacher = teacher.eval().requires_grad_(False)
+
+    def losses(self, views: Views, step: int) -> dict[str, torch.Tensor]:  # noqa: ARG002
+        """Term ``distillation``."""
+        self.teacher.to(views.images.device)
+        with torch.no_grad():
+            taught, _ = self.teacher.embed(views.images)
+        mean, log_variance = self.network(views.images)
+        loss = gaussian_distillation if self.network.config.student == 'free' else distillation
+        with torch.autocast(views.images.device.type, enabled=False):
+            return {'distillation': loss(mean.float(), log_variance.float(), taught.float())}

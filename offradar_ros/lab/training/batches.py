@@ -1,0 +1,121 @@
+"""Which scans make a batch: m places far apart, each seen twice."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from offradar_ros.errors import DataError
+from offradar_ros.lab.training.cache import CachedDrive
+from offradar_ros.lab.training.config import BatchConfig
+
+
+class Batch(NamedTuple):
+    """Attributes: scans i and i + m of 2m are one place.
+
+    scans: (2m,) int64 numbers of scans, counted through all drives.
+    spins: (2m,) int64 azimuths that each is turned by.
+    """
+
+    scans: NDArray[np.int64]
+    spins: NDArray[np.int64]
+
+
+class BatchSampler:
+    """Batch `step` of a seed is the same whenever it is asked for: a run goes on at any step without more state."""
+
+    def __init__(self, drives: Sequence[CachedDrive], config: BatchConfig, seed: int, rank: int = 0) -> None:
+        """`rank` says which of several processes this is; each draws batches of its own. DataError for no scans."""
+        if not drives:
+            raise DataError('nothing to train on: expected data.worlds, data.sequences or data.split')
+        self.config = config
+        self._seed = [seed, rank]
+        lengths = [len(drive.power) for drive in drives]
+        worlds = {world: number for number, world in enumerate(dict.fromkeys(drive.world for drive in drives))}
+        self.drives = tuple(drives)
+        self.drive_of: NDArray[np.int64] = np.repeat(np.arange(len(drives)), lengths)
+        self.row_of: NDArray[np.int64] = np.concatenate([np.arange(length) for length in lengths])
+        self.world_of: NDArray[np.int64] = np.repeat([worlds[drive.world] for drive in drives], lengths)
+        self.positions_m: NDArray[np.float64] = np.concatenate([drive.poses[:, :2] for drive in drives])
+        self.severities: NDArray[np.float32] = np.concatenate([drive.severities for drive in drives])
+        self.kinds = tuple(kind for drive in drives for kind in drive.kinds)
+        self._is_degraded = np.array([kind != '' for kind in self.kinds])
+        self._members = [np.flatnonzero(self.world_of == number) for number in range(len(worlds))]
+
+    def batch(self, step: int) -> Batch:
+        """Views of different places are more than `negative_m` apart, or of different worlds.
+
+        DataError where so many places that far apart are not found.
+        """
+        rng = np.random.default_rng([*self._seed, step])
+        places, worlds = self.config.places, self.config.worlds
+        pools, a_pool = [np.arange(len(self.row_of))], places
+        if worlds:
+            # A world too small for its share leaves the rest of it to the next one.
+            pools, a_pool = [self._members[k] for k in rng.permutation(len(self._members))], -(-places // worlds)
+        free = np.ones(len(self.row_of), np.bool_)
+        pairs: list[tuple[int, int]] = []
+        for pool in pools:
+            for _ in range(min(a_pool, places - len(pairs))):
+                pair = self._place(pool, free, rng)
+                if pair is None:
+                    break
+                pairs.append(pair)
+            if len(pairs) == places:
+                scans = np.array(pairs, np.int64).T.ravel()
+                return Batch(scans, self._spins(scans, rng))
+        raise DataError(
+            f'a batch of {places} places more than {self.config.negative_m:g} m apart is not found among '
+            f'{len(self.row_of)} scans of {len(self._members)} worlds: expected fewer batch.places or more data'
+        )
+
+    def _place(
+        self, pool: NDArray[np.int64], free: NDArray[np.bool_], rng: np.random.Generator
+    ) -> tuple[int, int] | None:
+        """An anchor from `pool` and its other view, both `free`; what is near either is free no longer."""
+        while True:
+            candidates = pool[free[pool]]
+            if not len(candidates):
+                return None
+            anchor = self._one_of(candidates, rng)
+            near = self._positives(anchor)
+            near = near[free[near]]
+            if len(near):
+                second = self._one_of(near, rng)
+                for view in (anchor, second):
+                    free[self._within(view, self.config.negative_m)] = False
+                return anchor, second
+            free[anchor] = False
+
+    def _one_of(self, scans: NDArray[np.int64], rng: np.random.Generator) -> int:
+        """One of `scans`: a degraded one by the chance of `degraded_views`, where there is one."""
+        wanted = rng.random() < self.config.degraded_views
+        fitting = scans[self._is_degraded[scans] == wanted]
+        return int(rng.choice(fitting if len(fitting) else scans))
+
+    def _positives(self, anchor: int) -> NDArray[np.int64]:
+        """Scans that may be the other view of the anchor's place, itself excepted."""
+        config = self.config
+        if config.positive == 'time':
+            members = self._members[self.world_of[anchor]]
+            members = members[self.drive_of[members] == self.drive_of[anchor]]
+            near = members[np.abs(self.row_of[members] - self.row_of[anchor]) <= config.positive_scans]
+        else:
+            near = self._within(anchor, config.positive_m)
+        others: NDArray[np.int64] = near[near != anchor]
+        return others
+
+    def _within(self, scan: int, metres: float) -> NDArray[np.int64]:
+        """Scans of the same world as near as that."""
+        members = self._members[self.world_of[scan]]
+        offsets = self.positions_m[members] - self.positions_m[scan]
+        return np.asarray(members[np.hypot(offsets[:, 0], offsets[:, 1]) <= metres], np.int64)
+
+    def _spins(self, scans: NDArray[np.int64], rng: np.random.Generator) -> NDArray[np.int64]:
+        if not self.config.spin:
+            return np.zeros(len(scans), np.int64)
+        azimuths = np.array([self.drives[drive].power.shape[1] for drive in self.drive_of[scans]])
+        return rng.integers(azimuths)

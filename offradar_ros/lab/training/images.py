@@ -1,0 +1,112 @@
+"""Images of cached scans, made by several threads while the network learns."""
+
+from __future__ import annotations
+
+import collections
+import concurrent.futures
+import contextlib
+import os
+import threading
+from collections.abc import Generator, Iterator, Sequence
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from offradar_ros.encoders.network_config import NetworkConfig
+from offradar_ros.encoders.network_image import make_image
+from offradar_ros.lab.training.batches import Batch, BatchSampler
+from offradar_ros.lab.training.cache import CachedDrive
+from offradar_ros.types import PolarScan
+
+
+class ImageMaker:
+    """Images for one network. Each thread keeps tables of its own for each kind of scan it meets."""
+
+    def __init__(self, config: NetworkConfig) -> None:
+        self.config = config
+        self._own = threading.local()
+
+    def __call__(self, scan: PolarScan) -> NDArray[np.uint8]:
+        """The network's image of a scan, uint8."""
+        makers = self._own.__dict__
+        key = (
+            f'{scan.range_resolution_m} {scan.range_offset_m} {scan.power.shape[1]} {hash(scan.azimuths_rad.tobytes())}'
+        )
+        if key not in makers:
+            makers[key] = make_image(self.config)
+        image: NDArray[np.uint8] = makers[key](scan)
+        return image
+
+
+class ImageBatch(NamedTuple):
+    """Attributes: a batch as the network sees it.
+
+    step: which it is.
+    images: (2m, H, W) uint8.
+    batch: the scans that they show.
+    """
+
+    step: int
+    images: torch.Tensor
+    batch: Batch
+
+
+def image_batches(
+    sampler: BatchSampler, config: NetworkConfig, steps: Sequence[int], threads: int = 0, pinned: bool = False
+) -> Generator[ImageBatch, None, None]:
+    """Batches of `steps`, in order, made ahead by `threads` (0: one a core), in `pinned` memory for a GPU."""
+    threads = threads or len(os.sched_getaffinity(0))
+    to_image = ImageMaker(config)
+
+    def make(step: int) -> ImageBatch:
+        batch = sampler.batch(step)
+        first = _image(sampler, to_image, batch, 0)
+        images = np.empty((len(batch.scans), *first.shape), np.uint8)
+        images[0] = first
+        for view in range(1, len(images)):
+            images[view] = _image(sampler, to_image, batch, view)
+        tensor = torch.from_numpy(images)
+        return ImageBatch(step, tensor.pin_memory() if pinned else tensor, batch)
+
+    with _one_thread_an_image(), concurrent.futures.ThreadPoolExecutor(threads, 'images') as pool:
+        waiting: collections.deque[concurrent.futures.Future[ImageBatch]] = collections.deque()
+        try:
+            for step in steps:
+                waiting.append(pool.submit(make, step))
+                if len(waiting) > threads + 1:
+                    yield waiting.popleft().result()
+            while waiting:
+                yield waiting.popleft().result()
+        finally:
+            for future in waiting:
+                future.cancel()
+
+
+def _image(sampler: BatchSampler, to_image: ImageMaker, batch: Batch, view: int) -> NDArray[np.uint8]:
+    scan = batch.scans[view]
+    drive = sampler.drives[sampler.drive_of[scan]]
+    return to_image(drive.scan(int(sampler.row_of[scan]), int(batch.spins[view])))
+
+
+def images_of(drive: CachedDrive, config: NetworkConfig, threads: int = 0) -> NDArray[np.uint8]:
+    """(N, H, W) uint8 images of every scan of a drive, as they were driven."""
+    to_image = ImageMaker(config)
+    with (
+        _one_thread_an_image(),
+        concurrent.futures.ThreadPoolExecutor(threads or len(os.sched_getaffinity(0))) as pool,
+    ):
+        return np.stack(list(pool.map(lambda row: to_image(drive.scan(row)), range(len(drive.power)))))
+
+
+@contextlib.contextmanager
+def _one_thread_an_image() -> Iterator[None]:
+    """OpenCV's own threads off: they would share the cores with ours."""
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(before)

@@ -1,0 +1,228 @@
+"""The training loop: draw, learn, log, validate, save; and go on later as if it had never stopped."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import math
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+import torch
+
+from offradar_ros.encoders.networks.files import save_network
+from offradar_ros.errors import ModelError
+from offradar_ros.lab.training.batches import BatchSampler
+from offradar_ros.lab.training.checkpoint import Progress, load_checkpoint, save_checkpoint
+from offradar_ros.lab.training.config import TrainingConfig
+from offradar_ros.lab.training.images import ImageBatch, image_batches
+from offradar_ros.lab.training.normalisation import settle
+from offradar_ros.lab.training.objective import EmbeddingNetwork, Objective, Views
+from offradar_ros.lab.training.parallel import Group
+from offradar_ros.lab.training.run_log import RunLog, draw_curves
+from offradar_ros.lab.training.schedule import learning_rate
+from offradar_ros.lab.training.validation import ValidationDrive, validate
+
+CHECKPOINT = 'checkpoint.safetensors'
+BEST = 'best.safetensors'
+LAST = 'last.safetensors'
+_SETTLING_BATCHES = 30
+
+
+class Loop:
+    """One run: objective and data in, a folder of results out."""
+
+    def __init__(
+        self,
+        config: TrainingConfig,
+        objective: Objective,
+        sampler: BatchSampler,
+        validation: Sequence[ValidationDrive],
+        out: Path,
+        group: Group,
+        resume: bool = False,
+    ) -> None:
+        """With `resume` goes on from the folder's checkpoint; ModelError where it does not fit."""
+        self.config = config
+        self.objective = objective
+        self.out = out
+        self._sampler = sampler
+        self._validation = validation
+        self._group = group
+        layout = torch.channels_last if config.channels_last else torch.contiguous_format
+        self._network = objective.network.to(device=group.device, memory_format=layout)  # type: ignore[call-overload]
+        self._parameters = list(self._network.parameters())
+        self._optimiser = _optimiser(config, self._parameters, group.device)
+        self._scaler = torch.amp.GradScaler(group.device.type, enabled=config.precision == 'amp')
+        self._step, self._best = 0, (-1.0, -1)
+        if resume:
+            self._restore(load_checkpoint(out / CHECKPOINT, self._network, self._optimiser))
+        if group.rank == 0:
+            self._log = RunLog(out / 'log.jsonl', self._step)
+            self._validation_log = RunLog(out / 'validation.jsonl', self._step)
+
+    @property
+    def step(self) -> int:
+        """Steps done."""
+        return self._step
+
+    @property
+    def best(self) -> tuple[float, int]:
+        """The highest validation score, and the step that it is of."""
+        return self._best
+
+    def run(
+        self,
+        deadline_s: float = math.inf,
+        progress: Callable[[int, int], None] | None = None,
+        check: Callable[[], None] | None = None,
+    ) -> bool:
+        """Learn until all steps are done or ``time.monotonic()`` passes `deadline_s`; whether all are done.
+
+        A checkpoint is left either way. `check` is called between steps and may raise KeyboardInterrupt: the checkpoint
+        is written before that goes on.
+        """
+        steps = range(self._step, self.config.steps)
+        batches = image_batches(
+            self._sampler, self.config.network, steps, self.config.threads, self._group.device.type == 'cuda'
+        )
+        meter = _Meter()
+        with contextlib.closing(batches):
+            for batch in batches:
+                terms, norm = self._learn(batch)
+                meter.add(terms, norm, len(batch.images))
+                self._step += 1
+                done = self._step == self.config.steps
+                if done or self._step % self.config.log_steps == 0:
+                    self._write(meter)
+                if done or self._step % self.config.validation.every_steps == 0:
+                    self._validate()
+                if progress:
+                    progress(self._step, self.config.steps)
+                if done or self._over(deadline_s, check):
+                    break
+                if self._step % self.config.checkpoint_steps == 0:
+                    self._save()
+        self._save()
+        score, step = self._group.first_says(self._best)
+        self._best = score, int(step)
+        if check:
+            check()
+        return self._step >= self.config.steps
+
+    def _learn(self, batch: ImageBatch) -> tuple[dict[str, torch.Tensor], torch.Tensor]:
+        """One step; its loss terms and the gradient's norm before clipping."""
+        config, step, group = self.config, self._step, self._group
+        seeds = np.random.SeedSequence([config.seed, group.rank, step]).generate_state(1, np.uint64)
+        torch.manual_seed(int(seeds[0]))
+        rate = learning_rate(config.optimiser, step, config.steps)
+        for parameters in self._optimiser.param_groups:
+            parameters['lr'] = rate
+        self._network.train()
+        group.share_buffers(self._network)
+        self._optimiser.zero_grad(set_to_none=True)
+        mixed = {'fp32': None, 'bf16': torch.bfloat16, 'amp': torch.float16}[config.precision]
+        with torch.autocast(group.device.type, dtype=mixed, enabled=mixed is not None):
+            images = batch.images.to(group.device, non_blocking=True)
+            severities = torch.from_numpy(self._sampler.severities[batch.batch.scans]).to(group.device)
+            terms = self.objective.losses(Views(images, severities), step)
+        total = torch.stack(list(terms.values())).sum()
+        torch.autograd.backward(self._scaler.scale(total))
+        group.average_gradients(self._parameters)
+        self._scaler.unscale_(self._optimiser)
+        norm = torch.nn.utils.clip_grad_norm_(self._parameters, config.optimiser.clip_norm or math.inf)
+        self._scaler.step(self._optimiser)
+        self._scaler.update()
+        return {'loss': total.detach(), **{name: term.detach() for name, term in terms.items()}}, norm
+
+    def _over(self, deadline_s: float, check: Callable[[], None] | None) -> bool:
+        """Whether to stop early. Several processes ask each other only with each line of the log."""
+        if self._group.size > 1 and self._step % self.config.log_steps:
+            return False
+        here = time.monotonic() >= deadline_s
+        if check:
+            try:
+                check()
+            except KeyboardInterrupt:
+                here = True
+        return self._group.any(here)
+
+    def _write(self, meter: _Meter) -> None:
+        figures = meter.means()
+        if self._group.any(not math.isfinite(figures['loss'])):
+            raise ModelError(
+                f'{self.out}: the loss is no longer finite at step {self._step}: '
+                f'expected a lower optimiser.learning_rate than {self.config.optimiser.learning_rate:g}'
+            )
+        if self._group.rank == 0:
+            rate = learning_rate(self.config.optimiser, self._step - 1, self.config.steps)
+            self._log.add(self._step, {**figures, 'learning_rate': rate})
+
+    def _validate(self) -> None:
+        """Judge the network and keep it if it is the best so far; the first process does it for all."""
+        if not self._validation or self._group.rank:
+            return
+        self._settle()
+        figures = validate(
+            cast(EmbeddingNetwork, self._network), self._validation, self.config.validation, self._group.device
+        )
+        self._validation_log.add(self._step, figures)
+        if figures['score'] > self._best[0]:
+            self._best = figures['score'], self._step
+            said = ', '.join(f'{name} {value:.3f}' for name, value in figures.items())
+            save_network(self.out / BEST, cast(Any, self._network), f'step {self._step}: {said}')
+
+    def _settle(self) -> None:
+        steps = range(self._step, self._step + _SETTLING_BATCHES)
+        batches = image_batches(self._sampler, self.config.network, steps, self.config.threads)
+        with contextlib.closing(batches):
+            settle(self._network, (batch.images.to(self._group.device) for batch in batches))
+
+    def _save(self) -> None:
+        if self._group.rank == 0:
+            score, step = self._best
+            progress = Progress(self._step, score, step, self._scaler.state_dict(), dataclasses.asdict(self.config))
+            save_checkpoint(self.out / CHECKPOINT, self._network, self._optimiser, progress)
+            save_network(self.out / LAST, cast(Any, self._network), f'step {self._step}')
+            draw_curves(self.out)
+
+    def _restore(self, progress: Progress) -> None:
+        self._step, self._best = progress.step, (progress.best_score, progress.best_step)
+        self._scaler.load_state_dict(progress.scaler)
+
+
+def _optimiser(
+    config: TrainingConfig, parameters: list[torch.nn.Parameter], device: torch.device
+) -> torch.optim.Optimizer:
+    make = torch.optim.AdamW if config.optimiser.name == 'adamw' else torch.optim.Adam
+    settings = config.optimiser
+    fused = device.type == 'cuda'
+    return make(parameters, lr=settings.learning_rate, weight_decay=settings.weight_decay, fused=fused)
+
+
+class _Meter:
+    """Means over the steps since the last line of the log. Sums stay on the device: reading one waits for it."""
+
+    def __init__(self) -> None:
+        self._reset()
+
+    def _reset(self) -> None:
+        self._sums: dict[str, torch.Tensor] = {}
+        self._steps = self._images = 0
+        self._since = time.monotonic()
+
+    def add(self, terms: dict[str, torch.Tensor], norm: torch.Tensor, images: int) -> None:
+        for name, value in {**terms, 'gradient_norm': norm}.items():
+            self._sums[name] = self._sums[name] + value if name in self._sums else value
+        self._steps += 1
+        self._images += images
+
+    def means(self) -> dict[str, float]:
+        """Read and start anew."""
+        figures = {name: float(total) / self._steps for name, total in self._sums.items()}
+        figures['images_per_s'] = self._images / max(1e-9, time.monotonic() - self._since)
+        self._reset()
+        return figures

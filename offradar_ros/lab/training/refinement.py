@@ -1,0 +1,196 @@
+"""A second stage for the variance: searches through the maps of whole drives say which scans are not found.
+
+In a batch a scan competes with a few dozen places, in a map with hundreds, so that many errors never show while the
+network learns. Here everything but the variance head is frozen, drives are searched for in the maps of one another,
+and U learns to rank their scans by how often and how nearly they are answered wrongly, and by severity. Descriptors
+do not change.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from offradar_ros.encoders.networks.files import save_network
+from offradar_ros.encoders.networks.variational import VariationalNetwork, uncertainty
+from offradar_ros.errors import DataError, ModelError
+from offradar_ros.lab.training.cache import CachedDrive
+from offradar_ros.lab.training.config import RefinementConfig, TrainingConfig
+from offradar_ros.lab.training.images import images_of
+from offradar_ros.lab.training.loop import BEST
+from offradar_ros.lab.training.losses.prior_divergence import prior_divergence
+from offradar_ros.lab.training.losses.ranking import ranking
+from offradar_ros.lab.training.run_log import RunLog, draw_curves
+from offradar_ros.lab.training.searches import searches
+from offradar_ros.lab.training.validation import ValidationDrive, validate
+from offradar_ros.processes import Progress
+
+MAP_SPACINGS_M = (5.0, 15.0)
+_IMAGES_AT_ONCE = 64
+
+
+class Lessons(NamedTuple):
+    """N scans that were searched for, with tensors on the CPU.
+
+    Attributes:
+        features: (N, C · h · w) float16 flattened feature maps.
+        wrong: (N,) float32 share of the maps in which a scan is answered wrongly.
+        margins: (N,) float32 mean margin of its answers (see `Search`).
+        severities: (N,) float32, NaN where not known.
+    """
+
+    features: torch.Tensor
+    wrong: torch.Tensor
+    margins: torch.Tensor
+    severities: torch.Tensor
+
+
+def feature_maps(
+    network: VariationalNetwork,
+    drives: Sequence[CachedDrive],
+    threads: int = 0,
+    progress: Progress | None = None,
+    check: Callable[[], None] | None = None,
+) -> list[torch.Tensor]:
+    """(N, C · h · w) float16 flattened feature maps of each drive's scans, on the CPU.
+
+    The network is in evaluation mode, wherever it is. `check` is called between drives and may raise KeyboardInterrupt.
+    """
+    device = network.log_variance.weight.device
+    found = []
+    for number, drive in enumerate(drives):
+        images = torch.from_numpy(images_of(drive, network.config, threads))
+        with torch.inference_mode():
+            parts = [
+                network.features(part.to(device)).flatten(1).half() for part in torch.split(images, _IMAGES_AT_ONCE)
+            ]
+        found.append(torch.cat(parts).cpu())
+        if progress:
+            progress(number + 1, len(drives))
+        if check:
+            check()
+    return found
+
+
+def lessons(network: VariationalNetwork, drives: Sequence[CachedDrive], features: Sequence[torch.Tensor]) -> Lessons:
+    """Search for every scan in every other drive through its world, mapped every 5 m and every 15 m.
+
+    `features` are the drives' by `feature_maps`. DataError where no drive meets another.
+    """
+    descriptors = [descriptors_of(network, flat) for flat in features]
+    first = np.cumsum([0, *(len(part) for part in descriptors)])
+    times, wrong, margins = np.zeros((3, first[-1]))
+    for spacing_m in MAP_SPACINGS_M:
+        for search in searches(drives, descriptors, spacing_m):
+            scans = first[search.driven] + search.queries
+            times[scans] += 1.0
+            wrong[scans] += search.margins <= 0.0
+            margins[scans] += search.margins
+    searched = np.flatnonzero(times)
+    if not len(searched):
+        raise DataError('refinement: no scan has a place of another drive within the tolerance')
+    severities = np.concatenate([drive.severities for drive in drives])
+    asked = np.split(times > 0.0, first[1:-1])
+    return Lessons(
+        torch.cat([flat[torch.from_numpy(rows)] for flat, rows in zip(features, asked, strict=True)]),
+        _tensor(wrong[searched] / times[searched]),
+        _tensor(margins[searched] / times[searched]),
+        _tensor(severities[searched]),
+    )
+
+
+def descriptors_of(network: VariationalNetwork, flat: torch.Tensor) -> NDArray[np.float32]:
+    """(N, d) unit descriptors of (N, C · h · w) feature maps."""
+    with torch.inference_mode():
+        found: NDArray[np.float32] = network.descriptor_of(flat.to(network.z_i.weight.device).float()).cpu().numpy()
+    return found
+
+
+def refine(
+    config: TrainingConfig,
+    network: VariationalNetwork,
+    taught: Lessons,
+    judged: Sequence[ValidationDrive],
+    out: Path,
+    check: Callable[[], None] | None = None,
+) -> float:
+    """Teach the variance head, wherever the network is, by `config.refinement`, and log it in `out`.
+
+    The network is judged before and after, and the better one kept as ``best.safetensors``; its score is returned, NaN
+    where there is nothing to judge it by, and then the later one is kept. `check` is called between steps.
+    """
+    log, validation_log = RunLog(out / 'log.jsonl', 0), RunLog(out / 'validation.jsonl', 0)
+    device = network.log_variance.weight.device
+    steps, best = config.refinement.steps, -math.inf
+    for step in (0, steps):
+        if step:
+            for number, terms in enumerate(learn(network, taught, config.refinement, config.seed), start=1):
+                if number % config.log_steps == 0 or number == steps:
+                    figures = {name: float(term) for name, term in terms.items()}
+                    if not math.isfinite(figures['loss']):
+                        raise ModelError(
+                            f'{out}: the loss is no longer finite at step {number}: '
+                            f'expected a lower refinement.learning_rate than {config.refinement.learning_rate:g}'
+                        )
+                    log.add(number, figures)
+                if check:
+                    check()
+        figures = validate(network, judged, config.validation, device) if judged else {}
+        if judged:
+            validation_log.add(step, figures)
+        # Not lower is better: where recall alone is the score, the second stage does not change it.
+        if figures.get('score', step) >= best:
+            best = figures.get('score', step)
+            said = ', '.join(f'{name} {value:.3f}' for name, value in figures.items())
+            save_network(out / BEST, network, f'second stage, step {step}: {said or "not judged"}')
+    draw_curves(out)
+    return best if judged else math.nan
+
+
+def learn(
+    network: VariationalNetwork, taught: Lessons, config: RefinementConfig, seed: int
+) -> Iterator[dict[str, torch.Tensor]]:
+    """Teach the variance head by `config`, a step each time that this is asked for its loss and the loss's terms.
+
+    L = w₁ ranking(U, wrong) + w₂ ranking(U, −margin) + w₃ ranking(U, severity) + w₄ KL.
+    """
+    head = network.log_variance
+    device = head.weight.device
+    optimiser = torch.optim.AdamW(head.parameters(), config.learning_rate, weight_decay=config.weight_decay)
+    rng = np.random.default_rng([seed, 0])
+    count = len(taught.features)
+    for step in range(config.steps):
+        for parameters in optimiser.param_groups:
+            parameters['lr'] = config.learning_rate * (1.0 - step / config.steps)
+        drawn = torch.from_numpy(rng.choice(count, min(config.scans, count), replace=False))
+        flat, wrong, margins, severities = (part[drawn].to(device) for part in taught)
+        flat = flat.float()
+        log_variance = network.log_variance_of(flat)
+        uncertainties = uncertainty(log_variance)
+        with torch.no_grad():
+            mu = network.mu(flat)
+        terms = {
+            name: weight * ranking(uncertainties, badness, config.margin)
+            for name, weight, badness in (
+                ('wrong', config.wrong_weight, wrong),
+                ('margin', config.margin_weight, -margins),
+                ('severity', config.severity_weight, severities),
+            )
+            if weight
+        }
+        terms['kl'] = config.kl_weight * prior_divergence(mu, log_variance)
+        total = torch.stack(list(terms.values())).sum()
+        optimiser.zero_grad(set_to_none=True)
+        torch.autograd.backward(total)
+        optimiser.step()
+        yield {'loss': total.detach(), **{name: term.detach() for name, term in terms.items()}}
+
+
+def _tensor(values: NDArray[np.floating]) -> torch.Tensor:
+    return torch.from_numpy(values.astype(np.float32))

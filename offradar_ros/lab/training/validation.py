@@ -1,0 +1,84 @@
+"""How well a network recognises places of worlds that it has never seen, and whether its U tells when it does not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from offradar_ros.encoders.network_config import NetworkConfig
+from offradar_ros.errors import DataError
+from offradar_ros.lab.evaluation.metrics.auroc import auroc
+from offradar_ros.lab.evaluation.metrics.spearman import spearman
+from offradar_ros.lab.training.cache import CachedDrive
+from offradar_ros.lab.training.config import ValidationConfig
+from offradar_ros.lab.training.images import images_of
+from offradar_ros.lab.training.objective import EmbeddingNetwork
+from offradar_ros.lab.training.searches import searches
+
+_IMAGES_AT_ONCE = 64
+
+
+class ValidationDrive(NamedTuple):
+    """Attributes: a cached drive and (N, H, W) uint8 images of its scans."""
+
+    drive: CachedDrive
+    images: NDArray[np.uint8]
+
+
+def validation_drives(
+    drives: Sequence[CachedDrive], network: NetworkConfig, threads: int = 0
+) -> tuple[ValidationDrive, ...]:
+    """The drives with their images; DataError where no two are of one world."""
+    worlds = [drive.world for drive in drives]
+    if len(set(worlds)) == len(worlds):
+        raise DataError('validation: expected two drives or more through at least one world')
+    return tuple(ValidationDrive(drive, images_of(drive, network, threads)) for drive in drives)
+
+
+def validate(
+    network: EmbeddingNetwork, drives: Sequence[ValidationDrive], config: ValidationConfig, device: torch.device
+) -> dict[str, float]:
+    """Figures over all ordered pairs of drives of one world, and ``score``, by which checkpoints are chosen.
+
+    Recall@1 over all queries and over clean ones, AUROC of U for a wrong answer, Spearman's correlation of U with
+    severity, and U's mean and standard deviation; NaN where a figure is not defined. Where all answers are right, or
+    all wrong, there is no AUROC, and the recall takes its place in the score.
+    """
+    embedded = [_embed(network, drive.images, device) for drive in drives]
+    searched = searches([drive.drive for drive in drives], [means for means, _ in embedded], config.map_spacing_m)
+    if not sum(len(search.queries) for search in searched):
+        raise DataError('validation: no scan has a place of another drive within the tolerance')
+    right = np.concatenate([search.margins > 0.0 for search in searched])
+    uncertainties = np.concatenate([embedded[search.driven][1][search.queries] for search in searched])
+    severities = np.concatenate([drives[search.driven].drive.severities[search.queries] for search in searched])
+    clean = severities == 0.0
+    known = ~np.isnan(severities)
+    finite = np.isfinite(uncertainties)
+    figures = {
+        'recall_at_1': float(right.mean()),
+        'recall_at_1_clean': float(right[clean].mean()) if clean.any() else np.nan,
+        'auroc_wrong': auroc(uncertainties[finite], ~right[finite]),
+        'spearman_severity': spearman(uncertainties[known & finite], severities[known & finite]),
+        'u_mean': float(uncertainties.mean()),
+        'u_std': float(uncertainties.std()),
+    }
+    ranking = figures['recall_at_1'] if np.isnan(figures['auroc_wrong']) else figures['auroc_wrong']
+    score = config.recall_weight * figures['recall_at_1'] + config.auroc_weight * ranking
+    return {'score': score, **figures}
+
+
+def _embed(
+    network: EmbeddingNetwork, images: NDArray[np.uint8], device: torch.device
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Descriptors (N, d) and U (N,)."""
+    means, uncertainties = [], []
+    with torch.inference_mode():
+        for start in range(0, len(images), _IMAGES_AT_ONCE):
+            mean, variance = network.embed(torch.from_numpy(images[start : start + _IMAGES_AT_ONCE]).to(device))
+            means.append(mean.double().cpu().numpy())
+            uncertainties.append(variance.double().mean(dim=1).cpu().numpy())
+    return np.concatenate(means), np.concatenate(uncertainties)

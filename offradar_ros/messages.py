@@ -1,0 +1,70 @@
+"""Records out of messages, whoever deserialised them: rclpy on the vehicle, rosbags offline.
+
+Only attributes are read, so that both give the same record from the same bytes.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from typing import Any, Protocol
+
+from offradar_ros.config import RadarConfig
+from offradar_ros.errors import RefusedInput
+from offradar_ros.geometry import GeoPoint
+from offradar_ros.radar.image import decode_polar_image
+from offradar_ros.types import PolarScan, Pose
+
+NO_FIX = -1
+# CDR: 4 bytes of encapsulation, then the header's stamp, in every message that starts with std_msgs/Header.
+STAMP_OFFSET = 4
+STAMP = struct.Struct('<iI')
+
+
+class StampMessage(Protocol):
+    """builtin_interfaces/Time."""
+
+    sec: int
+    nanosec: int
+
+
+def stamp_ns(stamp: StampMessage) -> int:
+    """Nanoseconds since the Unix epoch."""
+    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+
+
+def scan_from_image(message: Any, config: RadarConfig) -> PolarScan:
+    """The scan in a sensor_msgs/Image; RefusedInput says what is wrong with it."""
+    return decode_polar_image(
+        message.data,
+        height=message.height,
+        width=message.width,
+        step=message.step,
+        encoding=message.encoding,
+        stamp_ns=stamp_ns(message.header.stamp),
+        config=config,
+    )
+
+
+def point_from_fix(message: Any) -> GeoPoint:
+    """The position in a sensor_msgs/NavSatFix; RefusedInput('no_fix') while the receiver has none."""
+    if message.status.status == NO_FIX:
+        raise RefusedInput('no_fix', 'NavSatFix status is -1 (no fix): position dropped')
+    altitude = message.altitude if math.isfinite(message.altitude) else 0.0
+    return GeoPoint(message.latitude, message.longitude, altitude)
+
+
+def pose_from_odometry(message: Any) -> Pose:
+    """The pose in a nav_msgs/Odometry, yaw about z; RefusedInput if it is not finite."""
+    position, q = message.pose.pose.position, message.pose.pose.orientation
+    yaw_rad = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
+    pose = Pose(position.x, position.y, position.z, yaw_rad)
+    if not all(math.isfinite(v) for v in (pose.x_m, pose.y_m, pose.z_m, pose.yaw_rad)):
+        raise RefusedInput('invalid_position', f'Odometry pose is not finite: {pose}')
+    return pose
+
+
+def header_stamp_ns(cdr: bytes) -> int:
+    """Header stamp of a message's raw bytes, nanoseconds, without decoding the rest."""
+    seconds, nanoseconds = STAMP.unpack_from(cdr, STAMP_OFFSET)
+    return int(seconds) * 10**9 + int(nanoseconds)

@@ -1,0 +1,62 @@
+"""What a bag holds, and everything wrong with it, in plain words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from offradar_ros.config import PositionConfig, RadarConfig
+from offradar_ros.errors import RefusedInput
+from offradar_ros.messages import scan_from_image, stamp_ns
+from offradar_ros.recordings.bags.positions import position_topics, read_positions
+from offradar_ros.recordings.bags.reader import Bag, scan_topic
+from offradar_ros.recordings.datasets.check.coverage import coverage
+from offradar_ros.recordings.datasets.check.findings import Finding, Findings, counted, note, ok, problem
+from offradar_ros.recordings.datasets.check.sizes import Sizes
+from offradar_ros.recordings.datasets.check.stamps import check_stamps
+
+
+def check_bag(path: str | Path, radar: RadarConfig | None = None, position: PositionConfig | None = None) -> Findings:
+    """Read every message of a bag; DataError where it cannot be read at all."""
+    with Bag(path) as bag:
+        found = tuple(_findings(bag, radar or RadarConfig(), (position or PositionConfig()).max_gap_s))
+    return Findings(Path(path), 'bag', found)
+
+
+def _findings(bag: Bag, radar: RadarConfig, max_gap_s: float) -> Iterator[Finding]:
+    for topic, count in bag.counts.items():
+        yield ok(f'topic {topic}: {counted(count, "message")} of {bag.topics[topic]}')
+    topic = scan_topic(bag)
+    stamps: list[int] = []
+    sizes = Sizes()
+    refused: dict[str, list[str]] = {}
+    for raw in bag.messages([topic]):
+        message = bag.decode(raw)
+        stamps.append(stamp_ns(message.header.stamp))
+        try:
+            scan = scan_from_image(message, radar)
+        except RefusedInput as refusal:
+            refused.setdefault(refusal.cause, []).append(str(refusal))
+        else:
+            sizes.add(scan, f'at {scan.stamp_ns} ns')
+    yield from sizes.findings()
+    for cause, messages in sorted(refused.items()):
+        yield problem(f'{counted(len(messages), "scan")} would be refused ({cause}): {messages[0]}')
+    stamps_ns = np.array(stamps, np.int64)
+    yield from check_stamps(stamps_ns)
+    yield from _positions(bag, stamps_ns, max_gap_s)
+
+
+def _positions(bag: Bag, stamps_ns: NDArray[np.int64], max_gap_s: float) -> Iterator[Finding]:
+    topics = position_topics(bag)
+    if not topics:
+        yield note('no positions: this bag can be queried with, not mapped')
+    for topic in topics:
+        trajectory, refused = read_positions(bag, topic)
+        for cause, count in sorted(refused.items()):
+            yield problem(f'{topic}: {counted(count, "position")} would be refused ({cause})')
+        if len(stamps_ns):
+            yield coverage(topic, stamps_ns, trajectory, max_gap_s)

@@ -1,0 +1,197 @@
+"""Any RadarSequence to a rosbag2 folder with MCAP storage (zstd chunks).
+
+A bag is written within ``OUT.partial`` and moved out when it is complete, so that an interrupted run never leaves a bag
+that looks complete: a rosbag2 folder without ``metadata.yaml`` opens nowhere. A bag that it replaces is moved aside,
+to ``OUT.replaced``, and removed only when the new one is in its place.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import heapq
+import math
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+
+from offradar_ros.errors import DataError, RefusedInput
+from offradar_ros.geometry import LocalFrame, Trajectory
+from offradar_ros.radar.navtech_rows import join_rows
+from offradar_ros.recordings.bags.new_folder import new_folder
+from offradar_ros.recordings.bags.topics import FIX, FIX_TYPE, IMAGE_TYPE, ODOMETRY, ODOMETRY_TYPE, SCANS
+from offradar_ros.sequence import RadarSequence
+from offradar_ros.types import PolarScan
+
+POSITION_MARGIN_NS = 5 * 10**9
+TYPES = get_typestore(Stores.ROS2_JAZZY)
+Progress = Callable[[int, int], None]
+Unreadable = Callable[[int, DataError | RefusedInput], None]
+_Stamped = tuple[int, int, str, Any]
+
+
+@dataclasses.dataclass(frozen=True)
+class BagOptions:
+    """What goes into a bag.
+
+    Attributes:
+        plain: leave out the 11 metadata columns, as Navtech's driver does; by default they are kept where the source
+            has them, so that each row's azimuth and stamp survive.
+        position_offset_ns: added to every position's stamp, for data sets whose clocks disagree.
+        overwrite: replace an existing bag.
+        encoder_size: counts in a rotation, for the metadata columns.
+    """
+
+    plain: bool = False
+    position_offset_ns: int = 0
+    overwrite: bool = False
+    encoder_size: int = 5600
+
+
+def write_bag(
+    sequence: RadarSequence,
+    out: str | Path,
+    options: BagOptions | None = None,
+    progress: Progress | None = None,
+    unreadable: Unreadable | None = None,
+) -> Path:
+    """Write scans, ``gps/fix`` and ``ground_truth/odometry`` in order of time; returns the folder.
+
+    Positions are those of the drive and of the few seconds around it, so that its ends can be interpolated. A scan that
+    cannot be read is an error, unless `unreadable` takes its index and the error and returns: then it is left out.
+    Raises DataError if the sequence is empty, no scan can be read, or `out` exists, is not a bag that may be replaced,
+    or cannot be written.
+    """
+    options = options or BagOptions()
+    out = Path(out)
+    if not len(sequence):
+        raise DataError(f'{sequence.name}: holds no scans: nothing to convert')
+    with new_folder(out, overwrite=options.overwrite) as draft:
+        _write(sequence, draft, options, progress or (lambda _done, _total: None), unreadable or _stop)
+    return out
+
+
+def _stop(_index: int, error: DataError | RefusedInput) -> None:
+    raise error
+
+
+def _write(
+    sequence: RadarSequence, path: Path, options: BagOptions, progress: Progress, unreadable: Unreadable
+) -> None:
+    writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
+    writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+    trajectory = _covering(sequence, options.position_offset_ns)
+    with writer:
+        connections = {SCANS: writer.add_connection(SCANS, IMAGE_TYPE, typestore=TYPES)}
+        streams: list[Iterator[_Stamped]] = [_scans(sequence, options, progress, unreadable)]
+        if trajectory is not None:
+            if trajectory.geodetic:
+                connections[FIX] = writer.add_connection(FIX, FIX_TYPE, typestore=TYPES)
+                streams.append(_fixes(trajectory))
+            connections[ODOMETRY] = writer.add_connection(ODOMETRY, ODOMETRY_TYPE, typestore=TYPES)
+            streams.append(_odometry(trajectory))
+        for stamp_ns, _rank, topic, message in heapq.merge(*streams, key=lambda item: item[:2]):
+            connection = connections[topic]
+            writer.write(connection, stamp_ns, TYPES.serialize_cdr(message, connection.msgtype))
+
+
+def _covering(sequence: RadarSequence, offset_ns: int) -> Trajectory | None:
+    trajectory = sequence.trajectory
+    if trajectory is None:
+        return None
+    stamps_ns = trajectory.stamps_ns + offset_ns
+    start, end = sequence.stamps_ns[0] - POSITION_MARGIN_NS, sequence.stamps_ns[-1] + POSITION_MARGIN_NS
+    keep = (stamps_ns >= start) & (stamps_ns <= end)
+    if not keep.any():
+        return None
+    return dataclasses.replace(
+        trajectory,
+        stamps_ns=stamps_ns[keep],
+        positions=trajectory.positions[keep],
+        yaws_rad=trajectory.yaws_rad[keep],
+    )
+
+
+def _header(stamp_ns: int, frame_id: str) -> Any:
+    time = TYPES.types['builtin_interfaces/msg/Time'](sec=stamp_ns // 10**9, nanosec=stamp_ns % 10**9)
+    return TYPES.types['std_msgs/msg/Header'](stamp=time, frame_id=frame_id)
+
+
+def image_message(scan: PolarScan, *, plain: bool, encoder_size: int = 5600) -> Any:
+    """The scan as Navtech's driver sends it (8UC1, rows = azimuths), with metadata columns unless `plain`."""
+    rows = scan.power if plain or scan.azimuth_stamps_ns is None else join_rows(scan, encoder_size)
+    height, width = rows.shape
+    return TYPES.types[IMAGE_TYPE](
+        header=_header(scan.stamp_ns, 'radar'),
+        height=height,
+        width=width,
+        encoding='8UC1',
+        is_bigendian=0,
+        step=width,
+        data=np.ascontiguousarray(rows).reshape(-1),
+    )
+
+
+def _scans(
+    sequence: RadarSequence, options: BagOptions, progress: Progress, unreadable: Unreadable
+) -> Iterator[_Stamped]:
+    errors: list[DataError | RefusedInput] = []
+    for index in range(len(sequence)):
+        try:
+            scan = sequence.scan(index)
+        except (DataError, RefusedInput) as error:
+            unreadable(index, error)
+            errors.append(error)
+        else:
+            message = image_message(scan, plain=options.plain, encoder_size=options.encoder_size)
+            yield scan.stamp_ns, 1, SCANS, message
+        progress(index + 1, len(sequence))
+    if len(errors) == len(sequence):
+        raise DataError(f'{sequence.name}: none of its {len(sequence)} scans can be read: {errors[0]}')
+
+
+def _fixes(trajectory: Trajectory) -> Iterator[_Stamped]:
+    status = TYPES.types['sensor_msgs/msg/NavSatStatus'](status=0, service=1)
+    for stamp, (latitude, longitude, altitude) in zip(trajectory.stamps_ns, trajectory.positions, strict=True):
+        message = TYPES.types[FIX_TYPE](
+            header=_header(int(stamp), 'gps'),
+            status=status,
+            latitude=float(latitude),
+            longitude=float(longitude),
+            altitude=float(altitude),
+            position_covariance=np.zeros(9),
+            position_covariance_type=0,
+        )
+        yield int(stamp), 0, FIX, message
+
+
+def _odometry(trajectory: Trajectory) -> Iterator[_Stamped]:
+    types = TYPES.types
+    origin = trajectory.origin()
+    metric = trajectory.in_frame(LocalFrame(origin) if origin else None)
+    vector = types['geometry_msgs/msg/Vector3'](x=0.0, y=0.0, z=0.0)
+    twist = types['geometry_msgs/msg/TwistWithCovariance'](
+        twist=types['geometry_msgs/msg/Twist'](linear=vector, angular=vector), covariance=np.zeros(36)
+    )
+    for stamp, (x, y, z), yaw in zip(metric.stamps_ns, metric.positions, _headings(metric), strict=True):
+        orientation = types['geometry_msgs/msg/Quaternion'](x=0.0, y=0.0, z=math.sin(yaw / 2), w=math.cos(yaw / 2))
+        pose = types['geometry_msgs/msg/Pose'](
+            position=types['geometry_msgs/msg/Point'](x=float(x), y=float(y), z=float(z)), orientation=orientation
+        )
+        message = types[ODOMETRY_TYPE](
+            header=_header(int(stamp), 'map'),
+            child_frame_id='base_link',
+            pose=types['geometry_msgs/msg/PoseWithCovariance'](pose=pose, covariance=np.zeros(36)),
+            twist=twist,
+        )
+        yield int(stamp), 0, ODOMETRY, message
+
+
+def _headings(trajectory: Trajectory) -> list[float]:
+    """Known yaws; elsewhere the direction of travel, so that an odometry message is always a valid pose."""
+    step = np.gradient(trajectory.positions[:, :2], axis=0) if len(trajectory) > 1 else np.zeros((len(trajectory), 2))
+    course = np.arctan2(step[:, 1], step[:, 0])
+    return [float(c if math.isnan(y) else y) for y, c in zip(trajectory.yaws_rad, course, strict=True)]

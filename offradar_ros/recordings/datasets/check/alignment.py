@@ -1,0 +1,73 @@
+"""Whether the sequences of a data set lie on one another, as those of one place do."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from offradar_ros.geometry import GeoPoint, LocalFrame
+from offradar_ros.recordings.datasets.check.findings import Finding, note, ok, problem
+from offradar_ros.recordings.datasets.check.mix_ups import mix_up
+from offradar_ros.recordings.datasets.check.route import NEAR_M, Route, nearest, route
+from offradar_ros.recordings.datasets.check.whereabouts import Whereabouts
+
+# A sequence of which less is near another is looked at for what may be mixed up.
+_ALIGNED = 0.5
+_MOST_COMPARED = 3
+
+
+def check_alignment(sequences: Sequence[Whereabouts]) -> Iterator[Finding]:
+    """Findings about several sequences, by the places of their scans."""
+    lost = [s.name for s in sequences if not s.known.any()]
+    if lost:
+        yield note(f'no scan has a position, so not compared: {", ".join(lost)}')
+    placed = [s for s in sequences if s.known.any()]
+    metric = [s.name for s in placed if not s.geodetic]
+    geodetic = [s for s in placed if s.geodetic]
+    if metric and geodetic:
+        yield problem(
+            f'positions of {", ".join(metric)} are metres in a frame of its own, those of '
+            f'{", ".join(s.name for s in geodetic)} latitudes and longitudes: expected one kind'
+        )
+    elif metric:
+        yield note(f'positions in metres of a frame of its own, so not compared: {", ".join(metric)}')
+    if len(geodetic) > 1:
+        yield from _compared(geodetic)
+
+
+def _compared(sequences: Sequence[Whereabouts]) -> Iterator[Finding]:
+    points = {s.name: s.positions[s.known] for s in sequences}
+    frame = LocalFrame(GeoPoint(*(float(v) for v in points[sequences[0].name][0, :2])))
+    routes = {name: route(lla, frame) for name, lla in points.items()}
+    explained: set[str] = set()
+    for name, own in routes.items():
+        others = _nearest_others(name, own, routes)
+        (share, away_m, other), *_ = others
+        text = f'{name}: {share:.0%} of its scans are within {NEAR_M:g} m of {other}'
+        if share >= _ALIGNED:
+            yield ok(text)
+            continue
+        if share == 0.0:
+            text = f'{name}: never within {NEAR_M:g} m of another sequence, the nearest is {other}, {_far(away_m)} away'
+        hints = ((mix_up(points[name], routes[to], frame), to) for _, _, to in others[:_MOST_COMPARED])
+        hint, to = next(((hint, to) for hint, to in hints if hint), ('', ''))
+        if hint and to not in explained:
+            explained.add(name)
+            yield problem(f'{text}; it fits {to} {hint}')
+        elif hint:
+            yield note(text)
+        else:
+            yield note(f'{text}: of another place, or its positions are of another frame' if share == 0.0 else text)
+
+
+def _nearest_others(name: str, own: Route, routes: dict[str, Route]) -> list[tuple[float, float, str]]:
+    """Share of `own` scans near each other sequence, least distance in metres, and its name; the nearest first."""
+    found = []
+    for other, theirs in routes.items():
+        if other != name:
+            away_m, _ = nearest(own.scans, theirs.way)
+            found.append((float((away_m <= NEAR_M).mean()), float(away_m.min()), other))
+    return sorted(found, key=lambda item: (-item[0], item[1]))
+
+
+def _far(away_m: float) -> str:
+    return f'{away_m:.0f} m' if away_m < 10_000.0 else f'{away_m / 1000.0:.0f} km'

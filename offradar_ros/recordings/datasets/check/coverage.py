@@ -1,0 +1,49 @@
+"""Whether positions cover the scans, and if their clocks disagree, by how much."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from offradar_ros.geometry import Trajectory
+from offradar_ros.recordings.datasets.check.findings import Finding, ok, problem
+from offradar_ros.recordings.datasets.coverage import covered, seconds_apart
+
+LARGEST_OFFSET_S = 1e9
+"""Clocks that disagree by more are not set wrong: one of them does not tell the time."""
+
+_STEP_NS = 10**8
+_DAY_S = 24 * 3600.0
+
+
+def coverage(
+    name: str, stamps_ns: NDArray[np.int64], trajectory: Trajectory, max_gap_s: float, offset_s: float = 0.0
+) -> Finding:
+    """How many of the scans at (N,) int64 `stamps_ns`, N > 0, have a position of the trajectory that `name` names.
+
+    `offset_s` is what was already added to the trajectory's stamps: the offset that is proposed includes it.
+    """
+    if not len(trajectory):
+        return problem(f'{name}: no scan has a position: it holds none that is usable')
+    apart_s = seconds_apart(stamps_ns, trajectory)
+    if apart_s:
+        early = trajectory.stamps_ns[-1] < stamps_ns[0]
+        where = 'end {} before the first scan' if early else 'start {} after the last scan'
+        text = f'{name}: no scan has a position: positions {where.format(apart(apart_s))}'
+        remedy_s = offset_s + _offset_s(stamps_ns, trajectory)
+        if abs(remedy_s) <= LARGEST_OFFSET_S:
+            text += f' (if the clocks disagree: offradar convert --position-offset-s {remedy_s:.1f})'
+        return problem(text)
+    count = int(np.count_nonzero(covered(stamps_ns, trajectory, round(max_gap_s * 1e9))))
+    text = f'{name}: {count} of {len(stamps_ns)} scans have a position (gaps up to {max_gap_s:g} s)'
+    return ok(text) if count == len(stamps_ns) else problem(text)
+
+
+def apart(seconds: float) -> str:
+    """A time between recordings as people say it."""
+    return f'{seconds:.1f} s' if seconds < _DAY_S else f'{seconds / _DAY_S:.1f} days'
+
+
+def _offset_s(stamps_ns: NDArray[np.int64], trajectory: Trajectory) -> float:
+    """What to add so that both start together, the first position no later than the first scan."""
+    return int(stamps_ns[0] - trajectory.stamps_ns[0]) // _STEP_NS * _STEP_NS / 1e9

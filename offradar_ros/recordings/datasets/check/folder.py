@@ -1,0 +1,59 @@
+"""All checks of a data-set folder."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from offradar_ros.config import PositionConfig, RadarConfig
+from offradar_ros.recordings.datasets.check.findings import Finding, Findings, counted, note, ok, problem
+from offradar_ros.recordings.datasets.check.positions import check_positions
+from offradar_ros.recordings.datasets.check.scans import check_scans
+from offradar_ros.recordings.datasets.check.stamps import check_stamps
+from offradar_ros.recordings.datasets.registry import open_sequence
+from offradar_ros.recordings.datasets.sequence import RecordedSequence
+
+
+def check_folder(
+    path: str | Path,
+    layout: str = 'auto',
+    *,
+    radar: RadarConfig | None = None,
+    position: PositionConfig | None = None,
+    sample: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+) -> Findings:
+    """Open a folder, decode every scan (or `sample` of them, evenly spread) and read every position file.
+
+    `progress` is called before each scan with its number, from 1, and how many there are.
+
+    DataError where the folder holds no recognised scans; whatever else is wrong is a finding.
+    """
+    return check_sequence(open_sequence(path, layout, radar), Path(path), position, sample, progress)
+
+
+def check_sequence(
+    sequence: RecordedSequence,
+    path: Path,
+    position: PositionConfig | None = None,
+    sample: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+) -> Findings:
+    """`check_folder` of a sequence that was opened from `path`."""
+    max_gap_s = (position or PositionConfig()).max_gap_s
+    return Findings(path, sequence.layout, tuple(_findings(sequence, max_gap_s, sample, progress)))
+
+
+def _findings(
+    sequence: RecordedSequence, max_gap_s: float, sample: int, progress: Callable[[int, int], None] | None
+) -> Iterator[Finding]:
+    yield ok(
+        f'{sequence.layout} sequence {sequence.name}: {counted(len(sequence), "scan")} in {sequence.files[0].parent}'
+    )
+    for warning in sequence.warnings:
+        yield problem(warning)
+    for remark in sequence.remarks:
+        yield note(remark)
+    yield from check_stamps(sequence.stamps_ns)
+    yield from check_scans(sequence, sample, progress)
+    yield from check_positions(sequence, max_gap_s)

@@ -1,0 +1,98 @@
+"""Every scan decoded: what cannot be read, differs from the others or contradicts its stamp."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from offradar_ros.errors import DataError, RefusedInput
+from offradar_ros.recordings.datasets.check.findings import Finding, counted, note, ok, problem, some
+from offradar_ros.recordings.datasets.check.sizes import Sizes
+from offradar_ros.recordings.datasets.sequence import RecordedSequence
+from offradar_ros.types import PolarScan
+
+# A file's stamp may be that of any row, and a driver may stamp the end of a rotation as it writes the file.
+_ROW_STAMP_SLACK_NS = 50_000_000
+# Neighbouring rows further apart than this many typical steps have lost a row between them.
+_LOST_ROW_STEPS = 1.5
+
+
+def check_scans(
+    sequence: RecordedSequence, sample: int = 0, progress: Callable[[int, int], None] | None = None
+) -> Iterator[Finding]:
+    """Findings from decoding every scan, or `sample` of them, evenly spread, where that is not 0.
+
+    `progress` is called with the number of the scan at hand and how many there are.
+    """
+    indices = list(range(len(sequence)))
+    if 0 < sample < len(sequence):
+        indices = [int(i) for i in np.linspace(0, len(sequence) - 1, sample).round()]
+        yield note(f'{len(indices)} of {len(sequence)} scans decoded')
+    sizes = Sizes()
+    faults: dict[str, list[str]] = {}
+    anchors: Counter[str] = Counter()
+    for done, index in enumerate(indices, start=1):
+        if progress is not None:
+            progress(done, len(indices))
+        file = sequence.files[index].name
+        try:
+            scan = sequence.scan(index)
+        except DataError as error:
+            yield problem(str(error))
+            continue
+        except RefusedInput as refusal:
+            reason = str(refusal).removeprefix(f'{sequence.files[index]}: ')
+            faults.setdefault(_REFUSALS.get(refusal.cause, reason), []).append(file)
+            continue
+        sizes.add(scan, file)
+        for fault in _faults(scan):
+            faults.setdefault(fault, []).append(file)
+        if scan.azimuth_stamps_ns is not None:
+            anchors[_anchor(scan)] += 1
+    yield from sizes.findings()
+    for fault, files in faults.items():
+        yield problem(f'{fault}: {counted(len(files), "scan")} ({some(files)})')
+    for anchor, count in anchors.most_common():
+        if anchor:
+            yield ok(f'stamp of the scan is that of its {anchor} row: {counted(count, "scan")}')
+
+
+_REFUSALS = {
+    'no_signal': 'no signal, every power value is zero',
+    'wrong_size': 'rows without the metadata columns that this layout has',
+}
+
+
+def _faults(scan: PolarScan) -> Iterator[str]:
+    unmeasured = int(np.count_nonzero(~scan.power.any(axis=1)))
+    if unmeasured:
+        yield 'azimuths without any power (partial rotation)'
+    steps = np.diff(np.sort(scan.azimuths_rad))
+    if len(steps) == 0:
+        yield 'a single azimuth'
+        return
+    typical = float(np.median(steps))
+    wrap = 2 * np.pi - float(np.ptp(scan.azimuths_rad))
+    if np.count_nonzero(np.append(steps, wrap) > _LOST_ROW_STEPS * typical):
+        yield 'azimuths missing from the rotation'
+    if np.count_nonzero(steps < 0.5 * typical):
+        yield 'azimuths measured twice (encoder steps of less than half the usual)'
+    stamps = scan.azimuth_stamps_ns
+    if stamps is None:
+        return
+    if np.any(np.diff(stamps) < 0):
+        yield 'row stamps that go backwards'
+    early, late = int(stamps.min()) - _ROW_STAMP_SLACK_NS, int(stamps.max()) + _ROW_STAMP_SLACK_NS
+    if not early <= scan.stamp_ns <= late:
+        yield 'stamp of the scan is not within the stamps of its rows'
+
+
+def _anchor(scan: PolarScan) -> str:
+    """Which row the scan's stamp is that of; empty where it is none's."""
+    stamps = scan.azimuth_stamps_ns
+    if stamps is None or scan.stamp_ns not in stamps:
+        return ''
+    row = int(np.flatnonzero(stamps == scan.stamp_ns)[0])
+    return {0: 'first', len(stamps) - 1: 'last', len(stamps) // 2: 'middle'}.get(row, f'{row}th')

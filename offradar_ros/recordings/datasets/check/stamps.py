@@ -1,0 +1,43 @@
+"""Rate, gaps and order of stamps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from offradar_ros.recordings.datasets.check.findings import Finding, counted, note, ok, problem
+
+# A scan that comes later than this many typical periods after the one before leaves a gap.
+_GAP_PERIODS = 1.5
+
+
+def check_stamps(stamps_ns: NDArray[np.int64]) -> Iterator[Finding]:
+    """Findings about (N,) int64 scan stamps in the order of the sequence."""
+    count = len(stamps_ns)
+    if count < 2:
+        yield note('a single scan: no rate')
+        return
+    steps = np.diff(stamps_ns)
+    forward = steps[steps > 0]
+    duration_s = (int(stamps_ns[-1]) - int(stamps_ns[0])) / 1e9
+    if len(forward):
+        period_s = float(np.percentile(forward, 50, method='lower')) / 1e9
+        yield ok(f'{duration_s:.1f} s at {1 / period_s:.2f} scans a second')
+        late = np.flatnonzero(steps > _GAP_PERIODS * period_s * 1e9)
+        if len(late):
+            worst = int(late[np.argmax(steps[late])])
+            yield problem(
+                f'{counted(len(late), "gap")} between scans, the longest {steps[worst] / 1e9:.2f} s after scan {worst} '
+                f'(stamp {stamps_ns[worst]} ns)'
+            )
+    repeated = np.flatnonzero(steps == 0)
+    if len(repeated):
+        yield problem(
+            f'{counted(len(repeated), "repeated stamp")}, first {stamps_ns[repeated[0]]} ns: '
+            'only the first scan of each is used'
+        )
+    back = np.flatnonzero(steps < 0)
+    if len(back):
+        yield problem(f'stamps go backwards {counted(len(back), "time")}, first after scan {back[0]}')

@@ -1,0 +1,77 @@
+"""Oxford Radar RobotCar: radar/<µs>.png, radar.timestamps, gps/gps.csv, gps/ins.csv."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from offradar_ros.config import RadarConfig
+from offradar_ros.errors import DataError
+from offradar_ros.recordings.datasets.folders import climb, files_of, first_folder, named_by_stamp, shape_of
+from offradar_ros.recordings.datasets.listed_scans import listing_differences
+from offradar_ros.recordings.datasets.position_file import PositionFile, present
+from offradar_ros.recordings.datasets.positions import read_oxford_gps, read_oxford_ins
+from offradar_ros.recordings.datasets.sequence import RecordedSequence, in_stamp_order
+from offradar_ros.recordings.datasets.stamp_names import parse_stamp_ns
+from offradar_ros.recordings.datasets.stamped_png import metadata_reader, stamps_of
+
+LOOKS_FOR = 'radar/<µs>.png with radar.timestamps or gps/ beside radar/ (Oxford Radar RobotCar)'
+_SIZE = (400, 3779)
+
+
+def locate(path: Path) -> Path | None:
+    """The folder of scans, if this is the layout."""
+    folder = first_folder(path, ('radar',), '.png') or (path if files_of(path, '.png') else None)
+    if folder is None or not named_by_stamp(files_of(folder, '.png')):
+        return None
+    root = climb(folder, ('radar',))
+    if any((root / name).exists() for name in ('radar.timestamps', 'gps/gps.csv', 'gps/ins.csv')):
+        return folder
+    return folder if shape_of(files_of(folder, '.png')) == _SIZE else None
+
+
+def open_oxford(folder: Path, radar: RadarConfig) -> RecordedSequence:
+    """The sequence whose scans are in `folder`."""
+    root = climb(folder, ('radar',))
+    files = files_of(folder, '.png')
+    stamps, warnings = stamps_of(files, radar)
+    ordered, stamps_ns = in_stamp_order(files, stamps)
+    return RecordedSequence(
+        name=root.name,
+        layout='oxford',
+        root=root,
+        files=ordered,
+        stamps_ns=stamps_ns,
+        read_scan=metadata_reader(radar),
+        position_files=present(
+            PositionFile('INS', root / 'gps' / 'ins.csv', read_oxford_ins),
+            PositionFile('GPS', root / 'gps' / 'gps.csv', read_oxford_gps),
+        ),
+        warnings=(*warnings, *_listing_differences(root / 'radar.timestamps', files)),
+    )
+
+
+def _listing_differences(listing: Path, files: Sequence[Path]) -> list[str]:
+    """How radar.timestamps and the files on disk disagree."""
+    if not listing.exists():
+        return []
+    try:
+        listed = _listed_stamps(listing)
+    except DataError as error:
+        return [str(error)]
+    return listing_differences(listing, listed, files, unit_ns=1000)
+
+
+def _listed_stamps(listing: Path) -> list[int]:
+    try:
+        lines = listing.read_text(encoding='utf-8').splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise DataError(f'{listing}: cannot be read ({error})') from None
+    stamps = []
+    for number, line in enumerate(lines, start=1):
+        if line.strip():
+            try:
+                stamps.append(parse_stamp_ns(line.split()[0]))
+            except ValueError as error:
+                raise DataError(f'{listing}, line {number}: expected "<stamp> <valid>": {error}') from None
+    return stamps

@@ -1,0 +1,54 @@
+"""PNG files whose rows carry metadata columns: Oxford, MulRan's polar_oxford_form, Boreas, UTIAS.
+
+Convention: a scan's stamp is its file name. In Oxford that is the time of the first row; elsewhere it may be another
+row's. A file that is not named by a stamp gets the time of its first row.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from offradar_ros.config import RadarConfig
+from offradar_ros.errors import DataError, RefusedInput
+from offradar_ros.radar.navtech_rows import split_rows
+from offradar_ros.radar.png import decode_png, read_gray_png
+from offradar_ros.recordings.datasets.stamp_names import stamp_of_name
+from offradar_ros.types import PolarScan
+
+ASSUMED_PERIOD_NS = 250_000_000
+
+
+def metadata_reader(radar: RadarConfig) -> Callable[[Path, int], PolarScan]:
+    """Decodes such a file; what `radar` leaves to `auto` is settled by the layout."""
+    settled = dataclasses.replace(
+        radar,
+        azimuth_axis='rows' if radar.azimuth_axis == 'auto' else radar.azimuth_axis,
+        metadata_columns='11' if radar.metadata_columns == 'auto' else radar.metadata_columns,
+    )
+    return lambda path, stamp_ns: decode_png(path, stamp_ns, settled)
+
+
+def first_row_stamp(path: Path, radar: RadarConfig) -> int | None:
+    """Time of the first row; None where the file cannot be read."""
+    try:
+        _, row_stamps_ns, _ = split_rows(read_gray_png(path, radar.max_image_bytes), radar.encoder_size)
+    except (DataError, RefusedInput):
+        return None
+    return int(row_stamps_ns[0])
+
+
+def stamps_of(files: Sequence[Path], radar: RadarConfig) -> tuple[list[int], list[str]]:
+    """A stamp for each file, and what had to be assumed."""
+    stamps: list[int] = []
+    warnings: list[str] = []
+    for file in files:
+        stamp = stamp_of_name(file)
+        if stamp is None:
+            stamp = first_row_stamp(file, radar)
+        if stamp is None:
+            stamp = stamps[-1] + ASSUMED_PERIOD_NS if stamps else 0
+            warnings.append(f'{file}: neither its name nor its rows give a stamp: assumed 0.25 s after the one before')
+        stamps.append(stamp)
+    return stamps, warnings

@@ -1,0 +1,146 @@
+"""A recording through the stages, as the nodes do on the vehicle."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from typing import Any
+
+from offradar_ros.config import Config
+from offradar_ros.encoders.protocol import Encoder
+from offradar_ros.errors import RefusedInput
+from offradar_ros.mapping.session_report import SessionReport
+from offradar_ros.mapping.sessions import SessionMap
+from offradar_ros.messages import point_from_fix, pose_from_odometry, scan_from_image, stamp_ns
+from offradar_ros.recordings.bags.reader import Bag, RawMessage, scan_topic
+from offradar_ros.recordings.bags.topics import FIX, FIX_TYPE, ODOMETRY, ODOMETRY_TYPE
+from offradar_ros.retrieval.introspective_query import IntrospectiveQuery
+from offradar_ros.stages.encode import EncodeStage
+from offradar_ros.stages.map import MapStage, MapUpdate
+from offradar_ros.types import Outcome, PlaceTable
+
+
+@dataclasses.dataclass(frozen=True)
+class DriveResult:
+    """What a drive through the pipeline gave.
+
+    Attributes:
+        outcomes: one for each embedding, in order.
+        report: of the session that the drive was mapped as, if it was.
+        refused: dropped scans and positions by cause.
+    """
+
+    outcomes: tuple[Outcome, ...]
+    report: SessionReport | None
+    refused: Counter[str]
+
+
+def drive(
+    bag: Bag,
+    config: Config,
+    encoder: Encoder,
+    session_map: SessionMap | PlaceTable,
+    *,
+    session: str | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> DriveResult:
+    """Encode, map (if `session` names one) and query every scan of a bag, as the nodes do on the vehicle.
+
+    Queries search the map as of the last ended session; without query.exclude_current_session, the running one too.
+    A drive that maps nothing may search a table of places instead, of the encoder's model.
+    """
+    return _Drive(bag, config, encoder, session_map, session).run(progress or (lambda _done, _total: None))
+
+
+class _Drive:
+    """The three stages on one recording."""
+
+    def __init__(
+        self, bag: Bag, config: Config, encoder: Encoder, session_map: SessionMap | PlaceTable, session: str | None
+    ) -> None:
+        self._bag, self._config = bag, config
+        self._fingerprint = encoder.info.fingerprint
+        self._encode = EncodeStage(encoder, config.radar.restart_after_s)
+        self._query = IntrospectiveQuery(config.query)
+        self._mapping: MapStage | None = None
+        self._outcomes: list[Outcome] = []
+        self._refused: Counter[str] = Counter()
+        if isinstance(session_map, PlaceTable):
+            self._query.load(session_map, self._fingerprint)
+            return
+        session_map.adopt_model(encoder.info)
+        self._query.load(session_map.committed(), self._fingerprint)
+        if session is not None:
+            self._mapping = MapStage(config, session_map)
+            session_map.start_session(session, bag.start_ns)
+
+    def run(self, progress: Callable[[int, int], None]) -> DriveResult:
+        scans = scan_topic(self._bag)
+        total = self._bag.counts[scans]
+        positions = _position_topics(self._bag, self._config) if self._mapping else []
+        for raw in in_lockstep_order(self._bag, scans, positions, self._config.position.max_gap_s):
+            message = self._bag.decode(raw)
+            try:
+                if raw.topic == scans:
+                    self._take_scan(message)
+                    progress(len(self._outcomes), total)
+                elif self._mapping:
+                    self._settle(_added_position(self._mapping, raw.msgtype, message))
+            except RefusedInput as problem:
+                self._refused[problem.cause] += 1
+        report = None
+        if self._mapping:
+            updates, report = self._mapping.end_session()
+            self._settle(updates)
+        return DriveResult(tuple(self._outcomes), report, self._refused)
+
+    def _take_scan(self, message: Any) -> None:
+        decode = functools.partial(scan_from_image, message, self._config.radar)
+        encoded = self._encode.encode(stamp_ns(message.header.stamp), decode)
+        if encoded.problem:
+            self._refused[encoded.problem.cause] += 1
+        if encoded.embedding is not None:
+            self._outcomes.append(self._query.query(encoded.embedding))
+            if self._mapping:
+                self._settle(self._mapping.add_embedding(encoded.embedding))
+
+    def _settle(self, updates: Iterable[MapUpdate]) -> None:
+        for update in updates:
+            if update.problem:
+                self._refused[update.problem.cause] += 1
+            elif len(update.changed):
+                self._query.update(update.changed, self._fingerprint, committed=False)
+
+
+def _position_topics(bag: Bag, config: Config) -> list[str]:
+    """The topic that the map server would listen to, or else the only one of its type."""
+    msgtype, name = (FIX_TYPE, FIX) if config.position.source == 'fix' else (ODOMETRY_TYPE, ODOMETRY)
+    topics = bag.topics_of(msgtype)
+    return [name] if name in topics else topics if len(topics) == 1 else []
+
+
+def _added_position(mapping: MapStage, msgtype: str, message: Any) -> list[MapUpdate]:
+    stamp = stamp_ns(message.header.stamp)
+    if msgtype == FIX_TYPE:
+        return mapping.add_point(stamp, point_from_fix(message))
+    return mapping.add_pose(stamp, pose_from_odometry(message))
+
+
+def in_lockstep_order(bag: Bag, scan_topic: str, others: Sequence[str], ahead_s: float) -> Iterator[RawMessage]:
+    """Messages of a bag, each scan after everything else up to `ahead_s` later than it.
+
+    A scan's position is interpolated, so the one after it has to be known. Live, the map server waits for it; a drive
+    that nothing hurries sends it ahead, so that nothing has to wait.
+    """
+    other = bag.messages(others) if others else iter(())
+    waiting = next(other, None)
+    for scan in bag.messages([scan_topic]):
+        while waiting is not None and waiting.log_ns <= scan.log_ns + round(ahead_s * 1e9):
+            yield waiting
+            waiting = next(other, None)
+        yield scan
+    if waiting is not None:
+        yield waiting
+        yield from other

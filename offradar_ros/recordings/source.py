@@ -1,0 +1,64 @@
+"""What a command is given: a data-set folder or a bag."""
+
+from pathlib import Path
+
+from offradar_ros.config import RadarConfig
+from offradar_ros.errors import DataError
+from offradar_ros.recordings.bags.reader import is_bag
+from offradar_ros.recordings.bags.sequence import BagSequence
+from offradar_ros.recordings.datasets.registry import LAYOUTS, open_sequence, recognised
+from offradar_ros.sequence import RadarSequence
+
+LAYOUT_HELP = f'Layout of the folder: auto recognises it; else {", ".join(LAYOUTS)}.'
+NAMED = 3
+
+
+def open_source(path: Path, layout: str, radar: RadarConfig) -> RadarSequence:
+    """The scans at `path`; DataError if it is neither a bag nor a known data-set folder."""
+    require_recording(path, layout)
+    return BagSequence(path, radar) if is_bag(path) else open_sequence(path, layout, radar)
+
+
+def require_recording(path: Path, layout: str) -> None:
+    """DataError where `path` is missing, or no recording itself but a folder of some, which it names."""
+    if not path.exists():
+        raise DataError(f'{path}: no such folder')
+    inside = recordings_in(path, layout)
+    if inside:
+        others = f' (or one of {len(inside) - NAMED} others)' if len(inside) > NAMED else ''
+        raise DataError(
+            f'{path}: no radar scans recognised: did you mean {" or ".join(map(str, inside[:NAMED]))}?{others}'
+        )
+
+
+def recordings_in(path: Path, layout: str) -> list[Path]:
+    """The data-set folders and bags in a folder, by name; none where it is no folder, or a recording itself.
+
+    Folders in it that may not be read are passed over.
+    """
+    try:
+        if not path.is_dir() or _is_recording(path, layout):
+            return []
+        return [folder for folder in folders_in(path) if _is_readable_recording(folder, layout)]
+    except OSError as error:
+        raise DataError(f'{path}: cannot be read ({error.strerror})') from error
+
+
+def folders_in(path: Path) -> list[Path]:
+    """The folders in a folder, by name, but for hidden ones."""
+    return [found for found in sorted(path.iterdir()) if found.is_dir() and not found.name.startswith('.')]
+
+
+def _is_readable_recording(path: Path, layout: str) -> bool:
+    try:
+        return _is_recording(path, layout)
+    except OSError:
+        return False
+
+
+def _is_recording(path: Path, layout: str) -> bool:
+    if is_bag(path):
+        return True
+    if layout == 'auto':
+        return recognised(path) is not None
+    return layout in LAYOUTS and LAYOUTS[layout].locate(path.resolve()) is not None

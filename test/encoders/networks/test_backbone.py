@@ -1,0 +1,158 @@
+"""The compact backbone: what goes round, what no turn changes, and what it is by slow loops."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip('torch')
+
+from offradar_ros.encoders.network_config import METHODS, NetworkConfig  # noqa: E402
+from offradar_ros.encoders.networks.backbone import (  # noqa: E402
+    COMPACT_CONVOLUTIONS,
+    AzimuthSpectrum,
+    Compact,
+    make_backbone,
+)
+from offradar_ros.encoders.networks.registry import make_network  # noqa: E402
+from offradar_ros.radar.spinning import spin  # noqa: E402
+from offradar_ros.types import PolarScan  # noqa: E402
+
+UNCHANGED = 1e-5
+
+
+def images(count: int, shape: tuple[int, int]) -> np.ndarray:
+    speckle = np.random.default_rng(4).gamma(1.5, 20.0, (count, *shape))
+    return np.minimum(speckle, 255).astype(np.uint8)
+
+
+def trained_a_little(network: torch.nn.Module, shape: tuple[int, int]) -> torch.nn.Module:
+    """With batch statistics that are not those of the start."""
+    network.train()(torch.from_numpy(images(8, shape)))
+    return network.eval()
+
+
+@pytest.mark.parametrize('azimuths, frequencies', [(25, 8), (25, 13), (8, 5), (8, 3), (1, 1), (2, 2), (7, 4)])
+def test_spectrum_is_that_of_a_fourier_transform(azimuths: int, frequencies: int) -> None:
+    features = np.random.default_rng(0).normal(size=(2, 3, azimuths, 5)).astype(np.float32)
+    found = AzimuthSpectrum(azimuths, frequencies)(torch.from_numpy(features))
+    expected = np.abs(np.fft.rfft(features.astype(np.float64), axis=2))[:, :, :frequencies] / azimuths
+    assert found.shape == (2, 3, frequencies, 5)
+    # Amplitude a is found as the root of a² + 1e-10.
+    np.testing.assert_allclose(found, expected, rtol=1e-4, atol=2e-5)
+
+
+def test_spectrum_is_the_same_from_wherever_the_rows_begin() -> None:
+    features = torch.randn((1, 4, 25, 6), generator=torch.Generator().manual_seed(0))
+    spectrum = AzimuthSpectrum(25, 8)
+    for rows in range(1, 25):
+        torch.testing.assert_close(spectrum(features.roll(rows, dims=2)), spectrum(features), rtol=1e-4, atol=1e-5)
+
+
+@pytest.mark.parametrize('kind', [None, torch.bfloat16, torch.float16])
+def test_spectrum_of_nothing_has_a_slope_in_any_precision(kind: torch.dtype | None) -> None:
+    features = torch.zeros((1, 2, 16, 3), dtype=kind or torch.float32, requires_grad=True)
+    with torch.autocast('cpu', dtype=kind, enabled=kind is not None):
+        found = AzimuthSpectrum(16, 8)(features)
+    assert found.dtype == torch.float32
+    assert (found >= 0).all()
+    found.sum().backward()
+    assert torch.isfinite(features.grad).all()
+
+
+@pytest.mark.parametrize(
+    'shape, expected',
+    [((200, 128), (48, 8, 16)), ((64, 32), (48, 5, 4)), ((112, 8), (48, 8, 1)), ((8, 16), (48, 1, 2))],
+)
+def test_feature_shapes(shape: tuple[int, int], expected: tuple[int, ...]) -> None:
+    config = NetworkConfig(backbone='compact', azimuths=shape[0], range_bins=shape[1])
+    backbone = make_backbone(config).eval()
+    assert isinstance(backbone, Compact)
+    assert backbone.shape == expected
+    with torch.no_grad():
+        assert backbone(torch.rand(2, 1, *shape)).shape == (2, *expected)
+        assert trained_a_little(make_network(config), shape).features(torch.zeros(3, *shape)).shape == (3, *expected)
+
+
+def test_what_is_computed_once_is_not_among_the_weights() -> None:
+    one, other = Compact((64, 32)), Compact((200, 128))
+    shapes = {name: tensor.shape for name, tensor in one.state_dict().items()}
+    assert shapes == {name: tensor.shape for name, tensor in other.state_dict().items()}
+    assert not any('spectrum' in name for name in shapes)
+
+
+def convolved(features: np.ndarray, layer: torch.nn.Module, stride: int) -> np.ndarray:
+    """(C, A, R) → (C', A / stride, R / stride) by loops: rows go round, columns end in zeros."""
+    kernel = layer.convolution.weight.detach().double().numpy()
+    normalise = layer.normalise
+    size = kernel.shape[2]
+    _, rows, columns = features.shape
+    found = np.zeros((len(kernel), rows // stride, columns // stride))
+    for i in range(rows // stride):
+        for j in range(columns // stride):
+            for u in range(size):
+                for v in range(size):
+                    row, column = (i * stride + u - size // 2) % rows, j * stride + v - size // 2
+                    if 0 <= column < columns:
+                        found[:, i, j] += kernel[:, :, u, v] @ features[:, row, column]
+    mean, variance, weight, bias = (
+        tensor.detach().double().numpy()[:, None, None]
+        for tensor in (normalise.running_mean, normalise.running_var, normalise.weight, normalise.bias)
+    )
+    return (found - mean) / np.sqrt(variance + normalise.eps) * weight + bias
+
+
+def test_the_whole_backbone_against_loops() -> None:
+    torch.manual_seed(0)
+    network = make_network(NetworkConfig(backbone='compact', dimension=4, azimuths=16, range_bins=24))
+    backbone = trained_a_little(network, (16, 24)).features.backbone
+    image = images(1, (16, 24)) / 255.0
+    standardised = [
+        [(image[0, a, r] - image[0, :, r].mean()) / (image[0, :, r].std() + 0.01) for r in range(24)] for a in range(16)
+    ]
+    both = np.stack([image[0], 0.25 * np.array(standardised)])
+    layers = [layer for layer in backbone.convolutions if not isinstance(layer, torch.nn.ReLU)]
+    amplitudes = []
+    for turn in (0, 2, 4, 6):
+        features = np.roll(both, -turn, axis=1)
+        for layer, (_, _, stride) in zip(layers, COMPACT_CONVOLUTIONS, strict=True):
+            features = np.maximum(convolved(features, layer, stride), 0.0)
+        features = convolved(features, backbone.reduce, 1)
+        amplitudes.append(np.abs(np.fft.rfft(features, axis=1)) / 2)
+    expected = np.mean(amplitudes, axis=0)
+    assert expected.shape == backbone.shape == (48, 2, 3)
+    with torch.no_grad():
+        found = backbone(torch.from_numpy(image[None]).float())
+    np.testing.assert_allclose(found[0], expected, rtol=1e-3, atol=1e-4)
+
+
+@pytest.mark.parametrize('method', METHODS)
+def test_no_turn_by_two_rows_changes_an_embedding(method: str, small_config: NetworkConfig) -> None:
+    torch.manual_seed(2)
+    network = make_network(dataclasses.replace(small_config, method=method))
+    trained_a_little(network, small_config.image_shape)
+    given = images(2, small_config.image_shape)
+    with torch.no_grad():
+        expected = network.embed(torch.from_numpy(given))
+        for rows in range(2, 64, 10):
+            found = network.embed(torch.from_numpy(np.roll(given, rows, axis=1)))
+            for one, two in zip(found, expected, strict=True):
+                assert (one - two).abs().max() <= UNCHANGED * two.abs().max()
+        # The two images are two places: not everything is the same to it.
+        assert (expected[0][0] - expected[0][1]).abs().max() > 100 * UNCHANGED * expected[0].abs().max()
+
+
+def test_onnx_sees_no_turn_either(small_onnx: Path, street: PolarScan) -> None:
+    pytest.importorskip('onnxruntime')
+    from offradar_ros.encoders.onnx_backend import OnnxEncoder  # noqa: PLC0415
+
+    encoder = OnnxEncoder(small_onnx, threads=1)
+    expected = encoder.encode(street)
+    # 64 rows of image see 400 of the scan: 50 of them are 8 rows.
+    for rows in (50, 150, 350):
+        found = encoder.encode(spin(street, rows))
+        assert np.abs(found.mean - expected.mean).max() <= UNCHANGED * np.abs(expected.mean).max()
+        assert np.abs(found.variance - expected.variance).max() <= UNCHANGED * np.abs(expected.variance).max()

@@ -1,0 +1,110 @@
+"""Convolutions of low rank: exact where the responses are, and never dearer than what they replace."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip('torch')
+
+from offradar_ros.encoders.export.calibration_scans import CalibrationScans  # noqa: E402
+from offradar_ros.encoders.export.onnx_export import Smaller, export_onnx  # noqa: E402
+from offradar_ros.encoders.network_config import NetworkConfig  # noqa: E402
+from offradar_ros.encoders.networks.low_rank import factorise  # noqa: E402
+from offradar_ros.encoders.networks.registry import make_network  # noqa: E402
+from offradar_ros.encoders.onnx_backend import OnnxEncoder  # noqa: E402
+
+VGG16 = NetworkConfig(method='bc_radar', dimension=8, side_px=32)
+COMPACT = NetworkConfig(method='bc_radar', backbone='compact', dimension=8, azimuths=64, range_bins=32)
+
+
+def images(count: int, shape: tuple[int, int]) -> np.ndarray:
+    speckle = np.random.default_rng(9).gamma(1.5, 20.0, (count, *shape))
+    return np.minimum(speckle, 255).astype(np.uint8)
+
+
+def network_of(config: NetworkConfig, seed: int = 3) -> torch.nn.Module:
+    torch.manual_seed(seed)
+    return make_network(config).eval()
+
+
+def multiplications(network: torch.nn.Module, config: NetworkConfig) -> int:
+    """Of all convolutions for one image, counted while it goes through."""
+    spent = []
+    hooks = [
+        layer.register_forward_hook(
+            lambda layer, _, out: spent.append(out[0, 0].numel() * len(out) * layer.weight.numel())
+        )
+        for layer in network.features.backbone.modules()
+        if isinstance(layer, torch.nn.Conv2d)
+    ]
+    with torch.no_grad():
+        network.embed(torch.from_numpy(images(1, config.image_shape)))
+    for hook in hooks:
+        hook.remove()
+    return sum(spent)
+
+
+@pytest.mark.parametrize('config', [VGG16, COMPACT], ids=['vgg16', 'compact'])
+@pytest.mark.parametrize('share', [0.9, 0.5, 0.2])
+def test_the_share_of_multiplications_is_kept(config: NetworkConfig, share: float) -> None:
+    network = network_of(config)
+    before = multiplications(network, config)
+    factorise(network, images(6, config.image_shape), share)
+    assert share - 0.05 < multiplications(network, config) / before <= share
+
+
+@pytest.mark.parametrize('config', [VGG16, COMPACT], ids=['vgg16', 'compact'])
+def test_more_multiplications_are_nearer_to_the_whole_network(config: NetworkConfig) -> None:
+    given = torch.from_numpy(images(6, config.image_shape))
+    whole = network_of(config).embed(given)[0]
+    errors = []
+    for share in (0.9, 0.6, 0.3):
+        network = network_of(config)
+        factorise(network, given.numpy(), share)
+        errors.append(float((network.embed(given)[0] - whole).detach().norm()))
+    assert errors[0] < errors[1] < errors[2]
+
+
+def test_filters_that_repeat_each_other_are_spared_without_a_difference() -> None:
+    network = network_of(VGG16)
+    with torch.no_grad():
+        for layer in network.features.backbone.features:
+            if isinstance(layer, torch.nn.Conv2d):
+                kept = layer.out_channels // 8
+                layer.weight.copy_(layer.weight[:kept].repeat(8, 1, 1, 1))
+                layer.bias.normal_(std=0.1)
+    given = torch.from_numpy(images(6, VGG16.image_shape))
+    before = network.embed(given)[0].detach()
+    factorise(network, given.numpy(), 0.3)
+    torch.testing.assert_close(network.embed(given)[0], before, rtol=1e-3, atol=1e-4)
+
+
+def test_a_dead_convolution_is_no_obstacle() -> None:
+    network = network_of(VGG16)
+    torch.nn.init.zeros_(network.features.backbone.features[10].weight)
+    torch.nn.init.zeros_(network.features.backbone.features[10].bias)
+    factorise(network, images(2, VGG16.image_shape), 0.5)
+    assert torch.isfinite(network.embed(torch.from_numpy(images(2, VGG16.image_shape)))[0]).all()
+
+
+def test_exported_it_is_a_model_of_its_own(save_random: Callable[[NetworkConfig], Path]) -> None:
+    pytest.importorskip('onnx')
+    config = NetworkConfig(dimension=8, side_px=32)
+    weights = save_random(config)
+    given = images(4, config.image_shape)
+    scans = CalibrationScans(given, '4 images')
+    exported = weights.with_name('half.onnx')
+    parent = export_onnx(weights, weights.with_name('whole.onnx'))
+    one = export_onnx(weights, exported, Smaller(scans, low_rank=0.5))
+    content = exported.read_bytes()
+    assert export_onnx(weights, exported, Smaller(scans, low_rank=0.5)) == one
+    assert exported.read_bytes() == content
+    other = export_onnx(weights, weights.with_name('less.onnx'), Smaller(scans, low_rank=0.3))
+    assert len({parent.fingerprint, one.fingerprint, other.fingerprint}) == 3
+    assert f'low rank, 0.5 of {parent.fingerprint}, fitted to 4 images' in one.description
+    found, expected = (OnnxEncoder(weights.with_name(f'{name}.onnx')).infer(given)[0] for name in ('half', 'whole'))
+    assert 1e-4 < np.abs(found - expected).max() < 0.5

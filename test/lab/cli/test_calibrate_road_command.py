@@ -1,0 +1,119 @@
+"""`offradar calibrate` over several drives of one road."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from offradar_ros.config import load_config, read_parameters
+from offradar_ros.encoders.registry import make_encoder
+from offradar_ros.recordings.bags.writer import write_bag
+
+COUNT = 40
+EVERY = ('--spacing-m', '0')
+
+
+@pytest.fixture(scope='module')
+def road(tmp_path_factory: pytest.TempPathFactory, street: Callable[..., Any]) -> list[Path]:
+    """Three drives along one street; some scans of each are noise."""
+    folder = tmp_path_factory.mktemp('road')
+    drives = [
+        street(count=COUNT, lane_m=1.0 * i, noise_seed=i, spoiled=(5 + i, 21 + i), name=f'drive_{i}') for i in range(3)
+    ]
+    return [write_bag(drive, folder / drive.name) for drive in drives]
+
+
+def test_three_drives_give_a_threshold_that_is_used(done: Callable[..., str], road: list[Path], tmp_path: Path) -> None:
+    params, db, plot = tmp_path / 'params.yaml', tmp_path / 'map.db', tmp_path / 'plot.png'
+    pytest.importorskip('matplotlib')
+    said = done('calibrate', *road, '--out', params, *EVERY, '--error-rate', '0.1', '--plot', plot)
+    assert said.startswith(f'{3 * COUNT} scans of 3 drives, 0 refused: ')
+    assert 'at most 0.1 of the answers are wrong, with confidence 0.95' in said
+    assert said.splitlines()[-2:] == [f'{plot}: written', f'{params}: written']
+    assert plot.read_bytes().startswith(b'\x89PNG')
+    config = load_config(params)
+    assert config.query.levels == 20
+    assert config.query.model == make_encoder(config.encoder).info.fingerprint
+    assert params.read_text().startswith('# Written by offradar calibrate over 120 scans of drive_0, drive_1, drive_2.')
+    done('drive', road[0], '--params', params, '--map', db, '--session', 'one')
+    answered = done('drive', road[1], '--params', params, '--map', db)
+    assert sum(int(n) for n in re.findall(r'(?:match|rejected: uncertain) +│ (\d+)', answered)) == COUNT
+
+
+def test_what_was_given_is_kept_and_the_drives_give_the_scale(
+    done: Callable[..., str], road: list[Path], tmp_path: Path
+) -> None:
+    given, params = tmp_path / 'given.yaml', tmp_path / 'params.yaml'
+    given.write_text('query: {levels: 8, level: 8, top_k: 3}\nmap: {path: town.db}\n')
+    options = ['--params', given, *EVERY, '--error-rate', '0.2', '--confidence', '0.9']
+    said = done('calibrate', *road[:2], '--out', params, *options)
+    assert '80 scans of 2 drives' in said
+    assert 'U 1.000 on average' in said
+    values = read_parameters(params)
+    assert (values['query.levels'], values['query.top_k'], values['map.path']) == (8, 3, 'town.db')
+
+
+def test_a_rate_that_cannot_be_kept_is_refused_and_nothing_is_written(
+    refused: Callable[..., str], road: list[Path], tmp_path: Path
+) -> None:
+    out = tmp_path / 'params.yaml'
+    said = refused('calibrate', *road, '--out', out, *EVERY, '--error-rate', '0.01')
+    assert 'expected at least 299 scans that can be answered, got 120' in said
+    # A scan every 5 m of three drives of 49 m.
+    assert 'expected at least 59 scans that can be answered, got 30' in refused('calibrate', *road, '--out', out)
+    assert not out.exists()
+
+
+def test_what_is_no_road_is_refused(
+    refused: Callable[..., str], road: list[Path], street: Callable[..., Any], tmp_path: Path
+) -> None:
+    out = tmp_path / 'params.yaml'
+    aside = write_bag(street(count=4, lane_m=400.0, name='aside'), tmp_path / 'aside')
+    assert 'drive_0: no scan within 25 m of another drive, the nearest 400 m away' in refused(
+        'calibrate', road[0], aside, '--out', out
+    )
+    assert 'expected each folder once' in refused('calibrate', road[0], road[0], '--out', out)
+    assert 'no such folder' in refused('calibrate', road[0], tmp_path / 'nothing', '--out', out)
+    assert not out.exists()
+
+
+def test_drives_without_positions_are_named(
+    refused: Callable[..., str], road: list[Path], street: Callable[..., Any], tmp_path: Path
+) -> None:
+    class Lost(street):  # type: ignore[misc]
+        trajectory = None
+
+    lost = write_bag(Lost(count=4, name='lost'), tmp_path / 'lost')
+    said = refused('calibrate', road[0], lost, '--out', tmp_path / 'params.yaml')
+    assert f'{lost}: evaluation needs positions, and there are none' in said
+
+
+def test_a_plot_is_of_several_drives_and_can_be_written(
+    offradar: Callable[..., Any], refused: Callable[..., str], road: list[Path], tmp_path: Path
+) -> None:
+    pytest.importorskip('matplotlib')
+    out, nowhere = tmp_path / 'params.yaml', tmp_path / 'no' / 'p.png'
+    said = refused('calibrate', road[0], '--out', out, '--plot', tmp_path / 'p.png')
+    assert '--plot: one drive has no wrong answers' in said
+    ran = offradar('calibrate', *road, '--out', out, '--plot', nowhere)
+    assert ran.err == f'error: {nowhere}: cannot be written (No such file or directory)\n'
+    said = refused('calibrate', *road, '--out', out, *EVERY, '--error-rate', '0.2', '--plot', tmp_path / 'p.doc')
+    assert f"{tmp_path / 'p.doc'}: the plot cannot be written (Format 'doc' is not supported" in said
+    assert not out.exists()
+
+
+def test_without_matplotlib_only_the_plot_is_refused(
+    done: Callable[..., str],
+    refused: Callable[..., str],
+    road: list[Path],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr('importlib.util.find_spec', lambda name, *rest: None)
+    options = ['--out', tmp_path / 'params.yaml', *EVERY, '--error-rate', '0.2']
+    assert "pip install '.[plot]'" in refused('calibrate', *road, *options, '--plot', tmp_path / 'p.png')
+    done('calibrate', *road, *options)

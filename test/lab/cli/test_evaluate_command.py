@@ -1,0 +1,283 @@
+"""`offradar evaluate` and `offradar card`, from a protocol to files."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from offradar_ros.cli.main import app
+from offradar_ros.errors import ConfigError, DataError
+from offradar_ros.geometry import GeoPoint, LocalFrame, utm_to_geodetic
+from offradar_ros.recordings.bags.oxford_folder import write_oxford
+from offradar_ros.recordings.datasets.splits import read_split
+from offradar_ros.shipped import shipped_file
+
+PROTOCOL = """
+name: tiny
+title: Two tiny cities
+groups:
+  - {name: a, title: A, physics: drawn, cities: [2999991], streets: [
+      {name: toy, map: toy.yaml, traversals: [a.tum, b.tum], seed: 2999993}]}
+lanes: [{}, {left_m: 1.0}, {left_m: -1.0}]
+scans: 4
+validation: {cities: [2999992], scans: 3}
+resamples: 5
+"""
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp('evaluate')
+    (folder / 'tiny.yaml').write_text(PROTOCOL)
+    return folder
+
+
+def evaluate(folder: Path, out: str, *more: str) -> str:
+    command = ['evaluate', str(folder / 'tiny.yaml'), '--method', 'ring_key', '--out', str(folder / out)]
+    done = CliRunner().invoke(
+        app, [*command, '--cache', str(folder / 'cache'), '--processes', '2', *more], catch_exceptions=False
+    )
+    assert done.exit_code == 0
+    return done.stdout
+
+
+def test_an_evaluation_is_repeated_from_its_cache(folder: Path) -> None:
+    pytest.importorskip('matplotlib')
+    said = evaluate(folder, 'first')
+    assert 'toy: maps and traversals are not given' in said
+    cached = {path: path.stat().st_mtime_ns for path in (folder / 'cache').rglob('*.*')}
+    evaluate(folder, 'second', '--no-pictures')
+    assert {path: path.stat().st_mtime_ns for path in (folder / 'cache').rglob('*.*')} == cached
+    first, second = (json.loads((folder / out / 'results.json').read_text()) for out in ('first', 'second'))
+    assert first['groups'] == second['groups']
+    assert first['maintenance'] == second['maintenance']
+    assert set(first['groups']) == {'a', 'all'}
+    assert first['groups']['a']['5']['ring_key']['pairs'] == 6
+    assert first['seeds'] == [2999991, 2999993, 2999992, 0]
+    assert (folder / 'first' / 'recall_at_rejection.png').is_file()
+    assert (folder / 'first' / 'extremes_ring_key.png').is_file()
+    assert not list((folder / 'second').glob('*.png'))
+
+
+def test_a_card_needs_results_of_ours(folder: Path) -> None:
+    evaluate(folder, 'first', '--no-pictures')
+    results = str(folder / 'first' / 'results.json')
+    runner = CliRunner()
+    with pytest.raises(DataError, match='method ours'):
+        runner.invoke(
+            app,
+            ['card', results, '--weights', results, '--out', str(folder / 'x.card.json')],
+            catch_exceptions=False,
+        )
+    with pytest.raises(ConfigError, match=r'\.card\.json'):
+        runner.invoke(
+            app, ['card', results, '--weights', results, '--out', str(folder / 'x.json')], catch_exceptions=False
+        )
+
+
+@pytest.fixture(scope='module')
+def oxford(tmp_path_factory: pytest.TempPathFactory, street: Callable[..., object]) -> Path:
+    """Five short drives under the names of the test sequences, where the test region is."""
+    root = tmp_path_factory.mktemp('oxford')
+    split = read_split('oxford')
+    circle = split.region.circles[0]
+    centre = utm_to_geodetic(np.array([[circle.easting_m, circle.northing_m, 60.0]]), split.region.epsg)[0]
+    for number, name in enumerate(split.test):
+        drive = street(count=14, lane_m=0.7 * number, noise_seed=number)
+        away = LocalFrame(GeoPoint(51.75, -1.25, 70.0)).to_enu(drive.trajectory.positions)  # type: ignore[attr-defined]
+        here = LocalFrame(GeoPoint(*centre.tolist())).to_geodetic(away)
+        moved = dataclasses.replace(drive.trajectory, positions=here)  # type: ignore[attr-defined]
+
+        class Moved(type(drive)):  # type: ignore[misc]
+            trajectory = moved
+
+        write_oxford(Moved(count=14, noise_seed=number), root / name)
+    return root
+
+
+def test_the_papers_oxford_experiment(oxford: Path, tmp_path: Path, done: Callable[..., str]) -> None:
+    pytest.importorskip('matplotlib')
+    pytest.importorskip('jinja2')
+    out = tmp_path / 'out'
+    said = done('evaluate', 'oxford', '--data', oxford, '--method', 'ring_key', '--out', out)
+    assert '2019-01-10-14-36-48-radar-oxford-10k-partial: not found' in said
+    results = json.loads((out / 'results.json').read_text())
+    told = results['groups']['oxford']['0']['ring_key']
+    assert (told['pairs'], told['queries']) == (20, 20 * 14)
+    assert results['maintenance']['oxford']['0']['ring_key']['ordered_pairs'] == 20
+    assert 'report.html' in done('report', out)
+    text = (out / 'report' / 'report.md').read_text()
+    assert '| RingKey | ' in text
+    assert '83.68 / 86.49 / 88.32 | 0.85 / 0.81 / 0.71 | 0.94 |' in text
+    assert 'simulated' not in text
+    # Without the test sequences there is nothing to measure, and a line says what is missing.
+    (oxford / results['drives']['oxford/oxford'][0]['name']).rename(oxford / 'elsewhere')
+    again = done('evaluate', 'oxford', '--data', oxford, '--method', 'ring_key', '--out', out, '--no-pictures')
+    assert 'oxford: not found: 2019-01-18-14-46-59-radar-oxford-10k in' in again
+
+
+def test_without_its_data_a_protocol_says_what_is_missing(tmp_path: Path, refused: Callable[..., str]) -> None:
+    said = refused('evaluate', 'mulran', '--data', tmp_path, '--method', 'ring_key', '--out', tmp_path / 'out')
+    assert 'riverside: not found: Riverside01, Riverside02 in' in said
+    assert 'expected a YAML file or one of the protocols' in refused('evaluate', 'cambridge', '--out', tmp_path)
+
+
+def test_own_recordings(street_bag: Callable[..., Path], tmp_path: Path, done: Callable[..., str]) -> None:
+    bags = [street_bag(f'day_{number}', count=16, noise_seed=number, lane_m=0.5 * number) for number in range(3)]
+    (tmp_path / 'car.yaml').write_text('query: {delta: 0.4, levels: 4, level: 3}\n')
+    named = ['--map', bags[0], '--map', bags[1], '--query', bags[2], '--params', tmp_path / 'car.yaml']
+    named += ['--method', 'ring_key', '--cache', tmp_path / 'cache']
+    said = done('encode', 'own', *named)
+    assert 'ring_key: 48 scans of 3 drives encoded, 0 refused' in said
+    done('evaluate', *named, '--out', tmp_path, '--no-pictures')
+    results = json.loads((tmp_path / 'results.json').read_text())
+    assert [drive['name'] for drive in results['drives']['own/own']] == ['day_0', 'day_1', 'day_2']
+    assert [drive['roles'] for drive in results['drives']['own/own']] == ['mapped', 'mapped', 'searched']
+    told = results['groups']['own']['5']['ring_key']
+    assert (told['pairs'], told['queries']) == (2, 32)
+    assert results['maintenance']['own']['5']['ring_key']['ordered_pairs'] == 2
+    assert told['at_deployed_threshold']['threshold'] == pytest.approx(1.2)
+    # Thresholds of another model say nothing of this one's U.
+    (tmp_path / 'car.yaml').write_text('query: {delta: 0.4, levels: 4, level: 3, model: abc}\n')
+    said = done('evaluate', 'own', *named, '--out', tmp_path, '--no-pictures')
+    assert 'ring_key: the threshold of --params is for model abc, this is ' in said
+    results = json.loads((tmp_path / 'results.json').read_text())
+    assert results['groups']['own']['5']['ring_key']['at_deployed_threshold'] == {'threshold': None}
+    assert results['maintenance']['own']['5']['ring_key']['QM'] is None
+
+
+def test_a_calibrated_encoder_is_evaluated_with_its_threshold(
+    street_bag: Callable[..., Path], tmp_path: Path, done: Callable[..., str]
+) -> None:
+    bags = [street_bag(f'day_{number}', count=16, noise_seed=number) for number in range(3)]
+    done('calibrate', bags[0], '--out', tmp_path / 'car.yaml')
+    written = yaml.safe_load((tmp_path / 'car.yaml').read_text())['/**']['ros__parameters']
+    named = ['--map', bags[1], '--query', bags[2], '--params', tmp_path / 'car.yaml', '--method', 'ring_key']
+    said = done('evaluate', *named, '--out', tmp_path / 'out', '--no-pictures')
+    assert 'threshold of --params' not in said
+    results = json.loads((tmp_path / 'out' / 'results.json').read_text())
+    assert results['methods']['ring_key']['fingerprint'] == written['query']['model']
+    query = written['query']
+    expected = 1.0 - query['delta'] + 2.0 * query['delta'] * query['level'] / query['levels']
+    told = results['groups']['own']['5']['ring_key']
+    assert told['at_deployed_threshold']['threshold'] == pytest.approx(expected)
+    assert results['protocol']['title'] == 'Own recordings'
+    # A single pair has no interval.
+    assert told['recall_at_1']['low'] is None
+
+
+@pytest.mark.parametrize('name', ['blank', 'asked_blank'])
+def test_what_cannot_be_found_is_reported_all_the_same(
+    name: str, street_bag: Callable[..., Path], tmp_path: Path, done: Callable[..., str]
+) -> None:
+    """A recording without any signal, as map or as query: nothing is found, but nothing fails."""
+    pytest.importorskip('matplotlib')
+    pytest.importorskip('jinja2')
+    near = street_bag('near', count=8)
+    blank = street_bag('blank', count=8, silent=True)
+    maps, queries = {'blank': (blank, near), 'asked_blank': (near, blank)}[name]
+    out = tmp_path / 'out'
+    said = done('evaluate', '--map', maps, '--query', queries, '--method', 'ring_key', '--out', out)
+    assert {'blank': 'blank: none of its scans can be mapped'}.get(name, '') in said
+    assert 'report.html' in done('report', out)
+    results = json.loads((out / 'results.json').read_text())
+    told = results['groups']['own']['5']['ring_key']
+    assert told['recall_at_1']['value'] == 0.0
+    assert 'The threshold in use' not in (out / 'report' / 'report.md').read_text()
+
+
+def test_pictures_and_arrays_of_another_evaluation_are_not_reported(
+    street_bag: Callable[..., Path], tmp_path: Path, done: Callable[..., str], refused: Callable[..., str]
+) -> None:
+    pytest.importorskip('matplotlib')
+    bags = [street_bag(f'day_{number}', count=8 + number, noise_seed=number) for number in range(3)]
+    first, second = (
+        ['--map', bags[0], '--query', query, '--method', 'ring_key', '--cache', tmp_path / 'cache']
+        for query in bags[1:]
+    )
+    done('evaluate', *first, '--out', tmp_path / 'out')
+    assert (tmp_path / 'out' / 'extremes_ring_key.png').is_file()
+    done('evaluate', *second, '--out', tmp_path / 'out', '--no-pictures')
+    assert not list((tmp_path / 'out').glob('*.png'))
+    done('evaluate', *first, '--out', tmp_path / 'other', '--no-pictures')
+    (tmp_path / 'out' / 'scans.npy').write_bytes((tmp_path / 'other' / 'scans.npy').read_bytes())
+    assert 'are not of the same evaluation as results.json' in refused('report', tmp_path / 'out')
+
+
+def test_revisits_of_one_recording(street_bag: Callable[..., Path], tmp_path: Path, done: Callable[..., str]) -> None:
+    day = street_bag('day', count=24)
+    named = ['--map', day, '--query', day, '--method', 'ring_key', '--no-pictures']
+    done('evaluate', *named, '--exclusion-s', 2, '--out', tmp_path / 'near')
+    told = json.loads((tmp_path / 'near' / 'results.json').read_text())['groups']['own']['5']['ring_key']
+    assert (told['pairs'], told['queries']) == (1, 24)
+    said = done('evaluate', *named, '--exclusion-s', 60, '--out', tmp_path / 'far')
+    assert 'note: day: never comes back to where it was' in said
+    assert 'report.html' in done('report', tmp_path / 'far')
+
+
+def test_a_recording_is_not_its_own_map_by_mistake(
+    street_bag: Callable[..., Path], tmp_path: Path, refused: Callable[..., str]
+) -> None:
+    day = street_bag('day', count=4)
+    assert 'expected --exclusion-s above 0' in refused(
+        'evaluate', '--map', day, '--query', day, '--out', tmp_path / 'o'
+    )
+
+
+def test_drives_of_two_cities_are_refused_before_anything_is_encoded(
+    street_bag: Callable[..., Path], tmp_path: Path, refused: Callable[..., str]
+) -> None:
+    near, far = street_bag('near', count=4), street_bag('far', count=4, lane_m=400.0)
+    said = refused('evaluate', '--map', near, '--query', far, '--method', 'ring_key', '--out', tmp_path / 'o')
+    assert 'far: no scan within 25 m of near, the nearest 400 m away' in said
+
+
+def test_a_misspelt_method_is_guessed(tmp_path: Path, refused: Callable[..., str]) -> None:
+    assert 'did you mean ring_key?' in refused('evaluate', '--method', 'rink_key', '--out', tmp_path)
+    assert 'ring_key has no weights' in refused('evaluate', '--method', 'ring_key=compact', '--out', tmp_path)
+
+
+def test_a_cache_that_is_a_file_is_named(
+    street_bag: Callable[..., Path], tmp_path: Path, offradar: Callable[..., Any]
+) -> None:
+    (tmp_path / 'cache').write_text('')
+    bags = [street_bag(f'day_{number}', count=4) for number in range(2)]
+    named = ['--map', bags[0], '--query', bags[1], '--method', 'ring_key', '--cache', tmp_path / 'cache']
+    ran = offradar('evaluate', *named, '--out', tmp_path / 'o')
+    assert ran.status == 1
+    assert 'expected a folder for embeddings (Not a directory)' in ran.err
+
+
+def test_methods_have_names_of_their_own(tmp_path: Path, refused: Callable[..., str]) -> None:
+    twice = ['--method', 'ring_key', '--method', 'ring_key']
+    assert 'expected each name once' in refused('evaluate', *twice, '--out', tmp_path)
+
+
+def test_maps_and_queries_come_together(tmp_path: Path, refused: Callable[..., str]) -> None:
+    assert 'protocol own: expected at least one --map and one --query' in refused('evaluate', '--map', tmp_path)
+    assert 'expected at least one --map and one --query' in refused('evaluate', 'own', '--out', tmp_path / 'o')
+    gone = ['--map', tmp_path / 'gone', '--query', tmp_path]
+    assert f'{tmp_path / "gone"}: no such folder' in refused('evaluate', *gone, '--out', tmp_path / 'o')
+
+
+def test_real_streets_are_driven_both_ways(real_data: Path, tmp_path: Path, done: Callable[..., str]) -> None:
+    protocol = yaml.safe_load(shipped_file('protocols', 'mulran_simulated').read_text())
+    protocol |= {'drive_spacing_m': 200.0, 'map_spacings_m': [200.0], 'tolerance_m': 150.0, 'negative_m': 150.0}
+    protocol['validation'] |= {'cities': [2900001], 'scans': 5}
+    (tmp_path / 'p.yaml').write_text(yaml.safe_dump(protocol))
+    named = ['--real-worlds', real_data / 'worlds', '--method', 'ring_key']
+    done('evaluate', tmp_path / 'p.yaml', *named, '--out', tmp_path / 'out', '--no-pictures')
+    results = json.loads((tmp_path / 'out' / 'results.json').read_text())
+    assert results['groups']['streets']['200']['ring_key']['pairs'] == 12
+    assert results['worlds'] == ['dcc', 'kaist']
+    told = results['maintenance']['streets']['200']['ring_key']
+    assert told['ordered_pairs'] == 12
+    assert results['scans'] == {'streets': 'simulated scans'}

@@ -1,0 +1,86 @@
+"""The demonstration judges answers by where the vehicle was, and shows what it judged."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from rich.console import Console
+
+from offradar_ros.lab.demo.drives import Drive
+from offradar_ros.lab.demo.live import Driven
+from offradar_ros.lab.demo.report import draw_map, print_table
+from offradar_ros.lab.demo.truth import Judged, judge
+from offradar_ros.mapping.stored_map import StoredSession
+from offradar_ros.recordings.bags.sequence import BagSequence
+from offradar_ros.types import Candidate, Match, Outcome, Place, PlaceTable, Pose, Reason, Rejection
+
+
+def answer(stamp_ns: int, x_m: float | None, reason: Reason | None = None) -> Outcome:
+    candidates = () if x_m is None else (Candidate(1, 0.5, 1.0, Pose(x_m, 0.0)),)
+    if reason is None:
+        return Match(stamp_ns, 1.0, 1.1, candidates)
+    return Rejection(stamp_ns, reason, 2.0, 1.1, candidates, 'for the test')
+
+
+@pytest.fixture
+def judged(street_bag: Callable[..., Path]) -> Judged:
+    """Six scans, 1.25 m apart: matched right, matched 26 m off, rejected right, rejected wrong, map empty, right."""
+    bag = street_bag('drive', count=6)
+    sequence = BagSequence(bag)
+    stamps = [int(stamp) for stamp in sequence.stamps_ns]
+    outcomes = (
+        answer(stamps[0], 24.0),
+        answer(stamps[1], 1.25 + 26.0),
+        answer(stamps[2], 2.5, Reason.UNCERTAIN),
+        answer(stamps[3], 500.0, Reason.UNCERTAIN),
+        answer(stamps[4], None, Reason.MAP_EMPTY),
+        answer(stamps[5], 6.25),
+    )
+    drive = Drive('drive', bag, mapped=True, spoiled_ns=frozenset(stamps[2:4]))
+    counts = {'scans': 6, 'matches': 3, 'rejections': 3, 'unanswered': 0}
+    origin = sequence.trajectory.origin()  # type: ignore[union-attr]
+    assert origin is not None
+    return judge(Driven(drive, outcomes, counts, (0.01, 0.02, 0.03), ''), origin)
+
+
+def test_an_answer_is_right_within_25_metres(judged: Judged) -> None:
+    # The first fix, the origin, lies 1 s before the first scan: 5 m behind it.
+    np.testing.assert_allclose(judged.positions_m[:, 0], 5.0 + 1.25 * np.arange(6), atol=1e-3)
+    assert judged.nearest_is_right.tolist() == [True, True, True, False, False, True]
+    assert judged.accepted.tolist() == [True, True, False, False, False, True]
+    assert judged.spoiled.tolist() == [False, False, True, True, False, False]
+    assert judged.recall(judged.accepted) == 1.0
+    assert judged.recall(~judged.accepted) == pytest.approx(1 / 3)
+    assert np.isnan(judged.recall(np.zeros(6, np.bool_)))
+
+
+def test_the_table_tells_what_was_judged(judged: Judged) -> None:
+    console = Console(file=io.StringIO(), width=100)
+    report = {'inserted': 2, 'replaced': 1, 'kept': 3, 'places_before': 0, 'places_after': 2}
+    means = {'mean_uncertainty_before': None, 'mean_uncertainty_after': 0.98765}
+    print_table([judged], [StoredSession(1, 'drive', 0, 'ended', report | means)], console)
+    printed = console.file.getvalue()  # type: ignore[attr-defined]
+    for row in (
+        'matches .* 3 ',
+        'rejected: map_empty .* 1 ',
+        'rejected: uncertain .* 2 ',
+        'rejected as uncertain, spoiled / clean .* 2 / 0 ',
+        'Recall@1 of the matches .* 1.000 of 3',
+        'inserted, replaced, kept .* 2, 1, 3',
+        'mean U .* - → 0.988',
+    ):
+        assert any(re.search(row, line) for line in printed.splitlines()), row
+
+
+def test_the_picture_is_drawn(judged: Judged, tmp_path: Path) -> None:
+    places = PlaceTable.from_places([Place(1, 1, 0, Pose(5.0, 0.0), 0.9, np.zeros(4, np.float32))], 4)
+    draw_map(places, judged, tmp_path / 'map.png')
+    picture = cv2.imread(str(tmp_path / 'map.png'))
+    assert picture.shape[0] > 400
+    assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 20

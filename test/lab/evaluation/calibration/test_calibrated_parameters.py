@@ -1,0 +1,15 @@
+from __future__ import annotations
+
+from offradar_ros.config import Config, load_config, replace_values
+from offradar_ros.encoders.registry import make_encoder
+from offradar_ros.lab.evaluation.calibration.calibrated_parameters import calibrated_parameters
+
+
+def test_the_stamp_is_of_the_model_that_is_written() -> None:
+    config = replace_values(Config(), {'encoder.ring_key.variance_scale': 4.0, 'encoder.ring_key.rings': 64})
+    before = make_encoder(config.encoder)
+    values = calibrated_parameters(config, before, 0.5, delta=0.3, levels=20, level=7)
+    written = load_config(overrides=values)
+    assert written.encoder.ring_key.variance_scale == 2.0
+    assert (written.query.delta, written.query.levels, written.query.level) == (0.3, 20, 7)
+    assert written.query.model == make_encoder(written.encoder).info.fingerprint != before.info.fingerprint

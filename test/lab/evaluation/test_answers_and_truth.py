@@ -1,0 +1,52 @@
+"""Answers against recorded positions, by hand."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from offradar_ros.geometry import GeoPoint, LocalFrame, Trajectory
+from offradar_ros.recordings.truth import errors_m, recall_at_1, true_positions
+from offradar_ros.types import Candidate, Match, Outcome, Pose, Reason, Rejection
+
+SECOND = 10**9
+ORIGIN = GeoPoint(51.75, -1.25, 70.0)
+
+
+def track(*, geodetic: bool) -> Trajectory:
+    """10 m a second eastwards for 3 s, then nothing for 4 s."""
+    metres = np.array([[0.0, 5, 0], [10, 5, 0], [20, 5, 0], [30, 5, 0], [70, 5, 0]])
+    positions = LocalFrame(ORIGIN).to_geodetic(metres) if geodetic else metres
+    return Trajectory(np.array([0, 1, 2, 3, 7]) * SECOND, positions, np.full(5, np.nan), geodetic=geodetic)
+
+
+def answers(stamps_s: list[float], x_m: float | None) -> list[Outcome]:
+    """Matches to a place at (x, 5), or rejections without a candidate."""
+    if x_m is None:
+        return [Rejection(round(s * SECOND), Reason.MAP_EMPTY, 1.0, 1.0, (), '') for s in stamps_s]
+    found = (Candidate(1, 0.5, 1.0, Pose(x_m, 5.0)),)
+    return [Match(round(s * SECOND), 1.0, 1.0, found) for s in stamps_s]
+
+
+@pytest.mark.parametrize('geodetic', [False, True])
+def test_positions_are_interpolated_and_never_guessed(geodetic: bool) -> None:
+    outcomes = answers([-1.0, 0.0, 1.25, 5.0, 8.0], 0.0)
+    found = true_positions(outcomes, track(geodetic=geodetic), ORIGIN if geodetic else None, 2 * SECOND)
+    expected = [[math.nan] * 2, [0.0, 5.0], [12.5, 5.0], [math.nan] * 2, [math.nan] * 2]
+    np.testing.assert_allclose(found, expected, atol=1e-3)
+    assert true_positions([], track(geodetic=geodetic), ORIGIN, SECOND).shape == (0, 2)
+
+
+def test_a_frame_without_an_origin_has_no_truth() -> None:
+    assert np.isnan(true_positions(answers([1.0], 0.0), track(geodetic=True), None, SECOND)).all()
+
+
+def test_errors_are_of_the_best_candidate() -> None:
+    outcomes = [*answers([0.0, 1.0, 9.0], 25.0), *answers([0.0, 9.0], None)]
+    errors = errors_m(outcomes, true_positions(outcomes, track(geodetic=False), None, 2 * SECOND))
+    np.testing.assert_array_equal(errors, [25.0, 15.0, math.nan, math.inf, math.nan])
+    assert recall_at_1(errors) == pytest.approx(2 / 5)
+    assert recall_at_1(errors[:2]) == 1.0
+    assert math.isnan(recall_at_1(errors[:0]))

@@ -1,0 +1,160 @@
+"""Searching one drive from another, against slow loops and the deployed search."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from offradar_ros.lab.evaluation.answers import DEPTH, NOT_FOUND, Pair, Rules, answers_from, map_rows
+from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive
+from offradar_ros.lab.evaluation.neighbours import k_least, squared_distances
+from offradar_ros.recordings.spacing import one_a_cell, way_driven
+from offradar_ros.retrieval.place_index import PlaceIndex
+from offradar_ros.types import Place, PlaceTable, Pose
+
+Street = Callable[..., EmbeddedDrive]
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.lists(st.floats(0.0, 9.0), min_size=1, max_size=40), st.floats(0.5, 20.0))
+def test_one_scan_a_cell(steps: list[float], spacing_m: float) -> None:
+    driven_m = np.cumsum(steps)
+    kept, cells = [], set()
+    for index, metres in enumerate(driven_m.tolist()):
+        cell = int(metres / spacing_m + 1e-9)
+        if cell not in cells:
+            kept.append(index)
+        cells.add(cell)
+    assert one_a_cell(driven_m, spacing_m).tolist() == kept
+
+
+def test_the_mean_spacing_is_the_one_asked_for() -> None:
+    driven_m = 2.0 * np.arange(501)
+    assert np.diff(driven_m[one_a_cell(driven_m, 5.0)]).mean() == pytest.approx(5.0)
+
+
+def test_nearest_places_are_those_of_the_deployed_search() -> None:
+    rng = np.random.default_rng(4)
+    # Far from the origin single precision would cancel; the last place is the first again.
+    places = (rng.normal(0.0, 1.0, (300, 16)) + 1000.0).astype(np.float32)
+    places[-1] = places[0]
+    queries = (places[rng.permutation(300)[:270]] + rng.normal(0.0, 0.01, (270, 16))).astype(np.float32)
+    squares = squared_distances(queries, places)
+    rows = k_least(squares, 5)
+    distances = np.sqrt(np.maximum(np.take_along_axis(squares, rows, 1), 0.0))
+    index = PlaceIndex(16)
+    index.upsert(PlaceTable.from_places([Place(i, 1, i, Pose(0, 0), 1.0, m) for i, m in enumerate(places)], 16))
+    for query, row, distance in zip(queries, rows, distances, strict=True):
+        found = index.search(query, 5)
+        assert [candidate.place_id for candidate in found] == row.tolist()
+        np.testing.assert_allclose([candidate.distance for candidate in found], distance, rtol=1e-4)
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.integers(1, 12), st.integers(0, 2**31))
+def test_the_least_are_in_order_and_of_equal_ones_the_first_counts(k: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    values = rng.integers(0, 6, (8, 12)).astype(float)
+    values[0], values[1, ::2], values[2, 3] = np.nan, np.inf, np.nan
+    expected = [sorted(range(12), key=lambda c: (np.isnan(row[c]), row[c], c))[:k] for row in values]
+    assert k_least(values, k).tolist() == expected
+
+
+def test_a_vehicle_that_stands_still_drives_no_way() -> None:
+    rng = np.random.default_rng(1)
+    still = rng.uniform(-0.3, 0.3, (200, 2))
+    line = np.column_stack([np.arange(100.0), np.zeros(100)])
+    positions = np.concatenate([line, line[-1] + still, line[-1] + line])
+    assert way_driven(positions)[299] == pytest.approx(99.0, abs=1.0)
+    assert way_driven(positions)[-1] == pytest.approx(198.0, abs=2.0)
+    assert len(way_driven(np.empty((0, 2)))) == 0
+
+
+def test_answers_against_a_loop(embedded_street: Street) -> None:
+    mapped, query = embedded_street(0, 40), embedded_street(1, 55)
+    # The query goes on 16 scans beyond the map, the last ten of them further than 25 m.
+    found = answers_from(Pair('m', 'g', 'street', 0, 1, 12.0), mapped, query, Rules())
+    rows = map_rows(mapped, 12.0)
+    assert rows.tolist() == list(range(0, 40, 3))
+    for scan in range(55):
+        order = sorted(rows, key=lambda r: float(np.linalg.norm(mapped.means[r] - query.means[scan])))
+        errors = [np.hypot(*(mapped.drive.poses[r] - query.drive.poses[scan])[:2]) for r in order]
+        right = [k for k, error in enumerate(errors[:DEPTH]) if error <= 25.0]
+        assert found.ranks[scan] == (right[0] if right else NOT_FOUND)
+        assert found.errors_m[scan] == pytest.approx(errors[0])
+        assert found.positive[scan] == (min(errors) <= 25.0)
+        assert found.found[scan] == order[0]
+        assert found.right[scan] == min(rows, key=lambda r: abs(4.0 * r - 4.0 * scan))
+    assert found.places == len(rows)
+    assert not found.positive[-1]
+
+
+def test_a_refused_scan_is_neither_mapped_nor_ever_right(embedded_street: Street) -> None:
+    whole = embedded_street(0, 30)
+    means, uncertainties = whole.means.copy(), whole.uncertainties.copy()
+    means[[0, 7]], uncertainties[[0, 7]] = np.nan, np.inf
+    refused = dataclasses.replace(whole, means=means, uncertainties=uncertainties)
+    assert map_rows(refused, 12.0)[0] == 1
+    found = answers_from(Pair('m', 'g', 'street', 0, 0, 12.0), whole, refused, Rules())
+    assert not found.correct[[0, 7]].any()
+    assert found.correct[10]
+    # Its right pairs are missed at every threshold: recall ends below 1, as if they were further than any other.
+    level, all_of = (answers_from(Pair('m', 'g', 'street', 0, 0, 12.0), whole, d, Rules()) for d in (refused, whole))
+    assert level.pair_level is not None
+    assert all_of.pair_level is not None
+    assert level.pair_level.average_precision < all_of.pair_level.average_precision
+    assert level.pair_level.precisions[-1] == 0.0 < all_of.pair_level.precisions[-1]
+
+
+def test_what_an_encoder_refuses_to_map_is_still_asked_for(embedded_street: Street) -> None:
+    mapped, query = embedded_street(0, 40), embedded_street(1, 40)
+    uncertainties = mapped.uncertainties.copy()
+    uncertainties[:35] = np.inf
+    refused = dataclasses.replace(mapped, uncertainties=uncertainties)
+    pair = Pair('m', 'g', 'street', 0, 1, 12.0)
+    found, whole = (answers_from(pair, drive, query, Rules()) for drive in (refused, mapped))
+    assert (found.places, whole.places) == (3, 14)
+    np.testing.assert_array_equal(found.positive, whole.positive)
+    assert not found.correct[:20].any()
+    nothing = dataclasses.replace(mapped, uncertainties=np.full(40, np.inf))
+    empty = answers_from(pair, nothing, query, Rules())
+    assert (empty.places, int(empty.correct.sum())) == (0, 0)
+    np.testing.assert_array_equal(empty.positive, whole.positive)
+
+
+def test_the_places_around_a_scan_of_the_same_drive_are_left_out(embedded_street: Street) -> None:
+    drive = embedded_street(0, 40)
+    pair = Pair('m', 'g', 'street', 0, 0, 4.0)
+    own = answers_from(pair, drive, drive, Rules())
+    assert own.correct.all()
+    assert (own.errors_m == 0.0).all()
+    # Scans are 1 s and 4 m apart: beyond 6 s nothing is within 25 m.
+    without = answers_from(pair, drive, drive, Rules(exclusion_ns=5 * 10**9))
+    assert (np.abs(without.found - np.arange(40)) > 5).all()
+    assert (without.errors_m >= 24.0).all()
+    assert without.positive.all()
+    assert not answers_from(pair, drive, drive, Rules(exclusion_ns=6 * 10**9)).positive.any()
+
+
+def test_pairs_of_a_search_against_a_loop(embedded_street: Street) -> None:
+    mapped, query = embedded_street(0, 40), embedded_street(1, 30)
+    level = answers_from(Pair('m', 'g', 'street', 0, 1, 12.0), mapped, query, Rules(25.0, 50.0)).pair_level
+    assert level is not None
+    found = []
+    for scan in range(30):
+        for row in map_rows(mapped, 12.0):
+            apart_m = float(np.hypot(*(mapped.drive.poses[row] - query.drive.poses[scan])[:2]))
+            if apart_m <= 25.0 or apart_m > 50.0:
+                found.append((float(np.linalg.norm(mapped.means[row] - query.means[scan])), apart_m <= 25.0))
+    hits, area, relevant = 0, 0.0, sum(right for _, right in found)
+    for accepted, (_, right) in enumerate(sorted(found), start=1):
+        hits += right
+        area += right / relevant * hits / accepted
+    assert level.average_precision == pytest.approx(area, abs=1e-6)
+    assert level.precisions[-1] == pytest.approx(relevant / max(k for k, (_, r) in enumerate(sorted(found), 1) if r))
+    assert (np.diff(level.precisions) <= 0.0).all()

@@ -1,0 +1,214 @@
+"""Drives and embeddings on disk: made once, the same afterwards, and never half."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from offradar_ros.config import RingKeyConfig
+from offradar_ros.encoders.protocol import ModelInfo
+from offradar_ros.encoders.ring_key import RingKeyEncoder
+from offradar_ros.errors import ConfigError, DataError, RefusedInput
+from offradar_ros.lab.evaluation import embedding_cache
+from offradar_ros.lab.evaluation.drives import CityDrive, StreetDrive, drives_of
+from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive, embedded, encode
+from offradar_ros.lab.evaluation.evaluated_drive import EvaluatedDrive
+from offradar_ros.lab.evaluation.methods import open_method
+from offradar_ros.lab.evaluation.protocol import Group, Lane, Protocol, RealStreets, Validation
+from offradar_ros.lab.evaluation.scan_cache import cached_drives
+from offradar_ros.lab.evaluation.thresholds import thresholds_from
+from offradar_ros.types import Embedding, PolarScan
+
+
+def quiet(done: int, total: int) -> None:
+    del done, total
+
+
+CITY = CityDrive('g', 2_999_999, 0, Lane(), 'drawn', scans=5, spacing_m=5.0, degraded=0.4)
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp('scans')
+
+
+@pytest.fixture(scope='module')
+def city(folder: Path) -> EvaluatedDrive:
+    return cached_drives([CITY], folder, quiet, processes=1)[0]
+
+
+def test_a_cached_drive_is_the_simulated_one(city: EvaluatedDrive) -> None:
+    sequence, indices, driven_m = CITY.simulate()
+    assert len(city) == len(indices) == 5
+    np.testing.assert_allclose(np.diff(driven_m).mean(), 5.0, atol=1.0)
+    for row, index in enumerate(indices.tolist()):
+        scan, kept = sequence.scan(index), city.scan(row)
+        np.testing.assert_array_equal(kept.power, scan.power)
+        np.testing.assert_array_equal(kept.azimuths_rad, scan.azimuths_rad)
+        assert (kept.stamp_ns, kept.range_resolution_m) == (scan.stamp_ns, scan.range_resolution_m)
+        fault = sequence.degradations[index]
+        assert city.kinds[row] == (fault.kind.value if fault else '')
+        assert city.severities[row] == (fault.severity if fault else 0.0)
+    np.testing.assert_array_equal(city.poses, sequence.poses[indices])
+
+
+def test_a_drive_is_rendered_once_whatever_its_group(city: EvaluatedDrive, folder: Path) -> None:
+    before = sorted(folder.iterdir())
+    again = cached_drives([dataclasses.replace(CITY, group='another')], folder, pytest.fail)[0]
+    assert again.group == 'another'
+    np.testing.assert_array_equal(again.scan(2).power, city.scan(2).power)
+    assert sorted(folder.iterdir()) == before
+
+
+def test_a_damaged_drive_is_named(city: EvaluatedDrive, tmp_path: Path, folder: Path) -> None:
+    for file in folder.iterdir():
+        (tmp_path / file.name).write_bytes(file.read_bytes()[:200])
+    with pytest.raises(DataError, match='damaged simulated drive'):
+        cached_drives([CITY], tmp_path, quiet)
+
+
+def test_streets_are_driven_as_recorded(tmp_path: Path) -> None:
+    image = np.full((200, 400), 254, np.uint8)
+    image[90:96, 20:380] = 0
+    cv2.imwrite(str(tmp_path / 'm.png'), image)
+    (tmp_path / 'm.yaml').write_text('image: m.png\nresolution: 0.5\norigin: [-100, -50, 0]\n')
+    for name, y_m in (('a.tum', -10.0), ('b.tum', -12.0)):
+        lines = [f'{0.25 * k} {-80 + 2.0 * k} {y_m} 0 0 0 0 1' for k in range(60)]
+        (tmp_path / name).write_text('\n'.join(lines))
+    street = RealStreets('toy', 'm.yaml', ('a.tum', 'b.tum'), 7, (0.0, -10.0), 20.0)
+    drive = StreetDrive('g', street, 1, 'nominal', 5.0, 0.0, str(tmp_path))
+    made = drive.simulate()
+    poses = made.sequence.poses[made.indices]
+    assert np.hypot(poses[:, 0], poses[:, 1] + 10.0).max() <= 20.0
+    np.testing.assert_allclose(poses[:, 1], -12.0, atol=0.5)
+    assert 7 <= len(poses) <= 9
+    digest = drive.source_digest()
+    (tmp_path / 'b.tum').write_text('\n'.join(lines[:40]))
+    assert drive.source_digest() != digest
+    with pytest.raises(DataError, match=r'c\.tum: cannot be read'):
+        dataclasses.replace(drive, street=dataclasses.replace(street, traversals=('a.tum', 'c.tum'))).source_digest()
+
+
+def test_streets_are_left_out_without_their_folder(tmp_path: Path) -> None:
+    street = RealStreets('toy', 'm.yaml', ('a.tum', 'b.tum'), 7)
+    group = Group('g', 'G', 'drawn', cities=(3, 4), streets=(street,))
+    protocol = Protocol('p', 'P', (group,), (Lane(), Lane(1.0)), Validation((9,), scans=7))
+    without = list(drives_of(protocol, None))
+    assert [d.world for d in without] == ['city_3'] * 2 + ['city_4'] * 2 + ['city_9']
+    assert [d.world for d in drives_of(protocol, tmp_path)][4:6] == ['toy', 'toy']
+    assert (without[-1].group, without[-1].scans, without[-1].degraded) == ('validation', 7, 0.0)
+
+
+class Odd:
+    """Refuses scan 1, gives NaN for scan 2, and counts."""
+
+    runs_on = 'cpu'
+
+    def __init__(self) -> None:
+        self.calls = 0
+
+    @property
+    def info(self) -> ModelInfo:
+        return ModelInfo('odd', 'f' * 64, 3, {})
+
+    def encode(self, scan: PolarScan) -> Embedding:
+        self.calls += 1
+        number = scan.stamp_ns // 10**9
+        if number == 1:
+            raise RefusedInput('no_signal', 'nothing there')
+        value = np.nan if number == 2 else number
+        return Embedding(scan.stamp_ns, np.full(3, value, np.float32), np.full(3, 0.5, np.float32))
+
+
+def test_embeddings_are_made_once(embedded_street: Callable[..., EmbeddedDrive], tmp_path: Path) -> None:
+    drive, encoder = embedded_street(0, 6).drive, Odd()
+    first = embedded(encoder, drive, tmp_path, quiet)
+    assert first.usable.tolist() == [True, False, False, True, True, True]
+    assert first.means[3].tolist() == [3.0, 3.0, 3.0]
+    second = embedded(encoder, drive, tmp_path, quiet)
+    assert encoder.calls == 6
+    np.testing.assert_array_equal(first.means, second.means)
+    np.testing.assert_array_equal(first.uncertainties, second.uncertainties)
+    next(tmp_path.rglob('*.means.npy')).write_bytes(b'')
+    with pytest.raises(DataError, match='damaged embeddings'):
+        embedded(encoder, drive, tmp_path, quiet)
+
+
+def test_networks_are_run_in_batches_as_one_by_one(
+    embedded_street: Callable[..., EmbeddedDrive], tmp_path: Path
+) -> None:
+    torch = pytest.importorskip('torch')
+    network_files = pytest.importorskip('offradar_ros.encoders.networks.files')
+    from offradar_ros.encoders.network_config import NetworkConfig  # noqa: PLC0415
+    from offradar_ros.encoders.networks.registry import make_network  # noqa: PLC0415
+
+    torch.manual_seed(1)
+    network = make_network(NetworkConfig(backbone='compact', side_px=32, resolution_m=4.0))
+    network_files.save_network(tmp_path / 'best.safetensors', network)
+    # A run's folder, under a name that only this comparison knows.
+    method = open_method(f'variant={tmp_path}', tmp_path, seed=0, spacing_m=5.0, threads=1)
+    assert (method.name, Path(method.weights).name) == ('variant', 'best.safetensors')
+    drive = embedded_street(0, 20).drive
+    encoder = method.encoder_for(drive)
+    made = encode(encoder, drive, quiet)
+    for row in (0, 15, 16, 19):
+        alone = encoder.encode(drive.scan(row))
+        np.testing.assert_allclose(made.means[row], alone.mean, rtol=1e-3, atol=1e-5)
+        assert made.uncertainties[row] == pytest.approx(alone.uncertainty, rel=1e-3)
+
+
+def test_rad_vlad_is_fitted_to_each_map_once(embedded_street: Callable[..., EmbeddedDrive], tmp_path: Path) -> None:
+    pytest.importorskip('safetensors')
+    method = open_method('rad_vlad', tmp_path, seed=3, spacing_m=5.0)
+    assert method.fitted
+    one, two = (embedded_street(index, 12).drive for index in range(2))
+    first = method.encoder_for(one).info.fingerprint
+    assert method.encoder_for(two).info.fingerprint != first
+    assert method.encoder_for(one).info.fingerprint == first
+    assert len(list(tmp_path.rglob('*.safetensors'))) == 2
+
+
+def test_methods_by_name(tmp_path: Path, embedded_street: Callable[..., EmbeddedDrive]) -> None:
+    method = open_method('ring_key', tmp_path, seed=0, spacing_m=5.0)
+    info = method.encoder_for(embedded_street(0, 3).drive).info
+    assert info.fingerprint == RingKeyEncoder(RingKeyConfig()).info.fingerprint
+    for text in ('ours', '', 'stun='):
+        with pytest.raises(ConfigError, match='expected NAME=WEIGHTS'):
+            open_method(text, tmp_path, seed=0, spacing_m=5.0)
+
+
+def test_a_long_drive_goes_on_block_by_block(
+    embedded_street: Callable[..., EmbeddedDrive], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(embedding_cache, 'BLOCK', 10)
+    drive, encoder = embedded_street(0, 35).drive, Odd()
+
+    def interrupt(done: int, total: int) -> None:
+        assert total == 35
+        if done > 24:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        embedded(encoder, drive, tmp_path, interrupt)
+    before = encoder.calls
+    assert before <= 30
+    made = embedded(encoder, drive, tmp_path, quiet)
+    # The first two blocks were kept.
+    assert encoder.calls - before == 15
+    whole = encode(Odd(), drive, quiet)
+    np.testing.assert_array_equal(made.means, whole.means)
+    np.testing.assert_array_equal(made.uncertainties, whole.uncertainties)
+    assert len(list(tmp_path.rglob('*.npy'))) == 2
+
+
+def test_thresholds_span_the_validation_drives() -> None:
+    found = thresholds_from([0.9, 1.3, np.inf, 1.1], Validation((1,), quantile=0.5, levels=4))
+    assert found.static == pytest.approx((0.7, 0.85, 1.0, 1.15, 1.3))
+    assert found.deployed == pytest.approx(1.1)
+    assert thresholds_from([0.9, 1.3], Validation((1,)), given=1.2).deployed == 1.2
+    assert thresholds_from([], Validation((1,))).static == ()

@@ -1,0 +1,158 @@
+"""O, M, Q, QM: maps maintained by the deployed algorithm, against a few lines of plain Python."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from offradar_ros.config import MapConfig
+from offradar_ros.lab.evaluation.answers import Pair, Rules, answers, answers_from, map_rows, places_of
+from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive
+from offradar_ros.lab.evaluation.introspection import summarise_ablation
+from offradar_ros.lab.evaluation.maintenance import Ablation, ablate, merges, most_certain, opportunities, with_scans
+from offradar_ros.lab.evaluation.protocol import Maintenance, Protocol
+from offradar_ros.mapping.parent_map import MergeKind, ParentMap
+from offradar_ros.mapping.place_columns import PlaceColumns
+from offradar_ros.types import Embedding, PlaceTable, Pose
+
+PLAN = Maintenance(match_distance_m=5.0, random_repeats=3)
+PAIR = Pair('m', 'g', 'street', 0, 2, 12.0)
+
+
+@pytest.fixture(scope='module')
+def drives(embedded_street: Callable[..., EmbeddedDrive]) -> list[EmbeddedDrive]:
+    return [embedded_street(index, 90) for index in range(3)]
+
+
+def ablated(drives: list[EmbeddedDrive]) -> Ablation:
+    first, second, query = drives
+    unmaintained = answers_from(PAIR, first, query, Rules())
+    return ablate(unmaintained, first, [second], query, PLAN, Rules(), seed=1)
+
+
+@pytest.fixture(scope='module')
+def ablation(drives: list[EmbeddedDrive]) -> Ablation:
+    return ablated(drives)
+
+
+def test_every_ordered_pair_has_the_others_merged(drives: list[EmbeddedDrive]) -> None:
+    turns = [(m.drive.index, [d.drive.index for d in between], q.drive.index) for m, between, q in merges(drives)]
+    assert turns == [(0, [2], 1), (0, [1], 2), (1, [2], 0), (1, [0], 2), (2, [1], 0), (2, [0], 1)]
+    assert not list(merges(drives[:2]))
+
+
+def test_what_is_only_searched_for_is_never_mapped(drives: list[EmbeddedDrive]) -> None:
+    asked = [dataclasses.replace(d, drive=dataclasses.replace(d.drive, mapped=False)) for d in drives[2:]]
+    kept = [dataclasses.replace(d, drive=dataclasses.replace(d.drive, queried=False)) for d in drives[:2]]
+    turns = [(m.drive.index, [d.drive.index for d in between], q.drive.index) for m, between, q in merges(kept + asked)]
+    assert turns == [(0, [1], 2), (1, [0], 2)]
+
+
+def test_the_maintained_map_is_that_of_a_loop(drives: list[EmbeddedDrive], ablation: Ablation) -> None:
+    first, second, query = drives
+    places = [(first, int(row)) for row in map_rows(first, 12.0)]
+    anchors = [drive.drive.poses[row, :2] for drive, row in places]
+    replaced = opportunities = 0
+    for row in range(90):
+        distances = [float(np.hypot(*(anchor - second.drive.poses[row, :2]))) for anchor in anchors]
+        best = int(np.argmin(distances))
+        if distances[best] < 5.0:
+            opportunities += 1
+            drive, at = places[best]
+            if second.uncertainties[row] < drive.uncertainties[at]:
+                places[best] = (second, row)
+                replaced += 1
+    rows = np.array([row for _, row in places])
+    table = dataclasses.replace(
+        places_of(first, rows),
+        means=np.array([drive.means[row] for drive, row in places]),
+        positions_m=np.array([[*drive.drive.poses[row, :2], 0.0] for drive, row in places]),
+    )
+    expected = answers(PAIR, table, query, Rules())
+    before = np.column_stack([anchors, first.uncertainties[map_rows(first, 12.0)]])
+    np.testing.assert_allclose(ablation.before, before, rtol=1e-6)
+    held = [[*drive.drive.poses[row, :2], drive.uncertainties[row]] for drive, row in places]
+    np.testing.assert_allclose(ablation.after, held, rtol=1e-6)
+    assert (ablation.opportunities, ablation.replaced) == (opportunities, replaced)
+    assert 0 < replaced < opportunities
+    np.testing.assert_array_equal(ablation.maintained.ranks, expected.ranks)
+
+
+def test_all_maps_are_of_one_size_and_maintenance_helps(ablation: Ablation, small_protocol: Protocol) -> None:
+    sizes = {a.places for a in (ablation.unmaintained, ablation.maintained, *ablation.random)}
+    assert sizes == {30}
+    assert len(ablation.random) == 3
+    told = summarise_ablation([ablation], 0.6, small_protocol)
+    assert told['M'] > told['O']
+    assert told['M'] > told['M_random']
+    assert told['QM'] > told['Q']
+    assert 0.1 < told['rejected'] < 0.5
+    assert told['gains']['M_over_O']['value'] == pytest.approx(told['M'] - told['O'])
+    assert told['gains']['M_over_M_random']['value'] == pytest.approx(told['M'] - told['M_random'])
+    # One pair says nothing of how pairs differ.
+    assert math.isnan(told['gains']['M_over_O']['low'])
+    several = summarise_ablation([ablation] * 3, math.nan, small_protocol)
+    assert several['gains']['M_over_O']['low'] == pytest.approx(told['M'] - told['O'])
+    assert math.isnan(several['Q'])
+    assert math.isnan(several['rejected'])
+
+
+def test_the_control_draws_anew_each_time_but_the_same_for_a_seed(
+    drives: list[EmbeddedDrive], ablation: Ablation
+) -> None:
+    again = ablated(drives)
+    for a, b in zip(again.random, ablation.random, strict=True):
+        np.testing.assert_array_equal(a.distances, b.distances)
+    assert len({tuple(a.distances.tolist()) for a in ablation.random}) > 1
+
+
+def test_only_certain_queries_are_answered(ablation: Ablation, small_protocol: Protocol) -> None:
+    told = summarise_ablation([ablation], 0.5, small_protocol)
+    chosen = ablation.unmaintained.positive & (ablation.unmaintained.uncertainties <= 0.5)
+    assert told['Q'] == pytest.approx(np.mean(ablation.unmaintained.correct[chosen]))
+    assert told['QM'] == pytest.approx(np.mean(ablation.maintained.correct[chosen]))
+    assert np.isnan(summarise_ablation([ablation], -1.0, small_protocol)['Q'])
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 2**31), st.floats(0.5, 12.0))
+def test_maps_are_those_of_the_deployed_algorithm(seed: int, distance_m: float) -> None:
+    rng = np.random.default_rng(seed)
+
+    def table(count: int, first: int) -> PlaceTable:
+        # Whole metres and few values of U: ties of both kinds.
+        positions_m = np.column_stack([rng.integers(0, 30, (count, 2)), np.zeros(count)]).astype(float)
+        uncertainties = rng.integers(1, 6, count).astype(np.float32)
+        ids = np.arange(count, dtype=np.int64)
+        means = rng.normal(0.0, 1.0, (count, 3)).astype(np.float32)
+        sessions = np.full(count, 2, np.int32)
+        return PlaceTable(ids, sessions, ids + first, positions_m, np.zeros(count), uncertainties, means)
+
+    places, several = table(12, 0), [table(15, 100), table(9, 200)]
+    chances, matches = opportunities(places, several, distance_m)
+    holders, replaced = most_certain(places.uncertainties, chances.uncertainties, matches)
+    found = with_scans(places, chances, holders)
+    parent = ParentMap(MapConfig(match_distance_m=distance_m, insert_unmatched=False), 3)
+    columns = PlaceColumns(3, len(places))
+    columns.upsert(places)
+    parent.load(columns, places.positions_m[:, :2], len(places))
+    kinds = [
+        parent.merge(
+            Embedding(int(scans.stamps_ns[row]), scans.means[row], np.full(3, scans.uncertainties[row], np.float32)),
+            Pose(*scans.positions_m[row].tolist(), 0.0),
+            2,
+        ).kind
+        for scans in several
+        for row in range(len(scans))
+    ]
+    assert replaced == kinds.count(MergeKind.REPLACED)
+    expected = parent.table()
+    np.testing.assert_array_equal(found.stamps_ns, expected.stamps_ns)
+    np.testing.assert_array_equal(found.means, expected.means)
+    np.testing.assert_array_equal(found.positions_m, expected.positions_m)

@@ -1,0 +1,58 @@
+"""Precision and recall of pairs against scikit-learn and loops."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from offradar_ros.lab.evaluation.metrics.pair_level import RECALLS, PairTally, pair_curve, precisions_at
+from offradar_ros.lab.evaluation.metrics.precision_recall import precision_recall
+
+DISTANCES = st.lists(st.integers(0, 12).map(lambda value: value / 4.0), min_size=1, max_size=40)
+
+
+@settings(max_examples=100, deadline=None)
+@given(DISTANCES, DISTANCES)
+def test_the_area_is_that_of_every_threshold(right: list[float], wrong: list[float]) -> None:
+    metrics = pytest.importorskip('sklearn.metrics')
+    labels = [True] * len(right) + [False] * len(wrong)
+    expected = metrics.average_precision_score(labels, -np.array([*right, *wrong]))
+    assert pair_curve(right, wrong).average_precision == pytest.approx(expected)
+
+
+@settings(max_examples=100, deadline=None)
+@given(DISTANCES, DISTANCES)
+def test_precision_at_a_recall_is_the_highest_from_there_on(right: list[float], wrong: list[float]) -> None:
+    points = []
+    for threshold in sorted({*right, *wrong}):
+        hits, misses = (sum(distance <= threshold for distance in part) for part in (right, wrong))
+        if hits:
+            points.append((hits / len(right), hits / (hits + misses)))
+    expected = [max(p for r, p in points if r >= recall - 1e-9) for recall in RECALLS]
+    np.testing.assert_allclose(precisions_at(pair_curve(right, wrong), RECALLS), expected)
+
+
+def test_precision_is_0_where_recall_is_never_so_high() -> None:
+    curve = precision_recall([1.0, 2.0], [True, False], relevant=4.0)
+    assert precisions_at(curve, np.array([0.0, 0.25, 0.26, 1.0])).tolist() == [1.0, 1.0, 0.0, 0.0]
+
+
+def test_blocks_add_up() -> None:
+    rng = np.random.default_rng(2)
+    distances, right = rng.random((10, 7)), rng.random((10, 7)) < 0.3
+    wrong = ~right & (rng.random((10, 7)) < 0.8)
+    whole, parts = PairTally(), PairTally()
+    whole.add(distances, right, wrong)
+    for rows in (slice(0, 4), slice(4, 10)):
+        parts.add(distances[rows], right[rows], wrong[rows])
+    assert parts.level().average_precision == whole.level().average_precision
+    expected = pair_curve(distances[right], distances[wrong]).average_precision
+    assert whole.level().average_precision == pytest.approx(expected, abs=1e-6)
+
+
+def test_without_a_right_pair_nothing_is_known() -> None:
+    level = PairTally().level()
+    assert np.isnan(level.average_precision)
+    assert np.isnan(level.precisions).all()

@@ -1,0 +1,169 @@
+"""A report of a small evaluation: what it says, and that a browser shows all of it."""
+
+from __future__ import annotations
+
+import csv
+import html
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from offradar_ros.cli.main import app
+from offradar_ros.errors import DataError
+from offradar_ros.lab.report.paper_tables import PAPER_TABLES
+from offradar_ros.lab.report.source import Source, read_source
+
+pytest.importorskip('matplotlib')
+jinja2 = pytest.importorskip('jinja2')
+
+PROTOCOL = """
+name: tiny
+title: 'Tiny <cities> & "streets"'
+groups:
+  - {name: a, title: A & B, cities: [2999971]}
+lanes: [{}, {left_m: 1.0}, {left_m: -1.0}]
+scans: 12
+validation: {cities: [2999972], scans: 6}
+map_spacings_m: [5.0, 15.0]
+resamples: 5
+"""
+
+BROWSER = next(filter(None, map(shutil.which, ('chromium', 'chromium-browser', 'google-chrome'))), None)
+FLAGS = (
+    '--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --disable-background-networking '
+    '--disable-component-update --disable-sync --enable-logging=stderr --virtual-time-budget=20000 --dump-dom'
+)
+COUNT_SCRIPT = """<script>
+const images = [...document.images];
+document.documentElement.setAttribute('data-seen', JSON.stringify(
+  images.map(image => [image.closest('section').id, image.naturalWidth, image.alt.length > 0])));
+if (location.hash) throw new Error('not of the page');
+</script>"""
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp('report')
+    (folder / 'tiny.yaml').write_text(PROTOCOL)
+    for command in (['evaluate', folder / 'tiny.yaml', '--method', 'ring_key', '--out', folder], ['report', folder]):
+        done = CliRunner().invoke(app, [str(word) for word in command], catch_exceptions=False)
+        assert done.exit_code == 0, done.output
+    return folder
+
+
+@pytest.fixture(scope='module')
+def source(folder: Path) -> Source:
+    return read_source(folder)
+
+
+def rows_of(folder: Path, name: str) -> list[list[str]]:
+    with (folder / 'report' / 'tables' / f'{name}.csv').open(newline='') as file:
+        return list(csv.reader(file))
+
+
+def test_the_tables_hold_the_results(folder: Path) -> None:
+    results = json.loads((folder / 'results.json').read_text())
+    figures = results['groups']['a']['5']['ring_key']
+    (head, row) = rows_of(folder, 'recognition_a_5m')
+    told = dict(zip(head, row, strict=True))
+    assert told['method'] == 'RingKey'
+    assert told['R@1 (%)'] == f'{100 * figures["recall_at_1"]["value"]:.2f}'
+    assert told['R@1 of all (%)'] == f'{100 * figures["every_query"]["recall_at_1"]:.2f}'
+    assert told['F2'] == f'{figures["max_f_beta"]["2"]["value"]:.3f}'
+    assert told['AP of pairs'] == f'{figures["pair_level"]["average_precision"]["value"]:.3f}'
+    (head, row) = rows_of(folder, 'ablation_a_15m')
+    assert row[head.index('M')] == f'{100 * results["maintenance"]["a"]["15"]["ring_key"]["M"]:.2f}'
+    thresholds = rows_of(folder, 'thresholds_a_5m')[1:]
+    assert 1 <= len(thresholds) <= 21
+    assert [row[2] for row in thresholds].count('0') <= 1
+    assert [float(row[1]) for row in thresholds] == sorted((float(row[1]) for row in thresholds), reverse=True)
+
+
+def test_what_was_driven_is_told(folder: Path) -> None:
+    table = rows_of(folder, 'drives')
+    assert [row[0] for row in table[1:]] == ['city_2999971_1', 'city_2999971_2', 'city_2999971_3', 'city_2999972_1']
+    assert [row[2] for row in table[1:]] == ['12', '12', '12', '6']
+    assert [row[4] for row in table[1:]] == ['mapped and searched'] * 3 + ['validation']
+    assert all(40.0 < float(row[3]) < 75.0 for row in table[1:4])
+
+
+def test_the_printed_f_columns_are_no_maxima_of_f_beta() -> None:
+    """Why nothing is compared with those columns, whatever β each of them is."""
+    rows = [row for table in PAPER_TABLES.values() for row in table.values()]
+    # To accept everything gives F_β = Recall@1 for every β: no maximum over thresholds is below that.
+    below = sum(row.f_printed[1] + 0.005 < row.recall_at_1 / 100.0 for row in rows)
+    assert (below, len(rows)) == (11, 13)
+    # As printed, F1 is above the harmonic mean of F0.5 and F2 in every row, where it can be at most that.
+    for row in rows:
+        one, half, two = row.f_printed
+        assert 1.0 / (one - 0.005) < (1.0 / (half + 0.005) + 1.0 / (two + 0.005)) / 2.0
+
+
+def test_every_caption_says_that_scans_are_simulated(folder: Path) -> None:
+    text = (folder / 'report' / 'report.md').read_text()
+    pictures = re.findall(r'!\[.*\]\(figures/.*\.png\)\n\n(.*)\n', text)
+    assert len(pictures) >= 7
+    assert all('simulated' in caption.lower() for caption in pictures)
+
+
+def test_markdown_and_page_tell_the_same_and_load_nothing(folder: Path) -> None:
+    page = (folder / 'report' / 'report.html').read_text()
+    text = (folder / 'report' / 'report.md').read_text()
+    titles = re.findall('^## (.*)$', text, re.MULTILINE)
+    assert [html.unescape(title) for title in re.findall('<h2>(.*)</h2>', page)] == titles
+    assert 'Tiny &lt;cities&gt; &amp; ' in page
+    assert not re.search(r'(src|href)="(?!data:|#)', page)
+    assert '<script' not in page
+    for name in re.findall(r'figures/(.*\.png)', text):
+        assert (folder / 'report' / 'figures' / name).read_bytes()[:4] == b'\x89PNG'
+
+
+@pytest.mark.skipif(BROWSER is None, reason='no Chromium on this machine')
+def test_a_browser_shows_every_figure_without_an_error(folder: Path, tmp_path: Path) -> None:
+    page = (folder / 'report' / 'report.html').read_text()
+    seen, errors = browse(page.replace('</body>', COUNT_SCRIPT + '</body>'), tmp_path)
+    names = {path.stem for path in (folder / 'report' / 'figures').iterdir()}
+    assert {name for name, _, _ in seen} == names
+    assert all(width > 100 and described for _, width, described in seen)
+    assert not errors
+    # A page that fails is noticed.
+    broken = page.replace('</body>', '<script>missing();</script>' + COUNT_SCRIPT + '</body>')
+    broken = broken.replace('data:image/png;base64,iVBOR', 'data:image/png;base64,AAAAA', 1)
+    seen, errors = browse(broken, tmp_path)
+    assert errors
+    assert any(width == 0 for _, width, _ in seen)
+
+
+def browse(page: str, folder: Path) -> tuple[list[tuple[str, int, bool]], list[str]]:
+    """Section, width and whether it is described, of each image; and errors on the console."""
+    (folder / 'page.html').write_text(page)
+    assert BROWSER is not None
+    profile = folder / 'profile'
+    command = [BROWSER, *FLAGS.split(), f'--user-data-dir={profile}', (folder / 'page.html').as_uri()]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=100, check=True)
+    found = re.search('data-seen="([^"]*)"', done.stdout)
+    assert found
+    return json.loads(html.unescape(found[1])), re.findall('.*CONSOLE.*', done.stderr)
+
+
+def test_a_folder_without_an_evaluation_is_refused(tmp_path: Path, folder: Path) -> None:
+    with pytest.raises(DataError, match=r'expected the results\.json'):
+        read_source(tmp_path)
+    shutil.copy(folder / 'results.json', tmp_path)
+    with pytest.raises(DataError, match=r'expected scans\.npy and maps\.npz'):
+        read_source(tmp_path)
+
+
+def test_rows_of_a_group_are_those_of_its_pairs(source: Source) -> None:
+    results = source.results
+    for maintained in (False, True):
+        rows = source.answered('a', '15', 'ring_key', maintained)
+        recall = float(np.mean(rows['rank'] == 0))
+        told = results['maintenance']['a']['15']['ring_key']
+        assert recall == pytest.approx(told['M' if maintained else 'O'])

@@ -1,0 +1,103 @@
+"""Cities from seeds."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from offradar_ros.errors import ConfigError
+from offradar_ros.lab.simulation.city import CityPlan, District, make_city
+from offradar_ros.lab.simulation.walk import make_route
+from offradar_ros.lab.simulation.world import World
+
+SMALL = CityPlan(seed=1, blocks=(2, 2), route_m=400.0)
+
+
+def arrays(world: World) -> list[np.ndarray]:
+    assert world.route is not None
+    return [*dataclasses.astuple(world.reflectors), world.parking, world.route.points_m]
+
+
+def test_a_seed_makes_one_city_and_another_seed_another() -> None:
+    one, same, other = (make_city(dataclasses.replace(SMALL, seed=seed)) for seed in (4, 4, 5))
+    assert all(a.tobytes() == b.tobytes() for a, b in zip(arrays(one), arrays(same), strict=True))
+    assert one.reflectors.walls_m.shape != other.reflectors.walls_m.shape
+
+
+@pytest.mark.parametrize('seed', range(3))
+@pytest.mark.parametrize('district', list(District))
+def test_the_road_is_free_and_something_stands_along_it(seed: int, district: District) -> None:
+    city = make_city(dataclasses.replace(SMALL, seed=seed, districts=(district,)))
+    assert city.route is not None
+    seen = city.reflectors
+    along = np.linspace(0.0, 1.0, 9)[:, None, None]
+    samples = ((1 - along) * seen.walls_m[None, :, 0] + along * seen.walls_m[None, :, 1]).reshape(-1, 2)
+    line = cKDTree(city.route.points_m)
+    assert line.query(samples)[0].min() > 3.5
+    near = line.query(seen.scatterers_m)[0]
+    assert near.min() > 2.0 and np.count_nonzero(near < 20.0) > 50
+    if len(city.parking):
+        assert line.query(city.parking[:, :2])[0].min() > 3.5
+
+
+def test_buildings_are_whole() -> None:
+    """No street cuts through one: every corner joins two walls."""
+    seen = make_city(dataclasses.replace(SMALL, districts=(District.INDUSTRIAL,))).reflectors
+    solid = seen.walls_m[seen.wall_through < 0.1]
+    starts, ends = ({(round(x, 6), round(y, 6)) for x, y in solid[:, end].tolist()} for end in (0, 1))
+    assert len(solid) > 50 and starts == ends
+
+
+def test_districts_differ_in_what_stands_there() -> None:
+    def area(district: District) -> tuple[int, int]:
+        seen = make_city(dataclasses.replace(SMALL, districts=(district,))).reflectors
+        solid = np.count_nonzero((seen.wall_through < 0.1) & (seen.wall_powers > 1e4))
+        return solid, np.count_nonzero((seen.scatterer_powers < 10**4.2) & (seen.scatterer_powers > 10**2.4))
+
+    (dense, _), (_, leaves_of_a_park), (open_, leaves_in_the_open) = (
+        area(kind) for kind in (District.DENSE, District.PARK, District.OPEN)
+    )
+    assert dense > 5 * open_
+    assert leaves_of_a_park > 2 * leaves_in_the_open
+
+
+def test_two_cities_of_one_kind_are_not_built_alike() -> None:
+    counts = [
+        len(make_city(dataclasses.replace(SMALL, seed=seed, districts=(District.DENSE,))).reflectors.wall_powers)
+        for seed in range(4)
+    ]
+    assert max(counts) > 1.15 * min(counts)
+
+
+@pytest.mark.parametrize('closed', [True, False])
+@pytest.mark.parametrize('least_m', [0.0, 1000.0, 3000.0])
+def test_routes_are_long_enough_and_never_turn_round(closed: bool, least_m: float) -> None:
+    streets = make_city(SMALL).streets
+    assert streets is not None
+    for seed in range(6):
+        route = make_route(streets, seed, least_m, closed)
+        assert route.closed == closed
+        # Rounded corners are shorter.
+        assert route.length_m > 0.9 * least_m
+        poses = route.at(np.arange(0.0, route.length_m, 2.0))
+        turns = np.angle(np.exp(1j * np.diff(poses[:, 2])))
+        assert np.abs(turns).max() < 0.6
+
+
+def test_routes_stay_where_the_city_goes_on_around_them() -> None:
+    city = make_city(SMALL)
+    assert city.streets is not None
+    for seed in range(4):
+        points = make_route(city.streets, seed, 1500.0).points_m
+        reach = city.reflectors.scatterers_m
+        assert np.all(points.min(axis=0) > reach.min(axis=0) + 60.0)
+        assert np.all(points.max(axis=0) < reach.max(axis=0) - 60.0)
+
+
+@pytest.mark.parametrize('wrong', [{'blocks': (0, 2)}, {'block_m': 3.0}, {'districts': ()}, {'route_m': -1.0}])
+def test_a_plan_outside_its_bounds_is_refused(wrong: dict[str, object]) -> None:
+    with pytest.raises(ConfigError, match='of a city: expected'):
+        CityPlan(**wrong)

@@ -1,0 +1,124 @@
+"""Simulated drives: reproducible, and true to their ground truth."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from offradar_ros.geometry import LocalFrame
+from offradar_ros.lab.simulation.city import CityPlan, make_city
+from offradar_ros.lab.simulation.degradation import DegradationKind
+from offradar_ros.lab.simulation.sensor import SimulatedSensor
+from offradar_ros.lab.simulation.sequence import ORIGIN, SimulatedSequence
+from offradar_ros.lab.simulation.session_plan import SessionPlan
+from offradar_ros.sequence import RadarSequence
+
+SENSOR = SimulatedSensor(azimuths=200, range_bins=288, range_resolution_m=0.3472)
+
+
+@pytest.fixture(scope='module')
+def town():
+    return make_city(CityPlan(seed=1, blocks=(2, 2), route_m=500.0))
+
+
+def drive(town, **plan) -> SimulatedSequence:
+    return SimulatedSequence(town, SessionPlan(**({'scans': 20} | plan)), SENSOR)
+
+
+def test_it_is_a_radar_sequence(town):
+    sequence = drive(town, name='monday')
+    assert isinstance(sequence, RadarSequence)
+    assert (sequence.name, sequence.layout, len(sequence)) == ('monday', 'simulation', 20)
+    scan = sequence.scan(3)
+    assert scan.power.shape == (200, 288) and scan.power.dtype == np.uint8
+    assert scan.stamp_ns == sequence.stamps_ns[3]
+    assert scan.range_resolution_m == SENSOR.range_resolution_m
+    assert scan.azimuths_rad[50] == pytest.approx(np.pi / 2)
+    for index in (-1, 20):
+        with pytest.raises(IndexError):
+            sequence.scan(index)
+
+
+def test_a_seed_gives_the_same_bytes_in_any_order(town):
+    one, other = (
+        drive(town, seed=3, degraded=0.5),
+        drive(make_city(CityPlan(seed=1, blocks=(2, 2), route_m=500.0)), seed=3, degraded=0.5),
+    )
+    forwards = [one.scan(i).power.tobytes() for i in range(20)]
+    backwards = [other.scan(i).power.tobytes() for i in reversed(range(20))][::-1]
+    assert forwards == backwards
+    assert one.degradations == other.degradations
+    assert drive(town, seed=4).scan(0).power.tobytes() != drive(town, seed=3).scan(0).power.tobytes()
+
+
+def test_stamps_are_the_middle_of_each_rotation(town):
+    sequence = drive(town, start_ns=10**18)
+    assert sequence.stamps_ns.tolist() == [10**18 + 125_000_000 + 250_000_000 * i for i in range(20)]
+    rows = sequence.scan(4).azimuth_stamps_ns
+    assert rows[0] == 10**18 + 10**9 and rows[100] == sequence.stamps_ns[4]
+    assert np.all(np.diff(rows) > 0) and rows[-1] < sequence.scan(5).azimuth_stamps_ns[0]
+
+
+def test_the_trajectory_gives_the_true_pose_at_each_scan(town):
+    sequence = drive(town, left_m=1.0)
+    assert sequence.trajectory.geodetic
+    local = sequence.trajectory.in_frame(LocalFrame(ORIGIN))
+    for stamp, (x, y, heading) in zip(sequence.stamps_ns.tolist(), sequence.poses.tolist(), strict=True):
+        pose = local.at(stamp, max_gap_ns=10**9)
+        assert (pose.x_m, pose.y_m) == pytest.approx((x, y), abs=0.02)
+        assert np.cos(pose.yaw_rad - heading) > 0.999
+
+
+def test_the_plan_sets_start_speed_lane_and_direction(town):
+    line = town.route.at(np.array([30.0]))[0]
+    plain, left = (drive(town, start_m=30.0, left_m=left_m, scans=200).poses for left_m in (0.0, 2.0))
+    assert np.hypot(*(plain[0, :2] - line[:2])) < 2.5
+    assert np.hypot(*(plain - left)[:, :2].T).mean() == pytest.approx(2.0, abs=0.2)
+    steps = np.hypot(*np.diff(plain[:, :2], axis=0).T) / 0.25
+    assert steps.mean() == pytest.approx(8.0, abs=0.5) and steps.std() > 0.2
+    back = drive(town, start_m=30.0, reverse=True).poses
+    assert np.cos(back[0, 2] - plain[0, 2]) < -0.99
+    ahead = np.array([np.cos(back[0, 2]), np.sin(back[0, 2])])
+    assert (back[5, :2] - back[0, :2]) @ ahead > 5.0
+
+
+def test_the_ground_truth_names_every_degraded_scan(town):
+    sequence = drive(town, scans=90, degraded=1 / 3)
+    kinds = [degradation.kind for degradation in sequence.degradations if degradation]
+    assert len(kinds) == 30 and set(kinds) == set(DegradationKind)
+    assert all(0.05 <= d.severity <= 1.0 for d in sequence.degradations if d)
+    assert not any(drive(town).degradations)
+
+
+def test_degraded_scans_differ_from_those_of_a_clean_drive_and_no_others_do(town):
+    spoiled, clean = drive(town, scans=30, degraded=0.5), drive(town, scans=30)
+    for index, degradation in enumerate(spoiled.degradations):
+        alike = spoiled.scan(index).power.tobytes() == clean.scan(index).power.tobytes()
+        assert alike == (degradation is None)
+
+
+def test_the_same_place_looks_alike_on_another_drive_and_another_place_does_not(town):
+    """Mean power against range, recognised across drives: a ring key in three lines."""
+
+    def keys(sequence, indices):
+        rows = np.stack([sequence.scan(i).power[:, 10:].astype(float) for i in indices])
+        return (rows / np.linalg.norm(rows, axis=2, keepdims=True)).mean(axis=1)
+
+    scans = int(town.route.length_m / 8.0 / 0.25)
+    mapping, driving = drive(town, seed=5, scans=scans), drive(town, seed=6, scans=scans, start_m=20.0)
+    mapped, asked = np.arange(0, scans, 2), np.arange(0, scans, 9)
+    distances = np.linalg.norm(keys(driving, asked)[:, None] - keys(mapping, mapped)[None], axis=2)
+    found = mapping.poses[mapped][distances.argmin(axis=1), :2]
+    assert np.mean(np.hypot(*(found - driving.poses[asked, :2]).T) < 25.0) > 0.7
+
+
+def test_parked_cars_and_traffic_change_from_drive_to_drive(town):
+    quiet = drive(town, traffic=0.0, parked=0.0, scans=1).scan(0).power.astype(float)
+    busy = drive(town, traffic=60.0, parked=1.0, scans=1).scan(0).power.astype(float)
+    assert (busy > 60).sum() > (quiet > 60).sum()
+
+
+def test_an_origin_elsewhere_moves_the_trajectory_only(town):
+    moved = SimulatedSequence(town, SessionPlan(scans=2), SENSOR, dataclasses.replace(ORIGIN, latitude_deg=-33.0))
+    assert moved.trajectory.positions[0, 0] == pytest.approx(-33.0, abs=0.01)
+    assert moved.scan(0).power.tobytes() == drive(town, scans=2).scan(0).power.tobytes()

@@ -1,0 +1,272 @@
+"""The loop learns, says what it does, stops when told to, and goes on as if it had not stopped."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip('torch')
+
+from offradar_ros.encoders.network_config import NetworkConfig  # noqa: E402
+from offradar_ros.encoders.networks.files import load_network  # noqa: E402
+from offradar_ros.errors import ModelError  # noqa: E402
+from offradar_ros.lab.training.batches import BatchSampler  # noqa: E402
+from offradar_ros.lab.training.cache import CachedDrive  # noqa: E402
+from offradar_ros.lab.training.checkpoint import read_progress  # noqa: E402
+from offradar_ros.lab.training.config import (  # noqa: E402
+    BatchConfig,
+    ContrastConfig,
+    LossConfig,
+    OptimiserConfig,
+    TrainingConfig,
+    ValidationConfig,
+)
+from offradar_ros.lab.training.loop import BEST, CHECKPOINT, LAST, Loop  # noqa: E402
+from offradar_ros.lab.training.objectives import make_objective  # noqa: E402
+from offradar_ros.lab.training.parallel import Group  # noqa: E402
+from offradar_ros.lab.training.run_log import read_log  # noqa: E402
+from offradar_ros.lab.training.validation import validate, validation_drives  # noqa: E402
+
+MakeDrive = Callable[..., CachedDrive]
+
+CONFIG = TrainingConfig(
+    network=NetworkConfig(backbone='compact', dimension=16, azimuths=24, range_bins=16, resolution_m=4.0),
+    validation=ValidationConfig(every_steps=5),
+    batch=BatchConfig(places=5),
+    loss=LossConfig(
+        invariant=ContrastConfig(weight=0.0),
+        variant=ContrastConfig(criterion='temperature', on='mean', temperature=0.1),
+        kl_weight=0.001,
+    ),
+    optimiser=OptimiserConfig(learning_rate=3e-3, schedule='one_cycle'),
+    steps=15,
+    log_steps=3,
+    checkpoint_steps=100,
+    threads=1,
+)
+
+
+@pytest.fixture
+def make_loop(make_drive: MakeDrive, tmp_path: Path) -> Callable[..., Loop]:
+    """A run over two drives of eight places, which it is also judged by."""
+
+    def make(
+        name: str = 'run',
+        config: TrainingConfig = CONFIG,
+        resume: bool = False,
+        degraded: tuple[int, ...] = (2, 5),
+        speckle: float = 8.0,
+    ) -> Loop:
+        drives = [make_drive('a', speckle=speckle), make_drive('b', lane_m=5.0, degraded=degraded, speckle=speckle)]
+        out = tmp_path / name
+        out.mkdir(exist_ok=True)
+        torch.manual_seed(config.seed)
+        return Loop(
+            config,
+            make_objective(config),
+            BatchSampler(drives, config.batch, config.seed),
+            validation_drives(drives, config.network, 1),
+            out,
+            Group(0, 1, torch.device('cpu')),
+            resume,
+        )
+
+    return make
+
+
+def weights(folder: Path) -> dict[str, torch.Tensor]:
+    return load_network(folder / LAST)[0].state_dict()
+
+
+def equal(a: dict[str, torch.Tensor], b: dict[str, torch.Tensor]) -> bool:
+    return a.keys() == b.keys() and all(torch.equal(a[name], b[name]) for name in a)
+
+
+class StopAfter:
+    """Interrupts a run between steps."""
+
+    def __init__(self, steps: int) -> None:
+        self.left = steps
+
+    def __call__(self) -> None:
+        self.left -= 1
+        if self.left <= 0:
+            raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize('criterion', ['temperature', 'batch'])
+def test_a_few_places_are_learnt_by_heart(make_loop: Callable[..., Loop], criterion: str) -> None:
+    variant = ContrastConfig(criterion=criterion, on='mean', temperature=0.1, negative_weight=1.0)
+    validation = ValidationConfig(every_steps=60)
+    config = dataclasses.replace(
+        CONFIG,
+        loss=dataclasses.replace(CONFIG.loss, variant=variant),
+        batch=BatchConfig(places=8, spin=False),
+        validation=validation,
+        steps=60,
+    )
+    loop = make_loop(config=config, degraded=(), speckle=28.0)
+    before = validate(loop.objective.network.eval(), loop._validation, validation, torch.device('cpu'))
+    assert before['recall_at_1'] < 1.0
+    assert loop.run()
+    (after,) = read_log(loop.out / 'validation.jsonl')
+    assert after['recall_at_1'] == 1.0
+    assert after['score'] == 2.0
+    log = read_log(loop.out / 'log.jsonl')
+    assert log[-1]['loss'] < log[0]['loss']
+
+
+@pytest.mark.parametrize(('optimiser', 'stop'), [('adam', 4), ('adamw', 6)])
+def test_a_resumed_run_is_the_run(make_loop: Callable[..., Loop], optimiser: str, stop: int) -> None:
+    settings = dataclasses.replace(CONFIG.optimiser, name=optimiser, weight_decay=0.01)
+    config = dataclasses.replace(CONFIG, optimiser=settings)
+    whole = make_loop('whole', config)
+    assert whole.run()
+    with pytest.raises(KeyboardInterrupt):
+        make_loop('parts', config).run(check=StopAfter(stop))
+    parts = make_loop('parts', config, resume=True)
+    assert parts.step == stop
+    assert parts.run()
+    assert equal(weights(whole.out), weights(parts.out))
+    assert whole.best == parts.best
+    for name in ('log', 'validation'):
+        kept = [
+            [{k: v for k, v in line.items() if k != 'images_per_s'} for line in read_log(run.out / f'{name}.jsonl')]
+            for run in (whole, parts)
+        ]
+        at = {line['step']: line for line in kept[0]}
+        # Means over the steps since the last line differ where the run was cut within them.
+        assert [line for line in kept[1] if line['step'] > stop + 3] == [at[s] for s in at if s > stop + 3]
+        assert [line['step'] for line in kept[1]] == list(at)
+
+
+def test_steps_after_the_last_checkpoint_are_taken_again(make_loop: Callable[..., Loop]) -> None:
+    """As after a power cut: the log has gone further than the checkpoint."""
+    config = dataclasses.replace(CONFIG, checkpoint_steps=5)
+    whole = make_loop('whole', config)
+    whole.run()
+    cut = make_loop('cut', config)
+    with pytest.raises(KeyboardInterrupt):
+        cut.run(check=StopAfter(5))
+    before = (cut.out / CHECKPOINT).read_bytes()
+    with pytest.raises(KeyboardInterrupt):
+        make_loop('cut', config, resume=True).run(check=StopAfter(6))
+    (cut.out / CHECKPOINT).write_bytes(before)
+    again = make_loop('cut', config, resume=True)
+    assert again.step == 5
+    again.run()
+    assert equal(weights(whole.out), weights(again.out))
+    assert [line['step'] for line in read_log(again.out / 'log.jsonl')] == [3, 6, 9, 12, 15]
+
+
+def test_the_same_seed_gives_the_same_weights_and_another_others(make_loop: Callable[..., Loop]) -> None:
+    runs = [make_loop(str(i), dataclasses.replace(CONFIG, steps=4, seed=seed)) for i, seed in enumerate((1, 1, 2))]
+    for loop in runs:
+        loop.run()
+    assert equal(weights(runs[0].out), weights(runs[1].out))
+    assert not equal(weights(runs[0].out), weights(runs[2].out))
+
+
+def test_the_best_weights_are_kept(make_loop: Callable[..., Loop]) -> None:
+    loop = make_loop()
+    loop.run()
+    judged = read_log(loop.out / 'validation.jsonl')
+    assert [line['step'] for line in judged] == [5, 10, 15]
+    best = max(judged, key=lambda line: line['score'])
+    assert loop.best == (best['score'], best['step'])
+    network, header = load_network(loop.out / BEST)
+    assert header.description.startswith(f'step {best["step"]}: score {best["score"]:.3f}')
+    again = validate(network, loop._validation, CONFIG.validation, torch.device('cpu'))
+    assert again['score'] == pytest.approx(best['score'])
+
+
+def test_the_time_limit_leaves_a_checkpoint(make_loop: Callable[..., Loop]) -> None:
+    loop = make_loop()
+    assert not loop.run(deadline_s=time.monotonic())
+    assert loop.step == 1
+    assert read_progress(loop.out / CHECKPOINT).step == 1
+    resumed = make_loop(resume=True)
+    assert resumed.run()
+    assert make_loop(resume=True).run()
+
+
+@pytest.mark.parametrize(('precision', 'channels_last'), [('bf16', True), ('fp32', False)])
+def test_other_arithmetic_learns_too(make_loop: Callable[..., Loop], precision: str, channels_last: bool) -> None:
+    loop = make_loop(config=dataclasses.replace(CONFIG, steps=3, precision=precision, channels_last=channels_last))
+    assert loop.run()
+    (line,) = read_log(loop.out / 'log.jsonl')
+    assert math.isfinite(line['loss'])
+    assert all(tensor.dtype == torch.float32 for tensor in loop.objective.network.parameters())
+
+
+def test_a_loss_that_is_not_finite_stops_the_run(make_loop: Callable[..., Loop]) -> None:
+    optimiser = OptimiserConfig(learning_rate=100.0, schedule='constant', clip_norm=0.0)
+    loss = dataclasses.replace(CONFIG.loss, reconstruction_weight=1e9)
+    loop = make_loop(config=dataclasses.replace(CONFIG, optimiser=optimiser, loss=loss, steps=200))
+    with pytest.raises(ModelError, match=r'no longer finite at step \d+: expected a lower optimiser.learning_rate'):
+        loop.run()
+
+
+def test_a_checkpoint_that_does_not_fit_is_named(make_loop: Callable[..., Loop]) -> None:
+    loop = make_loop(config=dataclasses.replace(CONFIG, steps=1))
+    loop.run()
+    other = dataclasses.replace(CONFIG, network=dataclasses.replace(CONFIG.network, dimension=8))
+    with pytest.raises(ModelError, match='does not fit the configured network'):
+        make_loop(config=other, resume=True)
+    (loop.out / CHECKPOINT).write_bytes(b'cut off')
+    with pytest.raises(ModelError, match='not a checkpoint of a training run'):
+        make_loop(resume=True)
+    (loop.out / CHECKPOINT).write_bytes((loop.out / LAST).read_bytes())
+    with pytest.raises(ModelError, match='not a checkpoint of a training run'):
+        make_loop(resume=True)
+    (loop.out / CHECKPOINT).unlink()
+    with pytest.raises(ModelError, match='no such checkpoint'):
+        make_loop(resume=True)
+
+
+def test_logs_are_lines_of_json_without_nan(make_loop: Callable[..., Loop]) -> None:
+    loop = make_loop(config=dataclasses.replace(CONFIG, steps=5))
+    loop.run()
+    for name in ('log', 'validation'):
+        for line in (loop.out / f'{name}.jsonl').read_text().splitlines():
+            json.loads(line, parse_constant=pytest.fail)
+
+
+class Oracle:
+    """Knows every image's place and writes it as an angle; says U as it is told."""
+
+    config = CONFIG.network
+
+    def __init__(self, images: list[np.ndarray], places: list[float], uncertainties: list[float]) -> None:
+        self.known = {image.tobytes(): (p, u) for image, p, u in zip(images, places, uncertainties, strict=True)}
+
+    def embed(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        found = [self.known[image.tobytes()] for image in images.numpy()]
+        angles = torch.tensor([place / 10.0 for place, _ in found])
+        mean = torch.stack([torch.cos(angles), torch.sin(angles)], dim=1)
+        return mean, torch.tensor([[u, u] for _, u in found])
+
+
+def test_validation_counts_what_a_plain_count_counts(make_drive: MakeDrive) -> None:
+    """Eight places, two drives; in the second, places 2 and 5 are degraded and taken for their neighbours."""
+    drives = validation_drives(
+        [make_drive('a'), make_drive('b', lane_m=5.0, degraded=(2, 5))], CONFIG.network, threads=1
+    )
+    images = [image for drive in drives for image in drive.images]
+    places = [0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 3.4, 3, 4, 6.4, 6, 7]
+    uncertainties = [0.5] * 8 + [0.5, 0.5, 2.0, 0.5, 0.5, 0.4, 0.5, 0.5]
+    figures = validate(Oracle(images, places, uncertainties), drives, CONFIG.validation, torch.device('cpu'))
+    # Each way the second and the fifth place go to a neighbour.
+    assert figures['recall_at_1'] == pytest.approx(12 / 16)
+    assert figures['recall_at_1_clean'] == pytest.approx(12 / 14)
+    wrong = [0.5, 0.5, 2.0, 0.4]
+    pairs = [(a > 0.5) + 0.5 * (a == 0.5) for a in wrong]
+    assert figures['auroc_wrong'] == pytest.approx(sum(pairs) / 4)
+    assert figures['score'] == pytest.approx(figures['recall_at_1'] + figures['auroc_wrong'])

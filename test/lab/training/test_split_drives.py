@@ -1,0 +1,101 @@
+"""Training on a split: nothing of its test region or the buffer around it is seen."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip('torch')
+
+from typer.testing import CliRunner
+
+from offradar_ros.cli.main import app
+from offradar_ros.errors import ConfigError, DataError
+from offradar_ros.lab.training.config import DataConfig
+from offradar_ros.lab.training.config_file import read_config
+from offradar_ros.lab.training.split_drives import split_drives, training_sequences
+from offradar_ros.recordings.bags.oxford_folder import write_oxford
+
+SMOKE = Path(__file__).resolve().parents[3] / 'params' / 'train' / 'smoke.yaml'
+
+
+@pytest.fixture
+def data_set(tmp_path: Path, street: Callable[..., object]) -> DataConfig:
+    """Two of three training sequences, 24 scans 1.25 m apart from west to east, and a region around the 12th scan."""
+    for number, name in enumerate(('monday', 'tuesday')):
+        write_oxford(street(name=name, lane_m=float(number), noise_seed=number), tmp_path / 'data' / name)
+    # Scan 12 is 15 m east of latitude 51.75°, longitude -1.25°.
+    easting_m, northing_m = 620_802.167 + 15.0, 5_734_682.084
+    text = f"""
+name: street
+title: Street
+source: made for this test
+test: [friday]
+train: [monday, tuesday, sunday]
+region: {{epsg: 32630, circles: [{{easting_m: {easting_m}, northing_m: {northing_m}, radius_m: 3.0}}]}}
+buffer_m: 2.2
+"""
+    (tmp_path / 'street.yaml').write_text(text)
+    return DataConfig(split=str(tmp_path / 'street.yaml'), root=str(tmp_path / 'data'), sequence_spacing_m=0.0)
+
+
+def test_scans_of_the_region_and_its_buffer_are_left_out(data_set: DataConfig) -> None:
+    drives = split_drives(data_set)
+    assert [drive.name for drive in drives] == ['monday', 'tuesday']
+    assert len({drive.world for drive in drives}) == 1
+    for lane_m, drive in enumerate(drives):
+        east_m = 1.25 * np.arange(24)
+        expected = np.flatnonzero(np.hypot(east_m - 15.0, lane_m) > 5.2)
+        assert 0 < len(expected) < 24
+        assert drive.open().indices.tolist() == expected.tolist()
+
+
+def test_missing_sequences_are_named(data_set: DataConfig) -> None:
+    found = training_sequences(data_set)
+    assert found is not None
+    assert found.missing == ['sunday']
+    assert [folder.name for folder in found.found] == ['monday', 'tuesday']
+
+
+def test_without_a_split_there_is_nothing_to_find() -> None:
+    assert training_sequences(DataConfig()) is None
+    assert split_drives(DataConfig()) == []
+
+
+def test_what_cannot_be_trained_on_is_one_line(data_set: DataConfig, tmp_path: Path) -> None:
+    (tmp_path / 'empty').mkdir()
+    for changes, said in (
+        ({'root': ''}, 'key data.root: expected the folder that holds the sequences of split street'),
+        ({'root': str(tmp_path / 'nowhere')}, 'nowhere: no such folder: expected the sequences of split street'),
+        ({'root': str(tmp_path / 'empty')}, 'none of the 3 training sequences of split street is there'),
+        ({'split': 'oxfrod'}, 'oxfrod: expected a YAML file or one of the splits'),
+        ({'split': ''}, 'key data.split: expected the split whose sequences are in data.root'),
+    ):
+        with pytest.raises((ConfigError, DataError), match=said):
+            training_sequences(DataConfig(**{'split': data_set.split, 'root': data_set.root, **changes}))
+
+
+def test_a_sequence_within_the_region_is_an_error(data_set: DataConfig) -> None:
+    split = Path(data_set.split)
+    split.write_text(split.read_text().replace('radius_m: 3.0', 'radius_m: 300.0'))
+    with pytest.raises(DataError, match='monday: no scan has a position outside the test region'):
+        split_drives(data_set)[0].open()
+
+
+def test_a_run_learns_from_the_split_and_says_what_is_missing(data_set: DataConfig, tmp_path: Path) -> None:
+    settings = ['data.worlds=0', f'data.split={data_set.split}', f'data.root={data_set.root}', 'steps=2']
+    settings += ['validation.worlds=0', 'batch.places=2', 'batch.negative_m=3', 'batch.positive_m=1.5']
+    assert read_config(SMOKE, settings).data.split == data_set.split
+    chosen = [text for setting in settings for text in ('--set', setting)]
+    out = tmp_path / 'out'
+    done = CliRunner().invoke(app, ['train', '--config', str(SMOKE), '--out', str(out), '--device', 'cpu', *chosen])
+    assert done.exit_code == 0, done.output
+    assert '1 of 3 training sequences of split' in done.output
+    assert done.output.count('sunday') == 1
+    said = json.loads((out / 'run.jsonl').read_text().splitlines()[0])
+    assert said['drives'] == 2
+    assert said['scans'] == sum(len(drive.open().indices) for drive in split_drives(data_set))

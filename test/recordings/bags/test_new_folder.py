@@ -1,0 +1,117 @@
+"""A folder is there when it is complete, and nothing else is lost on the way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from offradar_ros.errors import DataError
+from offradar_ros.recordings.bags.new_folder import new_folder
+from offradar_ros.recordings.bags.sequence import BagSequence
+from offradar_ros.recordings.bags.writer import BagOptions, write_bag
+
+
+def fill(draft: Path, text: str = 'new') -> None:
+    draft.mkdir()
+    (draft / 'metadata.yaml').write_text(text)
+
+
+@pytest.fixture
+def old(tmp_path: Path) -> Path:
+    fill(tmp_path / 'bag', 'old')
+    return tmp_path / 'bag'
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_it_appears_at_the_end(tmp_path: Path) -> None:
+    with new_folder(tmp_path / 'bag', overwrite=False) as draft:
+        fill(draft)
+        assert names(tmp_path) == ['bag.partial']
+    assert names(tmp_path) == ['bag']
+
+
+@pytest.mark.parametrize('error', [KeyboardInterrupt, DataError, OSError(28, 'No space left on device')])
+def test_what_is_not_finished_is_removed_and_the_old_one_stays(old: Path, error: type[BaseException]) -> None:
+    with pytest.raises((KeyboardInterrupt, DataError)), new_folder(old, overwrite=True) as draft:
+        fill(draft)
+        raise error
+    assert names(old.parent) == ['bag']
+    assert (old / 'metadata.yaml').read_text() == 'old'
+
+
+def test_the_old_one_goes_when_the_new_one_is_in_place(old: Path) -> None:
+    with new_folder(old, overwrite=True) as draft:
+        fill(draft)
+        assert (old / 'metadata.yaml').read_text() == 'old'
+    assert names(old.parent) == ['bag']
+    assert (old / 'metadata.yaml').read_text() == 'new'
+
+
+def test_the_old_one_comes_back_where_the_new_one_cannot_be_moved(old: Path) -> None:
+    with pytest.raises(DataError, match='cannot be written'), new_folder(old, overwrite=True):
+        pass
+    assert names(old.parent) == ['bag']
+    assert (old / 'metadata.yaml').read_text() == 'old'
+
+
+def test_a_bag_can_be_written_over_its_own_source(street: Callable[..., Any], tmp_path: Path) -> None:
+    bag = write_bag(street(count=3), tmp_path / 'bag')
+    write_bag(BagSequence(bag), bag, BagOptions(overwrite=True))
+    assert len(BagSequence(bag)) == 3
+    assert names(tmp_path) == ['bag']
+
+
+def test_only_what_an_earlier_run_left_is_replaced(tmp_path: Path) -> None:
+    partial = tmp_path / 'bag.partial'
+    for leftover in ((), ('bag',)):
+        for name in leftover:
+            (partial / name).mkdir(parents=True)
+        partial.mkdir(exist_ok=True)
+        with new_folder(tmp_path / 'bag', overwrite=True) as draft:
+            fill(draft)
+        assert not partial.exists()
+    for name in ('thesis.tex', 'bag'):
+        partial.mkdir()
+        (partial / name).write_text('years of work')
+        with pytest.raises(DataError, match=r'bag\.partial: in the way'), new_folder(tmp_path / 'bag', overwrite=True):
+            pass
+        assert names(partial) == [name]
+        (partial / name).unlink()
+        partial.rmdir()
+
+
+def test_files_links_and_a_bag_moved_aside_are_in_the_way(tmp_path: Path) -> None:
+    (tmp_path / 'elsewhere').mkdir()
+    (tmp_path / 'bag.partial').symlink_to(tmp_path / 'elsewhere')
+    with pytest.raises(DataError, match='in the way'), new_folder(tmp_path / 'bag', overwrite=False):
+        pass
+    (tmp_path / 'bag.partial').unlink()
+    (tmp_path / 'bag.partial').write_text('')
+    with pytest.raises(DataError, match='in the way'), new_folder(tmp_path / 'bag', overwrite=False):
+        pass
+    (tmp_path / 'bag.partial').unlink()
+    (tmp_path / 'bag.replaced').mkdir()
+    with pytest.raises(DataError, match='left by a run that was cut off'), new_folder(tmp_path / 'bag', overwrite=True):
+        pass
+    assert (tmp_path / 'bag.replaced').exists()
+    (tmp_path / 'link').symlink_to(tmp_path / 'nowhere')
+    with pytest.raises(DataError, match='exists already'), new_folder(tmp_path / 'link', overwrite=False):
+        pass
+
+
+@pytest.mark.parametrize('odd', ['', '.', '..', '/', 'a/..', 'nul\0', 'half\ud800', 'x' * 300, 'x' * 252])
+def test_an_odd_path_is_one_line(
+    street: Callable[..., Any], tmp_path: Path, odd: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for overwrite in (False, True):
+        with pytest.raises(DataError) as refused:
+            write_bag(street(count=2), odd, BagOptions(overwrite=overwrite))
+        assert len(str(refused.value).splitlines()) == 1
+    assert names(tmp_path) == []

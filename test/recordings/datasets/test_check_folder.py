@@ -1,0 +1,270 @@
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from offradar_ros.config import PositionConfig, RadarConfig
+from offradar_ros.errors import DataError
+from offradar_ros.geometry import Trajectory
+from offradar_ros.recordings.datasets.check import Findings, check_folder
+from offradar_ros.recordings.datasets.check.coverage import coverage
+from offradar_ros.recordings.datasets.coverage import covered, seconds_apart
+from offradar_ros.recordings.datasets.registry import open_sequence
+
+Writers = dict[str, Callable[..., Any]]
+
+
+def texts(findings: Findings, level: str) -> list[str]:
+    return [finding.text for finding in findings.findings if finding.level == level]
+
+
+def only_problem(folder: Path, **options: Any) -> str:
+    (problem,) = check_folder(folder, **options).problems
+    return problem.text
+
+
+def scans_of(folder: Path) -> list[Path]:
+    return sorted((folder / 'radar').glob('*.png'))
+
+
+def test_a_sound_folder(oxford_folder: Path) -> None:
+    findings = check_folder(oxford_folder)
+    assert (findings.path, findings.layout, findings.problems) == (oxford_folder, 'oxford', ())
+    said = ' | '.join(texts(findings, 'ok'))
+    for expected in (
+        'oxford sequence 2019-01-10-14-36-48-radar-oxford-10k: 6 scans',
+        '1.2 s at 4.00 scans a second',
+        '6 scans of 400 azimuths × 3768 range bins of 0.0432 m',
+        'stamp of the scan is that of its first row: 6 scans',
+        'GPS (gps.csv): 20 positions, 5.0 a second',
+        'gps.csv: 6 of 6 scans have a position',
+    ):
+        assert expected in said
+
+
+def test_an_unrecognised_folder_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match='no radar scans recognised'):
+        check_folder(tmp_path)
+
+
+@pytest.mark.parametrize('which', [0, 3])
+def test_truncated_and_foreign_files(oxford_folder: Path, which: int) -> None:
+    scan = scans_of(oxford_folder)[which]
+    scan.write_bytes(scan.read_bytes()[:5000])
+    assert only_problem(oxford_folder) == f'{scan}: truncated PNG, it ends after 5000 bytes'
+    scan.write_bytes(b'GIF89a')
+    assert only_problem(oxford_folder) == f'{scan}: not a PNG file'
+    scan.write_bytes(b'')
+    assert only_problem(oxford_folder) == f'{scan}: empty file, expected a PNG'
+
+
+def test_scans_missing_from_disk_and_from_the_list(oxford_folder: Path) -> None:
+    scans = scans_of(oxford_folder)
+    scans[1].unlink()
+    listing = oxford_folder / 'radar.timestamps'
+    listing.write_text(listing.read_text().replace(f'{scans[5].stem} 1\n', ''))
+    problems = ' | '.join(finding.text for finding in check_folder(oxford_folder).problems)
+    assert f'1 of 5 listed scans have no file, first {scans[1].name}' in problems
+    assert f'1 of 5 files are not listed, first {scans[5].name}' in problems
+    assert '1 gap between scans, the longest 0.50 s after scan 0' in problems
+
+
+@pytest.mark.parametrize(
+    ('text', 'expected'),
+    [('hello 1\n', 'line 1: expected "<stamp> <valid>"'), ('', '6 of 6 files are not listed'), ('\xff\n', 'line 1')],
+)
+def test_a_damaged_list(oxford_folder: Path, text: str, expected: str) -> None:
+    (oxford_folder / 'radar.timestamps').write_text(text)
+    assert expected in only_problem(oxford_folder)
+
+
+def test_a_list_that_repeats_and_goes_back(oxford_folder: Path) -> None:
+    listing = oxford_folder / 'radar.timestamps'
+    lines = listing.read_text().splitlines()
+    listing.write_text('\n'.join([lines[1], lines[0], *lines[2:], lines[5]]))
+    problems = [finding.text for finding in check_folder(oxford_folder).problems]
+    assert any('stamps that go backwards: 1' in text for text in problems)
+    assert any('stamps listed more than once: 1' in text for text in problems)
+
+
+def test_odd_sizes_empty_scans_and_wrong_stamps(oxford_folder: Path, scan_writers: Writers) -> None:
+    scans = scans_of(oxford_folder)
+    stamps = [int(scan.stem) * 1000 for scan in scans]
+    make, write, metadata = (scan_writers[name] for name in ('scan', 'png', 'metadata'))
+    write(scans[1], metadata(make(stamps[1], 3360), microseconds=True))
+    silent = metadata(make(stamps[2]), microseconds=True)
+    silent[:, 11:] = 0
+    write(scans[2], silent)
+    write(scans[3], metadata(make(stamps[0]), microseconds=True))
+    partial = metadata(make(stamps[4]), microseconds=True)
+    partial[:100] = 0
+    write(scans[4], partial)
+    write(scans[5], make(stamps[5], 3779).power)
+    problems = {finding.text for finding in check_folder(oxford_folder).problems}
+    assert problems == {
+        f'odd size: 1 scan of 400 azimuths × 3360 range bins of 0.0595238 m, first {scans[1].name}',
+        f'no signal, every power value is zero: 1 scan ({scans[2].name})',
+        f'stamp of the scan is not within the stamps of its rows: 1 scan ({scans[3].name})',
+        f'azimuths without any power (partial rotation): 1 scan ({scans[4].name})',
+        f'rows without the metadata columns that this layout has: 1 scan ({scans[5].name})',
+    }
+
+
+def test_encoder_irregularities(oxford_folder: Path, scan_writers: Writers) -> None:
+    scans = scans_of(oxford_folder)
+    image = scan_writers['metadata'](scan_writers['scan'](int(scans[0].stem) * 1000), microseconds=True)
+    scan_writers['png'](scans[0], np.delete(image, 200, axis=0))
+    twice = image.copy()
+    twice[200, 8:10] = twice[199, 8:10]
+    scan_writers['png'](scans[1].with_name(scans[0].name), twice)
+    assert any('measured twice' in finding.text for finding in check_folder(oxford_folder).problems)
+    scan_writers['png'](scans[0], np.delete(image, 200, axis=0))
+    problems = [finding.text for finding in check_folder(oxford_folder).problems]
+    assert f'azimuths missing from the rotation: 1 scan ({scans[0].name})' in problems
+    assert any(text.startswith('odd size: 1 scan of 399 azimuths') for text in problems)
+    back = image.copy()
+    back[[10, 11], :8] = back[[11, 10], :8]
+    scan_writers['png'](scans[0], back)
+    assert 'row stamps that go backwards' in only_problem(oxford_folder)
+
+
+def test_a_sample_decodes_only_some(oxford_folder: Path) -> None:
+    scan = scans_of(oxford_folder)[1]
+    scan.write_bytes(b'')
+    findings = check_folder(oxford_folder, sample=2)
+    assert findings.problems == ()
+    assert '2 of 6 scans decoded' in texts(findings, 'note')
+    assert check_folder(oxford_folder, sample=100).problems
+
+
+def test_the_same_refusal_of_many_scans_is_one_problem(oxford_folder: Path) -> None:
+    radar = RadarConfig(profile='custom')
+    assert only_problem(oxford_folder, radar=radar).startswith('radar.profile is custom; set radar.range_resolution_m')
+    assert ': 6 scans (' in only_problem(oxford_folder, radar=radar)
+
+
+def test_progress_counts_the_scans(oxford_folder: Path) -> None:
+    seen: list[tuple[int, int]] = []
+    check_folder(oxford_folder, sample=4, progress=lambda done, total: seen.append((done, total)))
+    assert seen == [(1, 4), (2, 4), (3, 4), (4, 4)]
+
+
+def test_position_files_are_all_reported(oxford_folder: Path) -> None:
+    gps = oxford_folder / 'gps' / 'gps.csv'
+    lines = gps.read_text().splitlines()
+    lines[3] = lines[3].split(',')[0] + ',0,0,0'
+    lines.insert(9, lines[8])
+    gps.write_text('\n'.join(lines))
+    start_us = 1_547_131_045_000_000
+    statuses = ['INS_ALIGNING'] * 2 + ['INS_SOLUTION_GOOD'] * 3
+    rows = [f'{start_us + 200_000 * k},{status},51.76,-1.26,65,0.1' for k, status in enumerate(statuses)]
+    header = 'timestamp,ins_status,latitude,longitude,altitude,yaw'
+    (oxford_folder / 'gps' / 'ins.csv').write_text('\n'.join([header, *rows]))
+    findings = check_folder(oxford_folder)
+    assert 'INS (ins.csv): 2 rows left out: status INS_ALIGNING' in texts(findings, 'problem')
+    assert 'GPS (gps.csv): 1 row left out: without fix' in texts(findings, 'problem')
+    assert 'GPS (gps.csv): 1 row left out: repeated stamp' in texts(findings, 'note')
+    assert any(text.startswith('gps.csv: 6 of 6 scans') for text in texts(findings, 'ok'))
+
+
+def test_a_damaged_position_file_is_a_finding(oxford_folder: Path) -> None:
+    gps = oxford_folder / 'gps' / 'gps.csv'
+    gps.write_text(gps.read_text().replace('latitude', 'lat'))
+    assert 'gps.csv, line 1: no column latitude' in only_problem(oxford_folder)
+
+
+def test_gaps_between_positions(oxford_folder: Path) -> None:
+    gps = oxford_folder / 'gps' / 'gps.csv'
+    lines = gps.read_text().splitlines()
+    gps.write_text('\n'.join([*lines[:8], *lines[11:]]))
+    assert check_folder(oxford_folder).problems == ()
+    findings = check_folder(oxford_folder, position=PositionConfig(max_gap_s=0.5))
+    assert 'of 6 scans have a position (gaps up to 0.5 s)' in findings.problems[0].text
+    assert 'GPS (gps.csv): 1 gap over 0.5 s, the longest 0.8 s' in texts(findings, 'note')
+
+
+def test_no_positions_is_a_note(oxford_folder: Path) -> None:
+    (oxford_folder / 'gps' / 'gps.csv').unlink()
+    findings = check_folder(oxford_folder)
+    assert findings.problems == ()
+    assert any(text.startswith('no positions') for text in texts(findings, 'note'))
+
+
+@pytest.mark.parametrize('max_gap_ns', [3, 10, 100])
+def test_coverage_is_what_interpolation_answers(max_gap_ns: int) -> None:
+    known = np.array([10, 12, 20, 21, 60], np.int64)
+    trajectory = Trajectory(known, np.zeros((5, 3)), np.full(5, np.nan), geodetic=False)
+    stamps = np.arange(5, 70, dtype=np.int64)
+    expected = [trajectory.at(int(stamp), max_gap_ns) is not None for stamp in stamps]
+    assert covered(stamps, trajectory, max_gap_ns).tolist() == expected
+
+
+@pytest.mark.parametrize(('first', 'last', 'seconds'), [(0, 5, 5.0), (25, 30, 5.0), (5, 15, 0.0)])
+def test_scans_before_and_after_the_positions(first: int, last: int, seconds: float) -> None:
+    trajectory = Trajectory(np.array([10, 20]) * 10**9, np.zeros((2, 3)), np.full(2, np.nan), geodetic=False)
+    assert seconds_apart(np.array([first, last]) * 10**9, trajectory) == seconds
+
+
+def test_foggy_positions_start_after_the_last_scan(real_data: Path) -> None:
+    findings = check_folder(real_data / 'radiate_tiny_foggy')
+    problems = [finding.text for finding in findings.problems]
+    assert (
+        'GPS_IMU_Twist.txt: no scan has a position: positions start 59.8 s after the last scan '
+        '(if the clocks disagree: offradar convert --position-offset-s -64.1)'
+    ) in problems
+    assert '18 scans of 400 azimuths × 576 range bins of 0.1736 m' in texts(findings, 'ok')
+
+
+def test_positions_of_other_days_are_notes(real_data: Path) -> None:
+    findings = check_folder(real_data / 'mulran_kaist03')
+    others = [text for text in texts(findings, 'note') if text.endswith('not of this drive')]
+    assert [text.split(':')[0] for text in others] == [
+        'mulran_KAIST01_radar_utm.csv',
+        'mulran_KAIST02_radar_utm.csv',
+    ]
+    assert others[0].split(': ')[1] == '74.2 days from the scans at the nearest'
+    (apart,) = [f.text for f in findings.problems if 'no scan has a position' in f.text]
+    assert apart.startswith('mulran_KAIST03_radar_utm.csv: ')
+
+
+@given(
+    length_ns=st.integers(1, 10**11),
+    later_ns=st.integers(1, 10**12),
+    early=st.booleans(),
+)
+@settings(max_examples=100, deadline=None)
+def test_the_proposed_offset_brings_both_together(length_ns: int, later_ns: int, early: bool) -> None:
+    """Scans over 1 s, positions for longer, apart by `later_ns`."""
+    scans = 10**18 + np.arange(5) * 250_000_000
+    known = np.arange(0, 10**9 + length_ns + 3 * 10**8, 10**8)
+    known += scans[0] - known[-1] - later_ns if early else scans[-1] + later_ns
+    trajectory = Trajectory(known, np.zeros((len(known), 3)), np.full(len(known), np.nan), geodetic=False)
+    text = coverage('gps', scans, trajectory, 1.5).text
+    assert f'positions {"end" if early else "start"} ' in text
+    offset_s = float(text.rpartition(' ')[2].rstrip(')'))
+    moved = dataclasses.replace(trajectory, stamps_ns=known + round(offset_s * 1e9))
+    assert coverage('gps', scans, moved, 1.5).text == 'gps: 5 of 5 scans have a position (gaps up to 1.5 s)'
+
+
+def test_an_offset_already_given_is_part_of_the_proposed_one() -> None:
+    known = np.array([100, 110]) * 10**9
+    trajectory = Trajectory(known, np.zeros((2, 3)), np.full(2, np.nan), geodetic=False)
+    said = coverage('gps', np.array([10, 20]) * 10**9, trajectory, 1.5, offset_s=7.0).text
+    assert said.endswith('--position-offset-s -83.0)')
+    untold = dataclasses.replace(trajectory, stamps_ns=known * 2 * 10**7)
+    said = coverage('gps', np.array([10, 20]) * 10**9, untold, 1.5).text
+    assert said.endswith('positions start 23148.1 days after the last scan')
+    nothing = dataclasses.replace(trajectory, stamps_ns=known[:0], positions=np.zeros((0, 3)), yaws_rad=np.zeros(0))
+    assert coverage('gps', known, nothing, 1.5).level == 'problem'
+
+
+def test_the_recorded_oxford_folder_is_sound(real_data: Path) -> None:
+    assert check_folder(real_data / 'oxford_tiny').problems == ()
+    assert open_sequence(real_data / 'oxford_tiny').stamps_ns[0] == 1_547_131_046_353_776_000

@@ -1,0 +1,300 @@
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyproj
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from offradar_ros.errors import DataError
+from offradar_ros.geometry import LocalFrame, Trajectory
+from offradar_ros.recordings.datasets.positions import (
+    read_global_pose,
+    read_gps_twist,
+    read_mulran_gps,
+    read_oxford_gps,
+    read_oxford_ins,
+    read_radar_poses,
+    read_radar_utm,
+    read_tum,
+)
+
+GPS_HEADER = 'timestamp,num_satellites,latitude,longitude,altitude,northing'
+INS_HEADER = (
+    'timestamp,ins_status,latitude,longitude,altitude,northing,easting,down,utm_zone,velocity_north,velocity_east,'
+    'velocity_down,roll,pitch,yaw'
+)
+BOREAS_HEADER = 'GPSTime,easting,northing,altitude,vel_east,vel_north,vel_up,roll,pitch,heading'
+US = 1_547_131_010_000_000
+
+
+def written(tmp_path: Path, *lines: str) -> Path:
+    path = tmp_path / 'positions.csv'
+    path.write_text('\n'.join(lines) + '\n')
+    return path
+
+
+def ins_row(stamp: int, status: str = 'INS_SOLUTION_GOOD', yaw: float = 0.0) -> str:
+    return f'{stamp},{status},51.76,-1.26,65.0,5736000,619890,-65,30U,0,0,0,0.01,0.02,{yaw}'
+
+
+def test_oxford_gps(tmp_path: Path) -> None:
+    path = written(tmp_path, GPS_HEADER, f'000{US},7,51.762042,-1.262751,65.1,1', f'000{US + 200000},7,51.8,-1.3,66,1')
+    trajectory = read_oxford_gps(path)
+    assert trajectory.geodetic
+    assert trajectory.stamps_ns.tolist() == [US * 1000, (US + 200000) * 1000]
+    assert trajectory.positions.tolist() == [[51.762042, -1.262751, 65.1], [51.8, -1.3, 66.0]]
+    assert np.isnan(trajectory.yaws_rad).all()
+
+
+def test_rows_without_a_fix_and_repeated_stamps_are_left_out_and_counted(tmp_path: Path) -> None:
+    rows = [f'{US},0,0,0,0,1', f'{US + 1},0,nan,nan,nan,1', f'{US + 2},7,51,-1,65,1', f'{US + 2},7,52,-1,65,1']
+    tally: Counter[str] = Counter()
+    trajectory = read_oxford_gps(written(tmp_path, GPS_HEADER, *rows), tally)
+    assert trajectory.positions.tolist() == [[51.0, -1.0, 65.0]]
+    assert tally == {'without fix': 2, 'repeated stamp': 1}
+
+
+def test_oxford_ins_keeps_good_rows_only(tmp_path: Path) -> None:
+    rows = [
+        ins_row(US, 'INS_ALIGNING'),
+        ins_row(US + 20_000, yaw=0.0),
+        ins_row(US + 40_000, yaw=math.pi / 2),
+        ins_row(US + 60_000, 'SOLUTION_FREE'),
+        ins_row(US + 80_000, yaw=-math.pi / 4),
+    ]
+    tally: Counter[str] = Counter()
+    trajectory = read_oxford_ins(written(tmp_path, INS_HEADER, *rows), tally)
+    # Clockwise from north in the file: north, east, north-west.
+    assert trajectory.yaws_rad == pytest.approx([math.pi / 2, 0.0, 3 * math.pi / 4])
+    assert tally == {'status INS_ALIGNING': 1, 'status SOLUTION_FREE': 1}
+
+
+def test_no_good_row_at_all_is_an_error_that_says_so(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match=r'holds no position \(2 status INS_ALIGNING\)'):
+        read_oxford_ins(written(tmp_path, INS_HEADER, ins_row(US, 'INS_ALIGNING'), ins_row(US + 1, 'INS_ALIGNING')))
+
+
+def test_global_pose_is_utm_with_a_rotation(tmp_path: Path) -> None:
+    to_utm = pyproj.Transformer.from_crs(4326, 32652, always_xy=True)
+    easting, northing = to_utm.transform(127.362, 36.368)
+    cos, sin = math.cos(2.0), math.sin(2.0)
+    pose = f'{cos},{-sin},0,{easting},{sin},{cos},0,{northing},0,0,1,21.5'
+    path = written(tmp_path, f'1561000452974693000,{pose}', f'1561000453225385000,{pose}')
+    trajectory = read_global_pose(path)
+    assert trajectory.positions[1] == pytest.approx([36.368, 127.362, 21.5], abs=1e-9)
+    # Grid north leans 0.97° west of true north there, so that the true heading is that much larger.
+    assert trajectory.yaws_rad[0] - 2.0 == pytest.approx(math.radians(0.97), abs=math.radians(0.02))
+
+
+@pytest.mark.parametrize('epsg', [32652, 32617, 32630])
+def test_yaw_from_utm_is_the_way_the_vehicle_goes(tmp_path: Path, epsg: int) -> None:
+    start, heading = np.array([620_000.0, 4_800_000.0]), 0.7
+    ways = [start + 5.0 * k * np.array([math.cos(heading), math.sin(heading)]) for k in range(5)]
+    rows = [f'{US + 250_000 * k},{e:.6f},{n:.6f},{heading}' for k, (e, n) in enumerate(ways)]
+    trajectory = read_radar_utm(written(tmp_path, 'timestamp_us,utm_e,utm_n,yaw', *rows), None, epsg)
+    origin = trajectory.origin()
+    assert origin is not None
+    east, north, _ = (trajectory.in_frame(LocalFrame(origin)).positions[-1]).tolist()
+    assert math.atan2(north, east) == pytest.approx(trajectory.yaws_rad[0], abs=1e-4)
+    assert math.hypot(north, east) == pytest.approx(20.0, rel=1e-3)
+
+
+def test_mulran_gps(tmp_path: Path) -> None:
+    path = written(tmp_path, '1561000452974693000,36.36,127.36,60.5,' + ','.join('000000000'))
+    trajectory = read_mulran_gps(path)
+    assert trajectory.positions.tolist() == [[36.36, 127.36, 60.5]]
+
+
+@pytest.mark.parametrize('factor', [1, 1000])
+def test_boreas_stamps_may_be_in_either_unit(tmp_path: Path, factor: int) -> None:
+    row = '623425.5,4848820.9,154.0,0,0,0,3.1,0.02,0.25'
+    trajectory = read_radar_poses(written(tmp_path, BOREAS_HEADER, f'{US * factor},{row}'))
+    assert trajectory.stamps_ns.tolist() == [US * 1000]
+    assert trajectory.positions[0] == pytest.approx([43.782, -79.466, 154.0], abs=1e-3)
+
+
+def test_tum_is_a_local_frame(tmp_path: Path) -> None:
+    half = math.sqrt(0.5)
+    path = written(tmp_path, '# seconds x y z', '0.000 1 2 3 0 0 0 1', f'0.250 4  5 6 0 0 {half} {half} ')
+    trajectory = read_tum(path)
+    assert not trajectory.geodetic
+    assert trajectory.stamps_ns.tolist() == [0, 250_000_000]
+    assert trajectory.positions.tolist() == [[1, 2, 3], [4, 5, 6]]
+    assert trajectory.yaws_rad == pytest.approx([0.0, math.pi / 2])
+
+
+def test_tum_stamps_are_exact(tmp_path: Path) -> None:
+    trajectory = read_tum(written(tmp_path, '1547131046.123456789 0 0 0 0 0 0 1'))
+    assert trajectory.stamps_ns.tolist() == [1_547_131_046_123_456_789]
+
+
+def test_radiate_leaves_out_doubled_and_backward_samples(tmp_path: Path) -> None:
+    times = ['.100', '.100', '.200', '.150', '.300', '.400']
+    listing = tmp_path / 'GPS_IMU_Twist.txt'
+    listing.write_text(''.join(f'Frame: {k:06d} Time: 1574859835{t}\n' for k, t in enumerate(times)))
+    (tmp_path / 'GPS_IMU_Twist').mkdir()
+    for k in range(5):
+        (tmp_path / 'GPS_IMU_Twist' / f'{k:06d}.txt').write_text(f'55.8{k},-3.3,209.2 \n0.02,0,0 \n')
+    tally: Counter[str] = Counter()
+    trajectory = read_gps_twist(listing, tally)
+    assert trajectory.positions[:, 0].tolist() == [55.80, 55.82, 55.84]
+    assert tally == {'repeated stamp': 1, 'stamp that goes back': 1, 'missing sample': 1}
+
+
+Reader = Callable[[Path], Trajectory]
+GOOD: dict[str, tuple[Reader, list[str]]] = {
+    'oxford gps': (read_oxford_gps, [GPS_HEADER, f'{US},7,51,-1,65,1', f'{US + 1},7,51,-1,65,1']),
+    'oxford ins': (read_oxford_ins, [INS_HEADER, ins_row(US), ins_row(US + 1)]),
+    'mulran gps': (read_mulran_gps, [f'{US}000,36,127,60' + ',0' * 9, f'{US}001,36,127,60' + ',0' * 9]),
+    'global pose': (read_global_pose, [f'{US}000,1,0,0,350000,0,1,0,4000000,0,0,1,20'] * 2),
+    'radar utm': (
+        read_radar_utm,
+        ['timestamp_us,utm_e,utm_n,yaw', f'{US},350000,4000000,1', f'{US + 1},350000,4000000,1'],
+    ),
+    'boreas': (read_radar_poses, [BOREAS_HEADER, f'{US},623425,4848820,154,0,0,0,0,0,0.2']),
+    'tum': (read_tum, ['0 1 2 3 0 0 0 1', '1 1 2 3 0 0 0 1']),
+}
+
+
+@pytest.mark.parametrize('name', GOOD)
+def test_every_reader_reads_its_file(tmp_path: Path, name: str) -> None:
+    reader, lines = GOOD[name]
+    assert len(reader(written(tmp_path, *lines))) >= 1
+
+
+@pytest.mark.parametrize('name', GOOD)
+def test_damage_is_named_by_file_and_line(tmp_path: Path, name: str) -> None:
+    reader, lines = GOOD[name]
+    separator = ' ' if name == 'tum' else ','
+    last = lines[-1].split(separator)
+    cases = {
+        'one column too few': [*lines[:-1], separator.join(last[:-1])],
+        'one column too many': [*lines[:-1], separator.join([*last, '1'])],
+        'no number': [*lines[:-1], separator.join([last[0], *('x' if c[:1].isdigit() else c for c in last[1:])])],
+        'no stamp': [*lines[:-1], separator.join(['x', *last[1:]])],
+    }
+    for case, damaged in cases.items():
+        with pytest.raises(DataError, match=rf'positions\.csv, line {len(lines)}: .*expected') as error:
+            reader(written(tmp_path, *damaged))
+        assert '\n' not in str(error.value), case
+
+
+@pytest.mark.parametrize('name', GOOD)
+def test_empty_missing_and_binary_files_are_errors(tmp_path: Path, name: str) -> None:
+    reader, _ = GOOD[name]
+    path = tmp_path / 'positions.csv'
+    with pytest.raises(DataError, match='cannot be read'):
+        reader(path)
+    for content in (b'', b'\n\n', b'\xff\xfe\x00\x01' * 50):
+        path.write_bytes(content)
+        with pytest.raises(DataError, match=r'positions\.csv'):
+            reader(path)
+
+
+@pytest.mark.parametrize('name', ['oxford gps', 'oxford ins', 'mulran gps', 'radar utm', 'tum'])
+def test_stamps_that_go_back_are_an_error(tmp_path: Path, name: str) -> None:
+    reader, lines = GOOD[name]
+    with pytest.raises(DataError, match=rf'line {len(lines)}: stamp goes back'):
+        reader(written(tmp_path, *lines[:-2], lines[-1], lines[-2]))
+
+
+@pytest.mark.parametrize(
+    ('reader', 'header', 'missing'),
+    [
+        (read_oxford_gps, GPS_HEADER, 'altitude'),
+        (read_oxford_ins, INS_HEADER, 'ins_status'),
+        (read_radar_poses, BOREAS_HEADER, 'heading'),
+        (read_radar_utm, 'timestamp_us,utm_e,utm_n,yaw', 'utm_n'),
+    ],
+)
+def test_a_missing_column_is_named(tmp_path: Path, reader: Reader, header: str, missing: str) -> None:
+    with pytest.raises(DataError, match=f'line 1: no column {missing}: expected a header with'):
+        reader(written(tmp_path, header.replace(missing, 'other'), '1,2,3'))
+
+
+def test_degrees_beyond_the_earth_are_an_error(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match='line 2: expected latitude and longitude in degrees'):
+        read_oxford_gps(written(tmp_path, GPS_HEADER, f'{US},7,5176.2,-1,65,1'))
+
+
+def test_utm_outside_the_projection_is_an_error(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match='expected UTM easting and northing'):
+        read_radar_utm(written(tmp_path, 'timestamp_us,utm_e,utm_n,yaw', f'{US},1e300,4e300,0'))
+
+
+CELLS = st.one_of(
+    st.integers(-(2**70), 2**70).map(str), st.floats().map(str), st.text(max_size=6), st.just(str(US)), st.just('51.5')
+)
+
+
+@given(rows=st.lists(st.lists(CELLS, min_size=1, max_size=14), max_size=4), name=st.sampled_from(sorted(GOOD)))
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_any_table_is_a_trajectory_or_one_line_of_error(tmp_path: Path, rows: list[list[str]], name: str) -> None:
+    reader, lines = GOOD[name]
+    header = lines[:1] if lines[0][0].isalpha() else []
+    path = tmp_path / 'any.csv'
+    path.write_text('\n'.join([*header, *(','.join(row) for row in rows)]), encoding='utf-8', errors='replace')
+    try:
+        trajectory = reader(path)
+    except DataError as error:
+        assert 'any.csv' in str(error)
+    else:
+        assert np.isfinite(trajectory.positions).all()
+        assert np.all(np.diff(trajectory.stamps_ns) > 0)
+
+
+def heading_errors(trajectory: Trajectory, metres: float) -> Any:
+    """Yaw less the driven direction, degrees, where the vehicle moves at least `metres` a sample."""
+    origin = trajectory.origin()
+    assert origin is not None
+    moved = np.gradient(trajectory.in_frame(LocalFrame(origin)).positions[:, :2], axis=0)
+    fast = np.hypot(*moved.T) > metres
+    apart = trajectory.yaws_rad - np.arctan2(moved[:, 1], moved[:, 0])
+    return np.degrees(np.angle(np.exp(1j * apart)))[fast]
+
+
+@pytest.mark.parametrize('drive', ['boreas-2021-08-05-13-34', 'boreas-2021-09-02-11-42'])
+def test_boreas_headings_are_the_driven_direction(real_data: Path, drive: str) -> None:
+    errors = heading_errors(read_radar_poses(real_data / 'boreas' / f'{drive}.radar_poses.csv'), 1.5)
+    assert abs(np.median(errors)) < 0.3
+    assert np.percentile(np.abs(errors), 95) < 3.0
+
+
+@pytest.mark.parametrize('number', [1, 2, 3])
+def test_kaist_headings_are_the_driven_direction(real_data: Path, number: int) -> None:
+    path = real_data / 'mulran_kaist03' / f'mulran_KAIST0{number}_radar_utm.csv'
+    errors = heading_errors(read_radar_utm(path), 1.5)
+    assert abs(np.median(errors)) < 0.02
+
+
+def test_recorded_oxford_positions_agree_with_their_utm_columns(real_data: Path) -> None:
+    path = real_data / 'oxford_tiny' / 'gps' / 'gps.csv'
+    trajectory = read_oxford_gps(path)
+    assert len(trajectory) == 2833
+    northing, easting = np.loadtxt(path, delimiter=',', skiprows=1, usecols=(8, 9), unpack=True)
+    utm = pyproj.Transformer.from_crs(4326, 32630, always_xy=True)
+    e, n = utm.transform(trajectory.positions[:, 1], trajectory.positions[:, 0])
+    assert np.abs(e - easting).max() < 0.2
+    assert np.abs(n - northing).max() < 0.2
+
+
+def test_recorded_radiate_positions(real_data: Path) -> None:
+    tally: Counter[str] = Counter()
+    trajectory = read_gps_twist(real_data / 'radiate_tiny_foggy' / 'GPS_IMU_Twist.txt', tally)
+    assert len(trajectory) + sum(tally.values()) == 250
+    assert tally['repeated stamp'] == 117
+    assert trajectory.positions[0] == pytest.approx([55.892359, -3.321674, 209.238], abs=1e-3)
+
+
+@pytest.mark.parametrize('drive', ['kaist01', 'dcc03'])
+def test_recorded_tum_traversals(real_data: Path, drive: str) -> None:
+    trajectory = read_tum(real_data / 'worlds' / f'{drive}.tum')
+    assert set(np.diff(trajectory.stamps_ns).tolist()) == {250_000_000}
+    assert not trajectory.geodetic

@@ -1,0 +1,612 @@
+"""The stages and the drive against plain expectations: each scan answered once, whatever comes in between."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rosbags.rosbag2 import StoragePlugin, Writer
+
+from offradar_ros.config import Config, MapConfig, RadarConfig, load_config
+from offradar_ros.encoders.protocol import ModelInfo
+from offradar_ros.encoders.registry import make_encoder
+from offradar_ros.errors import RefusedInput
+from offradar_ros.geometry import GeoPoint, LocalFrame, Trajectory
+from offradar_ros.mapping.sessions import SessionMap
+from offradar_ros.messages import point_from_fix, scan_from_image, stamp_ns
+from offradar_ros.recordings.bags.reader import Bag, RawMessage
+from offradar_ros.recordings.bags.topics import FIX, IMAGE_TYPE, SCANS
+from offradar_ros.recordings.bags.writer import TYPES
+from offradar_ros.recordings.drive import drive, in_lockstep_order
+from offradar_ros.stages.encode import EncodeStage
+from offradar_ros.stages.map import MapStage, MapUpdate
+from offradar_ros.types import Embedding, Match, Outcome, PolarScan, Pose, Reason, Rejection
+
+SECOND = 10**9
+MODEL = ModelInfo('stub', 'ab' * 32, 2, {})
+
+
+class StubEncoder:
+    """Two numbers of the power; refuses a black scan."""
+
+    info = MODEL
+    runs_on = 'cpu'
+
+    def encode(self, scan: PolarScan) -> Embedding:
+        if not scan.power.any():
+            raise RefusedInput('no_signal', 'black')
+        mean = np.array([scan.power.mean(), scan.power.std()], np.float32)
+        return Embedding(scan.stamp_ns, mean, np.ones(2, np.float32), MODEL.fingerprint)
+
+
+def scan_of(stamp: int, level: int = 9) -> PolarScan:
+    return PolarScan(stamp, np.full((8, 4), level, np.uint8), np.arange(8) * (math.tau / 8), 1.0)
+
+
+# EncodeStage
+
+Sent = list[tuple[int, str]]
+
+
+@given(st.lists(st.tuples(st.integers(0, 40), st.sampled_from(['good', 'black', 'unreadable'])), max_size=30))
+@settings(max_examples=150, deadline=None)
+def test_every_scan_but_the_last_again_has_one_answer(sent: Sent) -> None:
+    """Stamps in steps of 0.1 s; a jump back of over 1 s starts again."""
+    stage = EncodeStage(StubEncoder(), restart_after_s=1.0)
+    newest: int | None = None
+    for tenths, kind in sent:
+        stamp = tenths * SECOND // 10
+
+        def decode(stamp: int = stamp, kind: str = kind) -> PolarScan:
+            if kind == 'unreadable':
+                raise RefusedInput('wrong_encoding', 'bgr8')
+            return scan_of(stamp, 0 if kind == 'black' else 9)
+
+        encoded = stage.encode(stamp, decode)
+        if newest is not None and newest - 10 <= tenths <= newest:
+            assert (encoded.embedding is None) == (tenths == newest)
+            assert encoded.embedding is None or not len(encoded.embedding.mean)
+            assert encoded.problem is not None
+            assert encoded.problem.cause == ('repeated_stamp' if tenths == newest else 'stamp_backwards')
+            continue
+        assert encoded.embedding is not None
+        assert (encoded.embedding.stamp_ns, encoded.embedding.model) == (stamp, MODEL.fingerprint)
+        assert encoded.restarted == (newest is not None and tenths < newest)
+        assert len(encoded.embedding.mean) == (2 if kind == 'good' else 0)
+        cause = {'good': None, 'black': 'no_signal', 'unreadable': 'wrong_encoding'}[kind]
+        assert (encoded.problem and encoded.problem.cause) == cause
+        newest = tenths
+
+
+def test_what_is_not_the_scans_fault_is_not_hidden() -> None:
+    def decode() -> PolarScan:
+        raise ZeroDivisionError
+
+    with pytest.raises(ZeroDivisionError):
+        EncodeStage(StubEncoder(), 1.0).encode(1, decode)
+
+
+# MapStage
+
+
+@pytest.fixture
+def session_map() -> Iterator[SessionMap]:
+    with SessionMap(MapConfig(match_distance_m=1.0)) as session_map:
+        session_map.adopt_model(MODEL)
+        session_map.start_session('test', 0)
+        yield session_map
+
+
+@pytest.fixture
+def stage(session_map: SessionMap) -> MapStage:
+    return MapStage(Config(), session_map)
+
+
+def embedding(seconds: float, model: str = MODEL.fingerprint, dimension: int = 2) -> Embedding:
+    values = np.ones(dimension, np.float32)
+    return Embedding(round(seconds * SECOND), values, values, model)
+
+
+def at(seconds: float) -> tuple[int, Pose]:
+    """A vehicle at 10 m/s eastwards."""
+    return round(seconds * SECOND), Pose(10.0 * seconds, 2.0)
+
+
+def told(updates: Sequence[MapUpdate]) -> list[tuple[float, float | str]]:
+    """Stamp of each update, and x of the place that it changed or why it was refused."""
+    return [
+        (u.stamp_ns / SECOND, u.problem.cause if u.problem else float(u.changed.positions_m[0, 0])) for u in updates
+    ]
+
+
+def test_a_scan_waits_for_the_position_after_it(stage: MapStage) -> None:
+    assert told(stage.add_pose(*at(1.0))) == []
+    assert told(stage.add_embedding(embedding(1.25))) == []
+    assert told(stage.add_embedding(embedding(1.75))) == []
+    assert told(stage.add_pose(*at(1.5))) == [(1.25, 12.5)]
+    assert told(stage.add_pose(*at(2.0))) == [(1.75, 17.5)]
+    assert told(stage.add_embedding(embedding(2.0))) == [(2.0, 20.0)]
+
+
+@given(st.lists(st.integers(1, 60), min_size=1, max_size=12, unique=True), st.randoms(use_true_random=False))
+@settings(max_examples=60, deadline=None)
+def test_each_scan_is_settled_once_and_in_order_however_positions_come(tenths: list[int], random: Any) -> None:
+    with SessionMap(MapConfig(match_distance_m=0.01)) as session_map:
+        session_map.adopt_model(MODEL)
+        session_map.start_session('test', 0)
+        stage = MapStage(Config(), session_map)
+        scans = [('scan', t / 10) for t in sorted(tenths)]
+        positions = [('position', t / 4) for t in range(30)]
+        updates: list[MapUpdate] = []
+        while scans or positions:
+            kind, seconds = (scans if scans and (not positions or random.random() < 0.5) else positions).pop(0)
+            updates += stage.add_embedding(embedding(seconds)) if kind == 'scan' else stage.add_pose(*at(seconds))
+        updates += stage.flush()
+        found = told(updates)
+    assert [seconds for seconds, _ in found] == [t / 10 for t in sorted(tenths)]
+    assert [x for _, x in found] == pytest.approx([float(t) for t in sorted(tenths)])
+
+
+def test_a_small_step_back_of_positions_is_refused_and_forgotten(stage: MapStage) -> None:
+    stage.add_pose(*at(1.0))
+    for seconds, cause in ((1.0, 'repeated_position_stamp'), (0.5, 'position_stamp_backwards')):
+        with pytest.raises(RefusedInput) as refused:
+            stage.add_pose(round(seconds * SECOND), Pose(1000.0, 1000.0))
+        assert refused.value.cause == cause
+    stage.add_embedding(embedding(1.25))
+    assert told(stage.add_pose(*at(1.5))) == [(1.25, 12.5)]
+
+
+def test_a_jump_back_of_positions_starts_again(stage: MapStage) -> None:
+    stage.add_pose(*at(100.0))
+    stage.add_embedding(embedding(100.25))
+    # The scan that still waited cannot be placed any more, and no line joins the two recordings.
+    assert told(stage.add_pose(*at(50.0))) == [(100.25, 'no_position')]
+    assert told(stage.add_embedding(embedding(50.25))) == []
+    assert told(stage.add_pose(*at(50.5))) == [(50.25, 502.5)]
+
+
+def test_a_jump_back_of_scans_gives_up_those_that_wait(stage: MapStage) -> None:
+    stage.add_pose(*at(100.0))
+    stage.add_embedding(embedding(100.25))
+    assert told(stage.add_embedding(embedding(50.0))) == [(100.25, 'no_position')]
+    # Its own positions may still come: those of the earlier run say nothing of it.
+    stage.add_pose(*at(49.75))
+    assert told(stage.add_pose(*at(50.25))) == [(50.0, 500.0)]
+
+
+def test_no_line_joins_positions_across_a_gap(stage: MapStage) -> None:
+    for seconds in (1.0, 1.5, 9.5, 10.0):
+        stage.add_pose(*at(seconds))
+    found = [told(stage.add_embedding(embedding(seconds))) for seconds in (0.5, 1.25, 5.0, 9.5, 9.75)]
+    assert [update for (update,) in found] == [
+        (0.5, 'no_position'),
+        (1.25, 12.5),
+        (5.0, 'no_position'),
+        (9.5, 95.0),
+        (9.75, 97.5),
+    ]
+
+
+def test_a_scan_whose_position_never_comes_is_dropped_in_time(stage: MapStage) -> None:
+    stage.add_embedding(embedding(1.0))
+    assert told(stage.add_embedding(embedding(11.0))) == []
+    assert told(stage.add_embedding(embedding(11.5))) == [(1.0, 'no_position')]
+    assert told(stage.flush()) == [(11.0, 'no_position'), (11.5, 'no_position')]
+    assert told(stage.flush()) == []
+
+
+def test_positions_of_the_earth_start_at_the_first_one_ever(session_map: SessionMap) -> None:
+    origin = GeoPoint(51.75, -1.25, 70.0)
+    east = LocalFrame(origin).to_geodetic(np.array([[0.0, 0.0, 0.0], [50.0, 0.0, 0.0]]))
+    stage = MapStage(Config(), session_map)
+    stage.add_point(0, GeoPoint(*east[0]))
+    stage.add_point(SECOND, GeoPoint(*east[1]))
+    assert told(stage.add_embedding(embedding(1.0))) == [(1.0, pytest.approx(50.0, abs=1e-6))]
+    # A later drive starts elsewhere, in the same frame.
+    later = MapStage(Config(), session_map)
+    later.add_point(5 * SECOND, GeoPoint(*east[1]))
+    surer = dataclasses.replace(embedding(5.0), variance=np.full(2, 0.5, np.float32))
+    assert told(later.add_embedding(surer)) == [(5.0, pytest.approx(50.0, abs=1e-6))]
+    assert session_map.origin == GeoPoint(*east[0])
+
+
+def test_a_report_accounts_for_every_embedding(stage: MapStage, session_map: SessionMap) -> None:
+    for seconds in np.arange(0.0, 3.0, 0.5):
+        stage.add_pose(*at(float(seconds)))
+    sent = [
+        embedding(0.0),
+        embedding(0.01),
+        dataclasses.replace(embedding(0.02), variance=np.full(2, 0.5, np.float32)),
+        embedding(1.0, dimension=0),
+        embedding(1.1, dimension=3),
+        embedding(1.2, model='cd' * 32),
+        dataclasses.replace(embedding(1.3), mean=np.array([np.nan, 1.0], np.float32)),
+        embedding(2.0),
+        embedding(9.0),
+    ]
+    updates = [update for item in sent for update in stage.add_embedding(item)]
+    last, report = stage.end_session()
+    assert Counter(u.stamp_ns for u in [*updates, *last]) == Counter(e.stamp_ns for e in sent)
+    assert (report.inserted, report.replaced, report.kept) == (2, 1, 1)
+    assert dict(report.dropped) == {'invalid_embedding': 3, 'wrong_model': 1, 'no_position': 1}
+    assert report.inserted + report.replaced + report.kept + sum(report.dropped.values()) == len(sent)
+    assert len(session_map) == report.places_after == 2
+
+
+def test_without_a_session_nothing_is_mapped() -> None:
+    with SessionMap(MapConfig()) as session_map:
+        session_map.adopt_model(MODEL)
+        stage = MapStage(Config(), session_map)
+        stage.add_pose(*at(1.0))
+        assert told(stage.add_embedding(embedding(1.0))) == [(1.0, 'no_session')]
+        assert len(session_map) == 0
+
+
+# in_lockstep_order
+
+
+class Recording:
+    """What `in_lockstep_order` asks of a bag."""
+
+    def __init__(self, **topics: list[int]) -> None:
+        self.recorded = [RawMessage(topic, '', log, b'') for topic, logs in topics.items() for log in sorted(logs)]
+
+    def messages(self, topics: Sequence[str]) -> Iterator[RawMessage]:
+        return iter(sorted((m for m in self.recorded if m.topic in topics), key=lambda m: m.log_ns))
+
+
+logs = st.lists(st.integers(0, 40), max_size=12)
+
+
+@given(logs, logs, logs, st.integers(0, 5))
+@settings(max_examples=100, deadline=None)
+def test_each_scan_comes_after_all_up_to_a_little_later_and_nothing_more(
+    scans: list[int], fixes: list[int], imu: list[int], ahead: int
+) -> None:
+    bag: Any = Recording(scan=scans, fix=fixes, imu=imu)
+    found = list(in_lockstep_order(bag, 'scan', ['fix', 'imu'], ahead / SECOND))
+    assert Counter(found) == Counter(bag.recorded)
+    for topic, sent in (('scan', scans), ('fix', fixes), ('imu', imu)):
+        assert [m.log_ns for m in found if m.topic == topic] == sorted(sent)
+    for index, message in enumerate(found):
+        if message.topic == 'scan':
+            before = [m.log_ns for m in found[:index] if m.topic != 'scan']
+            assert sorted(before) == sorted(log for log in fixes + imu if log <= message.log_ns + ahead)
+
+
+# drive
+
+
+def write_messages(path: Path, messages: Sequence[tuple[str, str, int, Any]]) -> Path:
+    """A bag of (topic, type, log time, message)."""
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connections = {
+            topic: writer.add_connection(topic, kind, typestore=TYPES) for topic, kind in {m[:2] for m in messages}
+        }
+        for topic, kind, log_ns, message in messages:
+            writer.write(connections[topic], log_ns, TYPES.serialize_cdr(message, kind))
+    return path
+
+
+def messages_of(path: Path) -> list[tuple[str, str, int, Any]]:
+    with Bag(path) as bag:
+        return [(raw.topic, raw.msgtype, raw.log_ns, bag.decode(raw)) for raw in bag.messages()]
+
+
+def driven(path: Path, config: Config, session_map: SessionMap, session: str | None = None) -> Any:
+    with Bag(path) as bag:
+        return drive(bag, config, make_encoder(config.encoder), session_map, session=session)
+
+
+VALUES = {
+    'encoder.ring_key.variance_scale': 2.1,
+    'map.match_distance_m': 3.0,
+    'query.top_k': 3,
+    'query.delta': 0.5,
+}
+CONFIG = load_config(overrides=VALUES)
+
+
+@dataclasses.dataclass
+class SlowDrive:
+    """The whole way of a scan written a second time: interpolate, merge and search by loops over lists."""
+
+    config: Config
+    origin: GeoPoint | None = None
+    places: list[dict[str, Any]] = dataclasses.field(default_factory=list)
+
+    def drive(self, sequence: Any, geodetic: bool, mapped: bool) -> list[tuple[Any, ...]]:
+        track: Trajectory = sequence.trajectory
+        if geodetic and mapped:
+            self.origin = self.origin or track.origin()
+        frame = LocalFrame((self.origin if geodetic else None) or track.origin() or GeoPoint(0.0, 0.0))
+        metres = frame.to_enu(track.positions)
+        encoder = make_encoder(self.config.encoder)
+        committed = [dict(place) for place in self.places]
+        answers = []
+        for index in range(len(sequence)):
+            scan = encoder.encode(sequence.scan(index))
+            searched = committed if self.config.query.exclude_current_session else self.places
+            answers.append(self._query(scan, searched))
+            if mapped:
+                x, y = (float(np.interp(scan.stamp_ns, track.stamps_ns, metres[:, axis])) for axis in (0, 1))
+                self._merge(scan, x, y)
+        return answers
+
+    def _merge(self, scan: Embedding, x: float, y: float) -> None:
+        held = {'x': x, 'y': y, 'u': np.float32(scan.uncertainty), 'mean': scan.mean, 'stamp': scan.stamp_ns}
+        reach = self.config.map.match_distance_m
+        nearest = None
+        for place in self.places:
+            distance = math.hypot(place['anchor'][0] - x, place['anchor'][1] - y)
+            if distance < reach:
+                nearest, reach = place, distance
+        if nearest is None:
+            self.places.append({'id': len(self.places), 'anchor': (x, y), **held})
+        elif held['u'] < nearest['u']:
+            nearest.update(held)
+
+    def _query(self, scan: Embedding, places: list[dict[str, Any]]) -> tuple[Any, ...]:
+        ranked = sorted(
+            (float(np.sqrt(np.sum((p['mean'].astype(float) - scan.mean.astype(float)) ** 2))), p['id']) for p in places
+        )
+        ids = tuple(place_id for _, place_id in ranked[: self.config.query.top_k])
+        if not places:
+            return scan.stamp_ns, 'map_empty', ids
+        certain = scan.uncertainty <= 1.0 + self.config.query.delta
+        return scan.stamp_ns, 'match' if certain else 'uncertain', ids
+
+
+def brief(outcome: Outcome) -> tuple[Any, ...]:
+    kind = 'match' if isinstance(outcome, Match) else outcome.reason.value
+    return outcome.stamp_ns, kind, tuple(c.place_id for c in outcome.candidates)
+
+
+@pytest.mark.parametrize(('source', 'exclude'), [('fix', True), ('odometry', True), ('fix', False)])
+def test_drives_answer_and_map_as_slow_loops_do(
+    street: Callable[..., Any], street_bag: Callable[..., Path], source: str, exclude: bool
+) -> None:
+    config = load_config(overrides=VALUES | {'position.source': source, 'query.exclude_current_session': exclude})
+    drives: list[tuple[dict[str, Any], bool]] = [
+        ({'count': 12}, True),
+        ({'count': 14, 'start_ns': 1_700_000_000 * SECOND, 'noise_seed': 1, 'spoiled': (5,)}, True),
+        ({'count': 12, 'start_ns': 1_800_000_000 * SECOND, 'noise_seed': 2, 'spoiled': (2, 9)}, False),
+    ]
+    slow = SlowDrive(config)
+    kinds: Counter[str] = Counter()
+    with SessionMap(config.map) as session_map:
+        for number, (options, mapped) in enumerate(drives):
+            bag = street_bag(f'drive_{number}', **options)
+            result = driven(bag, config, session_map, 'drive' if mapped else None)
+            expected = slow.drive(street(**options), source == 'fix', mapped)
+            assert [brief(outcome) for outcome in result.outcomes] == expected
+            assert result.refused == Counter()
+            kinds.update(kind for _, kind, _ in expected)
+        table = session_map.places()
+    assert kinds.keys() == {'map_empty', 'match', 'uncertain'}
+    assert table.stamps_ns.tolist() == [place['stamp'] for place in slow.places]
+    np.testing.assert_allclose(table.positions_m[:, :2], [(place['x'], place['y']) for place in slow.places], atol=1e-6)
+
+
+def test_a_drive_that_is_not_mapped_changes_no_map(street_bag: Callable[..., Path]) -> None:
+    with SessionMap(CONFIG.map) as session_map:
+        driven(street_bag('first', count=6), CONFIG, session_map, 'one')
+        before = session_map.places()
+        path = street_bag('second', count=6, noise_seed=1)
+        result = driven(path, CONFIG, session_map)
+        after = session_map.places()
+        # Positions are not even read.
+        lost = driven(without_fix(path, lambda index: True), CONFIG, session_map)
+    assert result.report is None
+    assert result.refused == lost.refused == {}
+    assert len(result.outcomes) == len(lost.outcomes) == 6
+    assert before.stamps_ns.tolist() == after.stamps_ns.tolist()
+
+
+def test_bad_images_are_refused_one_by_one(street: Callable[..., Any], street_bag: Callable[..., Path]) -> None:
+    path = street_bag('sound', count=12)
+    spoilers: dict[int, tuple[str, Callable[[Any], dict[str, Any]]]] = {
+        1: ('wrong_encoding', lambda m: {'encoding': 'bgr8'}),
+        3: ('short_step', lambda m: {'step': 100}),
+        4: ('short_data', lambda m: {'data': m.data[:1000]}),
+        6: ('empty_image', lambda m: {'height': 0, 'width': 0, 'step': 0, 'data': m.data[:0]}),
+        7: ('no_signal', lambda m: {'data': np.zeros_like(m.data)}),
+    }
+    messages, index = [], -1
+    for topic, kind, log_ns, message in messages_of(path):
+        index += topic == SCANS
+        spoiler = spoilers.get(index) if topic == SCANS else None
+        changed = dataclasses.replace(message, **spoiler[1](message)) if spoiler else message
+        messages.append((topic, kind, log_ns, changed))
+    # Scans out of order: one again, and one from half a second before.
+    stamps = street(count=12).stamps_ns
+    late = [m for m in messages if m[0] == SCANS]
+    messages += [
+        (SCANS, IMAGE_TYPE, int(stamps[9]) + 1, late[9][3]),
+        (SCANS, IMAGE_TYPE, int(stamps[10]) + 1, late[8][3]),
+    ]
+    bad = write_messages(path.with_name('bad'), sorted(messages, key=lambda m: m[2]))
+    with SessionMap(CONFIG.map) as session_map:
+        result = driven(bad, CONFIG, session_map, 'one')
+        table = session_map.places()
+    # The one from before is answered too, as invalid; the one again was answered already.
+    assert [outcome.stamp_ns for outcome in result.outcomes] == [*stamps[:11].tolist(), int(stamps[8]), int(stamps[11])]
+    invalid = [
+        index
+        for index, outcome in enumerate(result.outcomes)
+        if isinstance(outcome, Rejection) and outcome.reason is Reason.INVALID_EMBEDDING
+    ]
+    assert invalid == [*sorted(spoilers), 11]
+    expected = Counter(cause for cause, _ in spoilers.values())
+    expected.update({'repeated_stamp': 1, 'stamp_backwards': 1, 'invalid_embedding': len(spoilers) + 1})
+    assert result.refused == expected
+    report = result.report
+    assert report.inserted + report.replaced + report.kept == 12 - len(spoilers)
+    assert dict(report.dropped) == {'invalid_embedding': len(spoilers) + 1}
+    assert not set(table.stamps_ns.tolist()) & {int(stamps[index]) for index in spoilers}
+
+
+def without_fix(path: Path, lost: Callable[[int], bool]) -> Path:
+    """The bag with status -1 in the fixes whose number is `lost`, which then lie on the equator."""
+    messages, index = [], -1
+    for topic, kind, log_ns, message in messages_of(path):
+        index += topic == FIX
+        if topic == FIX and lost(index):
+            status = dataclasses.replace(message.status, status=-1)
+            message = dataclasses.replace(message, status=status, latitude=0.0, longitude=0.0)  # noqa: PLW2901
+        messages.append((topic, kind, log_ns, message))
+    return write_messages(path.with_name('lost'), messages)
+
+
+def test_fixes_without_a_fix_are_passed_over(street_bag: Callable[..., Path]) -> None:
+    path = street_bag('sound', count=10)
+    with SessionMap(CONFIG.map) as session_map:
+        driven(path, CONFIG, session_map, 'one')
+        expected = session_map.places()
+    lost = without_fix(path, lambda index: index % 3 == 1)
+    with SessionMap(CONFIG.map) as session_map:
+        result = driven(lost, CONFIG, session_map, 'one')
+        found = session_map.places()
+    fixes = sum(topic == FIX for topic, *_ in messages_of(path))
+    assert result.refused == {'no_fix': len(range(1, fixes, 3))}
+    assert found.stamps_ns.tolist() == expected.stamps_ns.tolist()
+    # On a straight road at constant speed the fixes around a lost one say where it was.
+    np.testing.assert_allclose(found.positions_m, expected.positions_m, atol=1e-4)
+
+
+def test_without_any_fix_scans_are_answered_and_none_is_mapped(street_bag: Callable[..., Path]) -> None:
+    lost = without_fix(street_bag('sound', count=5), lambda index: True)
+    with SessionMap(CONFIG.map) as session_map:
+        result = driven(lost, CONFIG, session_map, 'one')
+        assert len(session_map) == 0
+        assert session_map.origin is None
+    assert [brief(outcome)[1] for outcome in result.outcomes] == ['map_empty'] * 5
+    assert dict(result.report.dropped) == {'no_position': 5}
+    assert result.refused['no_position'] == 5
+
+
+def test_positions_are_those_of_the_source_that_is_asked_for(street_bag: Callable[..., Path]) -> None:
+    lost = without_fix(street_bag('sound', count=5), lambda index: True)
+    config = load_config(overrides=VALUES | {'position.source': 'odometry'})
+    with SessionMap(config.map) as session_map:
+        result = driven(lost, config, session_map, 'one')
+        assert len(session_map) > 0
+    assert result.refused == {}
+
+
+def test_stamps_count_and_not_when_a_message_was_recorded(street_bag: Callable[..., Path]) -> None:
+    path = street_bag('sound', count=8)
+    delays_ns = {SCANS: 240_000_000, FIX: 90_000_000}
+    late = [(topic, kind, log_ns + delays_ns.get(topic, 0), m) for topic, kind, log_ns, m in messages_of(path)]
+    late_path = write_messages(path.with_name('late'), sorted(late, key=lambda m: m[2]))
+    tables, outcomes = [], []
+    for each in (path, late_path):
+        with SessionMap(CONFIG.map) as session_map:
+            outcomes.append([brief(outcome) for outcome in driven(each, CONFIG, session_map, 'one').outcomes])
+            tables.append(session_map.places())
+    assert outcomes[0] == outcomes[1]
+    assert tables[0].stamps_ns.tolist() == tables[1].stamps_ns.tolist()
+    np.testing.assert_array_equal(tables[0].positions_m, tables[1].positions_m)
+
+
+def test_a_bag_without_the_asked_positions_maps_nothing(street_bag: Callable[..., Path]) -> None:
+    path = street_bag('sound', count=4)
+    scans = [m for m in messages_of(path) if m[0] == SCANS]
+    with SessionMap(CONFIG.map) as session_map:
+        result = driven(write_messages(path.with_name('bare'), scans), CONFIG, session_map, 'one')
+    assert result.refused == {'no_position': 4}
+    assert len(result.outcomes) == 4
+
+
+def test_a_recording_played_twice_is_answered_twice_and_maps_the_same_places(
+    street_bag: Callable[..., Path],
+) -> None:
+    """As `replay_node --loop 2` does with the nodes' stages."""
+    path = street_bag('drive', count=10)
+    encoder = make_encoder(CONFIG.encoder)
+    embeddings: list[Embedding] = []
+    updates: list[MapUpdate] = []
+    restarts: list[int] = []
+    with SessionMap(CONFIG.map) as session_map, Bag(path) as bag:
+        session_map.adopt_model(encoder.info)
+        session_map.start_session('twice', 0)
+        encode, mapping = EncodeStage(encoder, 1.0), MapStage(CONFIG, session_map)
+        for _ in range(2):
+            for raw in in_lockstep_order(bag, SCANS, [FIX], 1.5):
+                message = bag.decode(raw)
+                stamp = stamp_ns(message.header.stamp)
+                if raw.topic == FIX:
+                    updates += mapping.add_point(stamp, point_from_fix(message))
+                    continue
+                encoded = encode.encode(stamp, lambda m=message: scan_from_image(m, RadarConfig()))
+                assert encoded.problem is None
+                assert encoded.embedding is not None
+                if encoded.restarted:
+                    restarts.append(len(embeddings))
+                embeddings.append(encoded.embedding)
+                updates += mapping.add_embedding(encoded.embedding)
+        once = len(session_map)
+        last, report = mapping.end_session()
+    assert restarts == [10]
+    assert [e.mean.tobytes() for e in embeddings[:10]] == [e.mean.tobytes() for e in embeddings[10:]]
+    assert [u.stamp_ns for u in [*updates, *last]] == [e.stamp_ns for e in embeddings]
+    assert not any(update.problem for update in updates)
+    assert report.inserted + report.replaced + report.kept == 20
+    assert report.inserted == once
+    assert not report.dropped
+
+
+def test_a_table_of_places_answers_as_the_map_that_it_is_of(street_bag: Callable[..., Path]) -> None:
+    encoder = make_encoder(CONFIG.encoder)
+    with SessionMap(CONFIG.map) as session_map:
+        driven(street_bag('first', count=6), CONFIG, session_map, 'one')
+        with Bag(street_bag('second', count=6, noise_seed=1)) as bag:
+            by_map = drive(bag, CONFIG, encoder, session_map)
+            by_table = drive(bag, CONFIG, encoder, session_map.committed())
+    assert any(outcome.candidates for outcome in by_map.outcomes)
+    assert repr(by_table.outcomes) == repr(by_map.outcomes)
+    assert by_table.report is None
+
+
+def test_progress_counts_to_the_number_of_scans(street_bag: Callable[..., Path]) -> None:
+    seen: list[tuple[int, int]] = []
+    with SessionMap(CONFIG.map) as session_map, Bag(street_bag('drive', count=4)) as bag:
+        encoder = make_encoder(CONFIG.encoder)
+        drive(bag, CONFIG, encoder, session_map, progress=lambda done, total: seen.append((done, total)))
+    assert seen == [(1, 4), (2, 4), (3, 4), (4, 4)]
+
+
+def test_the_frame_starts_where_the_first_mapped_drive_is() -> None:
+    """A receiver that starts at 0°, 0° with a fix, as some do, neither fixes the origin nor is ever mapped at."""
+    stage = MapStage(CONFIG, SessionMap(CONFIG.map))
+    stage.map.adopt_model(MODEL)
+    here = GeoPoint(51.75, -1.25, 70.0)
+    stage.add_point(SECOND, GeoPoint(0.0, 0.0, 0.0))
+    assert stage.map.origin is None
+    stage.add_point(2 * SECOND, here)
+    stage.map.start_session('one', 0)
+    stage.add_point(3 * SECOND, here)
+    stage.add_embedding(embedding(2.5))
+    assert stage.map.origin == here
+    assert len(stage.map) == 1
+    with pytest.raises(RefusedInput, match=r"km from the map's origin: expected at most 100 km") as refusal:
+        stage.add_point(4 * SECOND, GeoPoint(0.0, 0.0, 0.0))
+    assert refusal.value.cause == 'far_position'
+
+
+def test_what_waits_is_undone_with_its_session(stage: MapStage) -> None:
+    stage.add_pose(*at(1.0))
+    stage.add_embedding(embedding(1.5))
+    stage.undo_session()
+    stage.map.start_session('next', 0)
+    assert stage.add_pose(*at(2.0)) == []
+    assert len(stage.map) == 0
