@@ -265,7 +265,7 @@ def test_processes_of_torchrun_learn_one_network(tmp_path: Path, cache: Path) ->
 def test_training_loads_neither_ros_nor_bags_nor_projections() -> None:
     names = [
         '.'.join(path.relative_to(PROJECT).with_suffix('').parts)
-        for path in sorted((PROJECT / 'offradar_ros' / 'training').rglob('*.py'))
+        for path in sorted((PROJECT / 'offradar_ros' / 'lab' / 'training').rglob('*.py'))
         if path.stem != '__init__'
     ]
     code = f"""
