@@ -21,7 +21,7 @@ from offradar_ros.encoders.image_encoder import ImageEncoder
 from offradar_ros.encoders.network_config import NetworkConfig
 from offradar_ros.encoders.protocol import Encoder
 from offradar_ros.encoders.registry import make_encoder
-from offradar_ros.lab.live.processes import Stack, isolated_environment
+from offradar_ros.lab.live.node_processes import Stack, isolated_environment
 from offradar_ros.types import PolarScan
 
 RESULTS = Path(__file__).parent / 'results' / 'pipeline.json'

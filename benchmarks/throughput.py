@@ -15,7 +15,7 @@ from measuring import made_by_this_code, rounded, single_threaded, write_results
 from pipeline import ANY_U, DOMAIN_ID, NAMES, PLACES, RATE_HZ, Candidate, candidate
 
 from offradar_ros.encoders.registry import make_encoder
-from offradar_ros.lab.live.processes import Stack, isolated_environment
+from offradar_ros.lab.live.node_processes import Stack, isolated_environment
 
 RESULTS = Path(__file__).parent / 'results' / 'throughput.json'
 LOOPS = 3

@@ -22,7 +22,7 @@ from offradar_ros.errors import RefusedInput
 from offradar_ros.messages import scan_from_image, stamp_ns
 from offradar_ros.ros import navtech, qos
 from offradar_ros.ros.embedding_message import embedding_message, model_message
-from offradar_ros.ros.newest import NewestWorker
+from offradar_ros.ros.newest_worker import NewestWorker
 from offradar_ros.ros.run import run
 from offradar_ros.ros.stage_node import StageNode
 from offradar_ros.stages.encode import EncodeStage
@@ -138,7 +138,7 @@ class EncoderNode(StageNode):
         self.refuse(RefusedInput('overtaken', problem), scan.topic)
 
     def _answer(self, scan: Received) -> None:
-        if self.survive(scan.topic, functools.partial(self._encode, scan)):
+        if self.guarded(scan.topic, functools.partial(self._encode, scan)):
             self.status.handle(scan.received_s)
 
     def _encode(self, scan: Received) -> None:

@@ -18,7 +18,7 @@ def descriptor(bounds: Bounds, value: bool | int | float | str) -> ParameterDesc
     """What `ros2 param describe` shows."""
     unit = f' [{bounds.unit}]' if bounds.unit else ''
     described = ParameterDescriptor(description=bounds.description + unit, read_only=bounds.read_only)
-    # ROS takes 1 for an integer and would refuse it where 1.0 is meant; `declare` and `judged` check the type.
+    # ROS takes 1 for an integer and would refuse it where 1.0 is meant; `declare` and `validate` check the type.
     described.dynamic_typing = isinstance(value, float)
     if bounds.choices:
         described.additional_constraints = 'one of ' + ', '.join(bounds.choices)
@@ -67,7 +67,7 @@ def changed(config: Config, updates: Sequence[RosParameter]) -> Config:
     return replace_values(config, {p.name: p.value for p in updates if p.name in known})
 
 
-def judged(config: Config, updates: Sequence[RosParameter]) -> SetParametersResult:
+def validate(config: Config, updates: Sequence[RosParameter]) -> SetParametersResult:
     """Whether `updates` may be set, and if not, why."""
     try:
         changed(config, updates)

@@ -1,4 +1,4 @@
-"""What the three nodes share: lifecycle with autostart, parameters, diagnostics, and surviving bad messages."""
+"""What the three nodes share: lifecycle with autostart, parameters, diagnostics, and a guard against bad messages."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class StageNode(LifecycleNode):
         self._autostart = self.declare_parameter(
             'autostart', True, ParameterDescriptor(description='configure and activate at start', read_only=True)
         ).value
-        self.add_on_set_parameters_callback(self._judge_parameters)
+        self.add_on_set_parameters_callback(self._validate_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
         self.status = NodeStatus(f'{self.get_fully_qualified_name().lstrip("/")}: offradar_ros')
         self.active = False
@@ -139,29 +139,29 @@ class StageNode(LifecycleNode):
     def subscribe(
         self, message_type: type[MessageT], topic: str, profile: QoSProfile, handle: Callable[[MessageT], None]
     ) -> Subscription:
-        """A subscription that counts, says and survives whatever is wrong with a message."""
+        """A subscription whose callback is `guarded`."""
 
         latched = profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
 
-        def guarded(message: MessageT) -> None:
+        def receive(message: MessageT) -> None:
             if latched:
-                self._latched[topic] = lambda: guarded(message)
+                self._latched[topic] = lambda: receive(message)
             if not self.active:
                 return
             received_s = time.monotonic()
-            if self.survive(topic, lambda: handle(message)) and topic == self.timed_topic:
+            if self.guarded(topic, lambda: handle(message)) and topic == self.timed_topic:
                 self.status.handle(received_s)
 
         return self.create_subscription(
             message_type,
             topic,
-            guarded,
+            receive,
             profile,
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
 
-    def survive(self, topic: str, work: Callable[[], None]) -> bool:
-        """Do what a message of `topic` asks for; count and say what is wrong with it. Whether nothing was."""
+    def guarded(self, topic: str, work: Callable[[], None]) -> bool:
+        """Do `work` for a message of `topic`; an error is counted and logged, never raised. True if there was none."""
         try:
             work()
         except RefusedInput as problem:
@@ -198,8 +198,8 @@ class StageNode(LifecycleNode):
         """The node's clock: simulated under use_sim_time."""
         return int(self.get_clock().now().nanoseconds)
 
-    def _judge_parameters(self, updates: list[Parameter]) -> SetParametersResult:
-        return parameters.judged(self.config, updates)
+    def _validate_parameters(self, updates: list[Parameter]) -> SetParametersResult:
+        return parameters.validate(self.config, updates)
 
     def _apply_parameters(self, updates: list[Parameter]) -> None:
         self.apply(parameters.changed(self.config, updates))

@@ -20,7 +20,7 @@ def test_it_says_what_it_needs(refused: Callable[..., str], monkeypatch: pytest.
 
 @pytest.mark.skipif(importlib.util.find_spec('rclpy') is None, reason='rclpy is not installed')
 def test_every_action_reaches_the_map_server(tmp_path: Path) -> None:
-    from offradar_ros.lab.live.processes import Stack  # noqa: PLC0415
+    from offradar_ros.lab.live.node_processes import Stack  # noqa: PLC0415
 
     parameters = {'map.path': tmp_path / 'map.db', 'map.start_session': False}
     with Stack(tmp_path / 'logs', 74, parameters, names=['map_server_node']) as nodes:
@@ -47,7 +47,7 @@ def test_every_action_reaches_the_map_server(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(importlib.util.find_spec('rclpy') is None, reason='rclpy is not installed')
 def test_no_map_server_is_one_line() -> None:
-    from offradar_ros.lab.live.processes import isolated_environment  # noqa: PLC0415
+    from offradar_ros.lab.live.node_processes import isolated_environment  # noqa: PLC0415
 
     command = [sys.executable, '-m', 'offradar_ros.cli.main', 'session', 'end', '--timeout', '0.5']
     ran = subprocess.run(command, env=isolated_environment(75), capture_output=True, text=True, timeout=60, check=False)
@@ -58,7 +58,7 @@ def test_no_map_server_is_one_line() -> None:
 @pytest.mark.skipif(importlib.util.find_spec('rclpy') is None, reason='rclpy is not installed')
 @pytest.mark.parametrize(('sent', 'status'), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_a_long_wait_is_spoken_of_and_ends_when_told(sent: signal.Signals, status: int) -> None:
-    from offradar_ros.lab.live.processes import isolated_environment  # noqa: PLC0415
+    from offradar_ros.lab.live.node_processes import isolated_environment  # noqa: PLC0415
 
     command = [sys.executable, '-m', 'offradar_ros.cli.main', 'session', 'end']
     with subprocess.Popen(command, env=isolated_environment(76), stderr=subprocess.PIPE, text=True) as waiting:
@@ -72,7 +72,7 @@ def test_a_long_wait_is_spoken_of_and_ends_when_told(sent: signal.Signals, statu
 
 @pytest.mark.skipif(importlib.util.find_spec('rclpy') is None, reason='rclpy is not installed')
 def test_a_map_server_that_does_not_answer_is_spoken_of(tmp_path: Path) -> None:
-    from offradar_ros.lab.live.processes import Stack  # noqa: PLC0415
+    from offradar_ros.lab.live.node_processes import Stack  # noqa: PLC0415
 
     parameters = {'map.path': tmp_path / 'map.db', 'map.start_session': False}
     command = [sys.executable, '-m', 'offradar_ros.cli.main', 'session', 'start']

@@ -12,7 +12,7 @@ import pytest
 from live_nodes import Observer
 from rclpy.parameter import Parameter
 
-from offradar_ros.lab.live.processes import Stack
+from offradar_ros.lab.live.node_processes import Stack
 from offradar_ros.ros.stage_node import StageNode
 
 # Domains above 101 use ports that Linux gives to other programs; each worker has twenty of its own.

@@ -26,7 +26,7 @@ from sensor_msgs.msg import Image, NavSatFix, PointCloud2
 from std_srvs.srv import Trigger
 
 from offradar_ros.encoders.protocol import ModelInfo
-from offradar_ros.lab.live.processes import Stack, isolated_environment
+from offradar_ros.lab.live.node_processes import Stack, isolated_environment
 from offradar_ros.mapping.store import MapStore
 from offradar_ros.nodes import map_server_node, query_node
 from offradar_ros.nodes.encoder_node import EncoderNode

@@ -11,7 +11,7 @@ from live_nodes import Observer, key, replay, wait_until
 
 from offradar_ros.config import load_config
 from offradar_ros.encoders.registry import make_encoder
-from offradar_ros.lab.live.processes import Stack
+from offradar_ros.lab.live.node_processes import Stack
 from offradar_ros.mapping.sessions import SessionMap
 from offradar_ros.mapping.store import MapStore
 from offradar_ros.recordings.bags.reader import Bag

@@ -19,7 +19,7 @@ from std_srvs.srv import Trigger
 from offradar_ros.config import EncoderConfig
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.encoders.ring_key import RingKeyEncoder
-from offradar_ros.lab.live.processes import Stack
+from offradar_ros.lab.live.node_processes import Stack
 from offradar_ros.nodes import encoder_node
 from offradar_ros.nodes.encoder_node import EncoderNode
 from offradar_ros.ros import qos

@@ -11,7 +11,7 @@ import rclpy.serialization
 from live_nodes import Observer, replay, wait_until
 from sensor_msgs.msg import Image, PointCloud2
 
-from offradar_ros.lab.live.processes import Stack
+from offradar_ros.lab.live.node_processes import Stack
 from offradar_ros.mapping.store import MapStore
 from offradar_ros.recordings.bags.writer import write_bag
 from offradar_ros.recordings.datasets.registry import open_sequence

@@ -21,7 +21,7 @@ from sensor_msgs.msg import Image, NavSatFix, PointCloud2
 from std_msgs.msg import Bool
 
 from offradar_ros.geometry import Trajectory
-from offradar_ros.lab.live.processes import Stack
+from offradar_ros.lab.live.node_processes import Stack
 from offradar_ros.mapping.store import MapStore
 from offradar_ros.messages import stamp_ns
 from offradar_ros.recordings.bags.reader import Bag

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 import setuptools
 
-from offradar_ros.lab.live.processes import isolated_environment
+from offradar_ros.lab.live.node_processes import isolated_environment
 from offradar_ros.ros import dds_profile
 from offradar_ros.ros.dds_profile import VARIABLE, with_profile
 from offradar_ros.shipped import installed_file

@@ -12,7 +12,7 @@ from rclpy.parameter import Parameter
 
 from offradar_ros.config import Config, parameters
 from offradar_ros.errors import ConfigError
-from offradar_ros.ros.parameters import changed, declare, descriptor, judged
+from offradar_ros.ros.parameters import changed, declare, descriptor, validate
 
 STAGES = [field.name for field in dataclasses.fields(Config)]
 
@@ -61,10 +61,10 @@ def test_an_invalid_override_is_one_line(context: rclpy.context.Context, name: s
     assert '\n' not in str(error.value)
 
 
-def test_changes_are_judged_before_they_apply() -> None:
+def test_changes_are_validated_before_they_apply() -> None:
     good, bad = [Parameter('query.level', value=4)], [Parameter('query.delta', value=-1.0)]
-    assert judged(Config(), good).successful
-    refused = judged(Config(), bad)
+    assert validate(Config(), good).successful
+    refused = validate(Config(), bad)
     assert not refused.successful
     assert 'query.delta: expected at least 0' in refused.reason
     assert changed(Config(), good).query.level == 4

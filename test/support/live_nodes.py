@@ -16,7 +16,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import PointCloud2
 
-from offradar_ros.lab.live.processes import Stack
+from offradar_ros.lab.live.node_processes import Stack
 from offradar_ros.ros import qos
 from offradar_ros.ros.outcome_message import match_record, rejection_record
 from offradar_ros.types import Match, Outcome

@@ -19,7 +19,7 @@ from sensor_msgs.msg import PointCloud2
 from offradar_ros.cli.progress import progress_bar
 from offradar_ros.errors import OffradarError
 from offradar_ros.lab.demo.drives import Drive
-from offradar_ros.lab.live.processes import Stack
+from offradar_ros.lab.live.node_processes import Stack
 from offradar_ros.recordings.bags.reader import Bag, scan_topic
 from offradar_ros.ros import qos
 from offradar_ros.ros.answers import REPLIES

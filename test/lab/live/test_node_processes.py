@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from offradar_ros.errors import OffradarError
+from offradar_ros.lab.live.node_processes import Stack
 from offradar_ros.lab.live.process_usage import process_usage
-from offradar_ros.lab.live.processes import Stack
 
 DOMAIN = 99
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from offradar_ros.ros.newest import NewestWorker
+from offradar_ros.ros.newest_worker import NewestWorker
 
 WAIT_S = 10.0
 
