@@ -37,13 +37,11 @@ setup(
     ],
     extras_require={
         'bench': ['faiss-cpu>=1.8'],
-        'half': ['llvmlite>=0.45'],
         'onnx': ['onnxruntime>=1.18', 'safetensors>=0.4'],
         'plot': ['jinja2>=3.0', 'matplotlib>=3.6'],
         'ros': ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces'],
         'test': [
             'hypothesis',
-            'llvmlite>=0.45',
             'mcap',
             'mcap-ros2-support',
             'mypy',

@@ -34,7 +34,6 @@ PACKAGES = (
     'torch',
     'rosbags',
     'ros-jazzy-rclpy',
-    'llvmlite',
     'faiss-cpu',
 )
 INTEGERS = ('avx512_vnni', 'avx_vnni', 'amx_int8')

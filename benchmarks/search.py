@@ -24,18 +24,15 @@ from numpy.typing import NDArray
 from search_plot import draw
 from synthetic_maps import DIMENSION, MODEL, SPACING_M, map_file, near_some, synthetic_table
 
-from offradar_ros.config import MapConfig, QueryConfig
+from offradar_ros.config import MapConfig
 from offradar_ros.lab.live.process_usage import process_usage
 from offradar_ros.mapping.sessions import SessionMap
-from offradar_ros.retrieval.introspective_query import IntrospectiveQuery
-from offradar_ros.retrieval.mean_storage import scores_in_blocks
 from offradar_ros.retrieval.place_index import PlaceIndex
+from offradar_ros.retrieval.searched_map import SearchedMap
 from offradar_ros.types import Embedding, PlaceTable, Pose
 
 SIZES = (1_000, 10_000, 100_000, 1_000_000)
 TOP_K = (1, 5, 25, 100, 1000)
-STORAGES = ('float32', 'float16')
-BLOCKS = 'scores without llvmlite'
 SEED = 7
 PEER_K = 25
 OPENINGS = 3
@@ -69,45 +66,34 @@ def main() -> None:
 
 
 def measure_search(_: Path) -> dict[str, Any]:
-    """Queries of every top-k at both storages, in turn with reading the matrix."""
+    """Queries of every top-k, in turn with reading the matrix."""
     peak = gigaflops()
-    told: dict[str, Any] = {'dimension': DIMENSION, 'peak_gflops': rounded(peak), 'sizes': {}}
+    found: dict[str, Any] = {'dimension': DIMENSION, 'peak_gflops': rounded(peak), 'sizes': {}}
     for places in SIZES:
         print(f'search: {places} places', flush=True)
-        told['sizes'][str(places)] = _searched(synthetic_table(places, SEED), peak)
-    return told
+        found['sizes'][str(places)] = _searched(synthetic_table(places, SEED), peak)
+    return found
 
 
 def _searched(table: PlaceTable, peak: float) -> dict[str, Any]:
     queries = near_some(table.means, 64, SEED + 1)
-    functions: dict[str, Callable[[], object]] = {}
-    matrices: dict[str, NDArray[Any]] = {'float32': table.means, 'float16': table.means.astype(np.float16)}
-    for storage in STORAGES:
-        index = PlaceIndex(DIMENSION, len(table), storage)
-        index.upsert(table)
-        functions |= {f'{storage}, {k}': _searching(index, queries, k) for k in TOP_K}
-        functions |= {f'reading {storage}, {way}': read for way, read in readings(matrices[storage]).items()}
+    index = PlaceIndex(DIMENSION, len(table))
+    index.upsert(table)
+    functions: dict[str, Callable[[], object]] = {f'query, {k}': _searching(index, queries, k) for k in TOP_K}
+    functions |= {f'reading, {way}': read for way, read in readings(table.means).items()}
     functions |= _peers(table.means, queries)
-    following, squares = _in_turn(queries), np.ones(len(table), np.float32)
-    functions[BLOCKS] = lambda: scores_in_blocks(matrices['float16'], next(following), squares)
     taken = interleaved(functions, repeats=200, warm_up=3, seconds=30.0)
-    record: dict[str, Any] = {'peers': {n: t.as_dict() for n, t in taken.items() if n.startswith('faiss')}}
-    for storage in STORAGES:
-        ways = {n.partition(', ')[2]: t for n, t in taken.items() if n.startswith(f'reading {storage}')}
-        way = min(ways, key=lambda name: ways[name].median_ms)
-        read_ms, size = ways[way].median_ms, matrices[storage].nbytes
-        record[storage] = {
-            'matrix_bytes': size,
-            'reading': {'way': way, 'gb_s': rounded(size / read_ms / 1e6), **ways[way].as_dict()},
-            'queries': {str(k): taken[f'{storage}, {k}'].as_dict() for k in TOP_K},
-            'ratio_to_reading': {str(k): rounded(taken[f'{storage}, {k}'].median_ms / read_ms, 3) for k in TOP_K},
-        }
-    read_ms = record['float32']['reading']['median_ms']
-    half = {str(k): rounded(taken[f'float16, {k}'].median_ms / read_ms, 3) for k in TOP_K}
-    record['float16']['ratio_to_reading_float32'] = half
-    record['float16'][BLOCKS] = taken[BLOCKS].as_dict()
-    record['flop_floor_ms'] = rounded(2e-6 * table.means.size / peak)
-    return record
+    ways = {name.removeprefix('reading, '): t for name, t in taken.items() if name.startswith('reading, ')}
+    way = min(ways, key=lambda name: ways[name].median_ms)
+    read_ms, size = ways[way].median_ms, table.means.nbytes
+    return {
+        'matrix_bytes': size,
+        'reading': {'way': way, 'gb_s': rounded(size / read_ms / 1e6), **ways[way].as_dict()},
+        'queries': {str(k): taken[f'query, {k}'].as_dict() for k in TOP_K},
+        'ratio_to_reading': {str(k): rounded(taken[f'query, {k}'].median_ms / read_ms, 3) for k in TOP_K},
+        'peers': {name: t.as_dict() for name, t in taken.items() if name.startswith('faiss')},
+        'flop_floor_ms': rounded(2e-6 * table.means.size / peak),
+    }
 
 
 def _searching(index: PlaceIndex, queries: NDArray[np.float32], k: int) -> Callable[[], object]:
@@ -127,33 +113,23 @@ def _peers(means: NDArray[np.float32], queries: NDArray[np.float32]) -> dict[str
     except ImportError:
         return {}
     faiss.omp_set_num_threads(1)
-    indices = {
-        f'faiss flat, {PEER_K}': faiss.IndexFlatL2(DIMENSION),
-        f'faiss fp16, {PEER_K}': faiss.IndexScalarQuantizer(DIMENSION, faiss.ScalarQuantizer.QT_fp16),
-    }
-    functions: dict[str, Callable[[], object]] = {}
-    for name, index in indices.items():
-        index.train(means[:1])
-        index.add(means)
-        functions[name] = _asking(index, _in_turn(queries))
-    return functions
-
-
-def _asking(index: Any, following: Iterator[NDArray[np.float32]]) -> Callable[[], object]:
-    return lambda: index.search(next(following)[None], PEER_K)
+    index = faiss.IndexFlatL2(DIMENSION)
+    index.add(means)
+    following = _in_turn(queries)
+    return {f'faiss flat, {PEER_K}': lambda: index.search(next(following)[None], PEER_K)}
 
 
 def measure_merge(folder: Path) -> dict[str, Any]:
     """One scan into the session map of a file, and the rows for the message about it, as the map server does."""
-    told: dict[str, Any] = {}
+    record: dict[str, Any] = {}
     for places in SIZES:
         print(f'merge: {places} places', flush=True)
         path = map_file(folder, places, SEED)
         # The session is never ended, so that the file stays as it is.
         with SessionMap(MapConfig(path=str(path))) as session_map:
             session_map.start_session('merges', 1)
-            told[str(places)] = _merged(session_map, synthetic_table(places, SEED))
-    return told
+            record[str(places)] = _merged(session_map, synthetic_table(places, SEED))
+    return record
 
 
 def _merged(session_map: SessionMap, table: PlaceTable) -> dict[str, Any]:
@@ -167,7 +143,7 @@ def _merged(session_map: SessionMap, table: PlaceTable) -> dict[str, Any]:
         'replaced': (0.5, beside[rows[:half]]),
         'kept': (2.0, beside[rows[half : 2 * half]]),
     }
-    told: dict[str, Any] = {}
+    record: dict[str, Any] = {}
     for kind, (uncertainty, positions_m) in cases.items():
         wall_s, cpu_s = [], []
         for stamp, (x_m, y_m) in enumerate(positions_m.tolist(), start=10**9):
@@ -180,13 +156,13 @@ def _merged(session_map: SessionMap, table: PlaceTable) -> dict[str, Any]:
             cpu_s.append(time.thread_time() - start_cpu_s)
             if merge.kind.value != kind:
                 raise SystemExit(f'a scan was {merge.kind.value} that should have been {kind}')
-        told[kind] = Timing.of(wall_s).as_dict() | {'cpu_p99_ms': Timing.of(cpu_s).as_dict()['p99_ms']}
-    return told
+        record[kind] = Timing.of(wall_s).as_dict() | {'cpu_p99_ms': Timing.of(cpu_s).as_dict()['p99_ms']}
+    return record
 
 
 def measure_opening(folder: Path) -> dict[str, Any]:
     """Seconds and memory of a process that opens a map, against one that opens an empty map."""
-    told: dict[str, Any] = {}
+    record: dict[str, Any] = {}
     empty = {who: _opened(map_file(folder, 0, SEED), who) for who in OPENERS}
     for places in SIZES:
         path = map_file(folder, places, SEED)
@@ -198,16 +174,16 @@ def measure_opening(folder: Path) -> dict[str, Any]:
             cold = _opened(path, who, cold=True)
             held = statistics.median(run['rss'] for run in warm) - empty[who]['rss']
             peak = statistics.median(run['peak'] for run in warm) - empty[who]['rss']
-            told.setdefault(str(places), {})[who] = {
+            record.setdefault(str(places), {})[who] = {
                 'seconds': [rounded(run['seconds'], 3) for run in warm],
                 'cpu_seconds': [rounded(run['cpu_seconds'], 3) for run in warm],
                 'cold_seconds': rounded(cold['seconds'], 3),
                 'resident_bytes': statistics.median(run['rss'] for run in warm),
                 'memory_bytes': held,
-                'memory_to_float32_matrix': rounded(held / matrix, 3),
-                'peak_to_float32_matrix': rounded(peak / matrix, 3),
+                'memory_to_matrix': rounded(held / matrix, 3),
+                'peak_to_matrix': rounded(peak / matrix, 3),
             }
-    return told
+    return record
 
 
 def _read(path: Path) -> None:
@@ -224,32 +200,31 @@ def _opened(path: Path, who: str, cold: bool = False) -> dict[str, float]:
             os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
     command = [sys.executable, __file__, '--open', who, str(path)]
     done = subprocess.run(command, stdout=subprocess.PIPE, check=True, timeout=300)
-    told: dict[str, float] = json.loads(done.stdout)
-    return told
+    record: dict[str, float] = json.loads(done.stdout)
+    return record
 
 
-def open_and_tell(who: str, path: Path) -> None:
+def open_and_print(who: str, path: Path) -> None:
     """In a process of its own: open a map, use it once, and print what that took."""
     start_s, start_cpu_s = time.perf_counter(), time.process_time()
     held = OPENERS[who](path)
     seconds, cpu_seconds = time.perf_counter() - start_s, time.process_time() - start_cpu_s
-    if isinstance(held, IntrospectiveQuery):
+    if isinstance(held, SearchedMap):
         mean = np.full(DIMENSION, 0.1, np.float32)
-        held.query(Embedding(1, mean, np.ones(DIMENSION, np.float32), MODEL.fingerprint))
+        held.nearest(Embedding(1, mean, np.ones(DIMENSION, np.float32), MODEL.fingerprint), 5)
     used = process_usage(os.getpid())
     record = {'seconds': seconds, 'cpu_seconds': cpu_seconds, 'rss': used.resident_bytes, 'peak': used.peak_bytes}
     print(json.dumps(record))
 
 
-def _query_of(path: Path, storage: str) -> IntrospectiveQuery:
-    query = IntrospectiveQuery(QueryConfig(storage=storage))
-    query.load_file(path)
-    return query
+def _searched_map(path: Path) -> SearchedMap:
+    searched = SearchedMap()
+    searched.load_file(path)
+    return searched
 
 
 OPENERS: dict[str, Callable[[Path], object]] = {
-    'query float32': lambda path: _query_of(path, 'float32'),
-    'query float16': lambda path: _query_of(path, 'float16'),
+    'query': _searched_map,
     'map server': lambda path: SessionMap(MapConfig(path=str(path))),
 }
 PARTS: dict[str, Callable[[Path], dict[str, Any]]] = {
@@ -261,6 +236,6 @@ PARTS: dict[str, Callable[[Path], dict[str, Any]]] = {
 if __name__ == '__main__':
     single_threaded()
     if sys.argv[1:2] == ['--open']:
-        open_and_tell(sys.argv[2], Path(sys.argv[3]))
+        open_and_print(sys.argv[2], Path(sys.argv[3]))
     else:
         main()

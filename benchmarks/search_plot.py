@@ -11,7 +11,7 @@ mpl.use('Agg')
 import matplotlib.pyplot as plt
 from matplotlib.axes import Axes
 
-COLOURS = {'float32': '#1f5fa8', 'float16': '#d1601f'}
+COLOUR = '#1f5fa8'
 K = '5'
 
 
@@ -29,14 +29,10 @@ def _against_size(axes: Axes, results: dict[str, Any]) -> None:
     sizes = results['search']['sizes']
     largest = max(sizes, key=int)
     places = [int(size) for size in sizes]
-    for storage, colour in COLOURS.items():
-        told = [sizes[size][storage]['queries'][K] for size in sizes]
-        _curve(axes, places, told, colour, f'query, {storage}, k = {K}')
-        speed = sizes[largest][storage]['reading']['gb_s'] * 1e6
-        floor = [sizes[size][storage]['matrix_bytes'] / speed for size in sizes]
-        axes.plot(
-            places, floor, '--', color=colour, linewidth=1.2, label=f'reading {storage} at {speed / 1e6:.1f} GB/s'
-        )
+    _curve(axes, places, [sizes[size]['queries'][K] for size in sizes], f'query, k = {K}')
+    speed = sizes[largest]['reading']['gb_s'] * 1e6
+    floor = [sizes[size]['matrix_bytes'] / speed for size in sizes]
+    axes.plot(places, floor, '--', color=COLOUR, linewidth=1.2, label=f'reading the map at {speed / 1e6:.1f} GB/s')
     floor = [sizes[size]['flop_floor_ms'] for size in sizes]
     axes.plot(places, floor, ':', color='0.35', label=f'2·N·d at {results["search"]["peak_gflops"]:.0f} GFLOP/s')
     merges = results['merge']
@@ -51,11 +47,10 @@ def _against_size(axes: Axes, results: dict[str, Any]) -> None:
 def _against_k(axes: Axes, results: dict[str, Any]) -> None:
     sizes = results['search']['sizes']
     largest = max(sizes, key=int)
-    for storage, colour in COLOURS.items():
-        told = sizes[largest][storage]
-        _curve(axes, [int(k) for k in told['queries']], list(told['queries'].values()), colour, f'query, {storage}')
-        read_ms = told['reading']['median_ms']
-        axes.axhline(read_ms, linestyle='--', color=colour, linewidth=1.2, label=f'reading {storage} once')
+    queries = sizes[largest]['queries']
+    _curve(axes, [int(k) for k in queries], list(queries.values()), 'query')
+    read_ms = sizes[largest]['reading']['median_ms']
+    axes.axhline(read_ms, linestyle='--', color=COLOUR, linewidth=1.2, label='reading the map once')
     axes.axhline(sizes[largest]['flop_floor_ms'], linestyle=':', color='0.35', label='2·N·d at the peak of a core')
     axes.set(xscale='log', xlabel=f'top-k, {int(largest):,} places', ylabel='milliseconds, one thread')
     axes.set_ylim(bottom=0.0)
@@ -63,7 +58,7 @@ def _against_k(axes: Axes, results: dict[str, Any]) -> None:
     axes.legend(fontsize=8, loc='lower right', bbox_to_anchor=(1.0, 0.06))
 
 
-def _curve(axes: Axes, x: list[int], told: list[dict[str, Any]], colour: str, label: str) -> None:
-    low, high = zip(*(timing['quartiles_ms'] for timing in told), strict=True)
-    axes.fill_between(x, low, high, color=colour, alpha=0.2, linewidth=0)
-    axes.plot(x, [timing['median_ms'] for timing in told], marker='o', color=colour, markersize=4, label=label)
+def _curve(axes: Axes, x: list[int], timings: list[dict[str, Any]], label: str) -> None:
+    low, high = zip(*(timing['quartiles_ms'] for timing in timings), strict=True)
+    axes.fill_between(x, low, high, color=COLOUR, alpha=0.2, linewidth=0)
+    axes.plot(x, [timing['median_ms'] for timing in timings], marker='o', color=COLOUR, markersize=4, label=label)

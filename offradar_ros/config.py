@@ -21,6 +21,8 @@ from offradar_ros.errors import ConfigError
 Value = bool | int | float | str
 NODES_OWN = frozenset({'use_sim_time', 'autostart', 'start_type_description_service'})
 NODES_OWN_PREFIX = 'qos_overrides.'
+REMOVED = {'query.storage': 'maps are searched in float32, as by default before'}
+"""Parameters of earlier versions, and what holds instead."""
 ConfigT = TypeVar('ConfigT')
 
 
@@ -282,12 +284,6 @@ class QueryConfig:
         maximum=1000.0,
         read_only=False,
     )
-    storage: str = parameter(
-        'float32',
-        'how the searched means are kept: float16 rounds them to 11 bits and takes half the memory, and with llvmlite '
-        'installed little more than half the time',
-        choices=('float32', 'float16'),
-    )
     map_path: str = parameter(
         '', 'SQLite map opened read-only at start: for maps too large for a message, or to query without a map server'
     )
@@ -339,6 +335,8 @@ def replace_values(config: ConfigT, values: Mapping[str, Any]) -> ConfigT:
 
 
 def _unknown(name: str, known: list[str]) -> str:
+    if name in REMOVED:
+        return f'parameter {name} was removed: {REMOVED[name]}; delete it from your parameters'
     shown = name if name.isprintable() else repr(name)
     nearest = difflib.get_close_matches(name, known, 1)
     hint = f'did you mean {nearest[0]}?' if nearest else 'offradar parameters lists those there are'

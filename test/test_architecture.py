@@ -64,11 +64,10 @@ LAZY = {
     ('lab.cli.train', 'lab.training.split_drives'),
     ('lab.evaluation.methods', 'encoders.onnx_backend'),
     ('lab.evaluation.methods', 'encoders.weights'),
-    ('retrieval.mean_storage', 'retrieval.half_scores'),
 }
-BACKENDS = {'encoders.onnx_backend', 'encoders.torch_backend', 'retrieval.half_scores'}
-"""The modules that import a runtime of learned encoders, or a compiler, when they are imported."""
-HEAVY = ('rclpy', 'torch', 'onnxruntime', 'onnx', 'llvmlite', 'matplotlib', 'scipy')
+BACKENDS = {'encoders.onnx_backend', 'encoders.torch_backend'}
+"""The modules that import a runtime of learned encoders when they are imported."""
+HEAVY = ('rclpy', 'torch', 'onnxruntime', 'onnx', 'matplotlib', 'scipy')
 VAGUE = {'util', 'utils', 'common', 'helper', 'helpers', 'manager', 'managers', 'misc'}
 
 

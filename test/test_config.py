@@ -152,6 +152,8 @@ def test_an_unknown_name_is_told_with_the_nearest_known_one():
     assert said('query.levle') == 'parameter query.levle is unknown: did you mean query.level?'
     assert said('delta') == 'parameter delta is unknown: did you mean query.delta?'
     assert said('zzz') == 'parameter zzz is unknown: offradar parameters lists those there are'
+    assert 'query.storage was removed' in said('query.storage')
+    assert 'delete it from your parameters' in said('query.storage')
     assert said('a\nb').startswith("parameter 'a\\nb' is unknown: ")
 
 

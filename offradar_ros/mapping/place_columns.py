@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
 
 import numpy as np
-from numpy.typing import DTypeLike, NDArray
+from numpy.typing import NDArray
 
 from offradar_ros.types import Place, PlaceTable, Pose
 
@@ -36,7 +35,7 @@ def room_for(places: int) -> int:
     return places + max(places // 4, 16)
 
 
-def _allocate(capacity: int, dimension: int, means_type: np.dtype[Any]) -> PlaceTable:
+def _allocate(capacity: int, dimension: int) -> PlaceTable:
     return PlaceTable(
         place_ids=np.empty(capacity, np.int64),
         session_ids=np.empty(capacity, np.int32),
@@ -44,21 +43,19 @@ def _allocate(capacity: int, dimension: int, means_type: np.dtype[Any]) -> Place
         positions_m=np.empty((capacity, 3), np.float64),
         yaws_rad=np.empty(capacity, np.float64),
         uncertainties=np.empty(capacity, np.float32),
-        means=np.empty((capacity, dimension), means_type),
+        means=np.empty((capacity, dimension), np.float32),
     )
 
 
 class PlaceColumns:
     """A `PlaceTable` that rows are written into: an entry is replaced in microseconds, memory doubles when it is full.
 
-    Rows are in ascending order of place id, always. Means are rounded to `means_type`. What `capacity` is not used yet
-    costs address space, no memory.
+    Rows are in ascending order of place id, always. What `capacity` is not used yet costs address space, no memory.
     """
 
-    def __init__(self, dimension: int, capacity: int = 16, means_type: DTypeLike = np.float32) -> None:
+    def __init__(self, dimension: int, capacity: int = 16) -> None:
         self.dimension = dimension
-        self._means_type = np.dtype(means_type)
-        self._memory = _allocate(capacity, dimension, self._means_type)
+        self._memory = _allocate(capacity, dimension)
         self._size = 0
 
     def __len__(self) -> int:
@@ -109,7 +106,7 @@ class PlaceColumns:
         capacity = len(self._memory)
         if size > capacity:
             full = self._memory
-            self._memory = _allocate(max(size, 2 * capacity), self.dimension, self._means_type)
+            self._memory = _allocate(max(size, 2 * capacity), self.dimension)
             self._write(slice(0, capacity), full)
 
 

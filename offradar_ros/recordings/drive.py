@@ -16,9 +16,9 @@ from offradar_ros.mapping.sessions import SessionMap
 from offradar_ros.messages import point_from_fix, pose_from_odometry, scan_from_image, stamp_ns
 from offradar_ros.recordings.bags.reader import Bag, RawMessage, scan_topic
 from offradar_ros.recordings.bags.topics import FIX, FIX_TYPE, ODOMETRY, ODOMETRY_TYPE
-from offradar_ros.retrieval.introspective_query import IntrospectiveQuery
 from offradar_ros.stages.encode import EncodeStage
 from offradar_ros.stages.map import MapStage, MapUpdate
+from offradar_ros.stages.query import QueryStage
 from offradar_ros.types import Outcome, PlaceTable
 
 
@@ -63,7 +63,7 @@ class _Drive:
         self._bag, self._config = bag, config
         self._fingerprint = encoder.info.fingerprint
         self._encode = EncodeStage(encoder, config.radar.restart_after_s)
-        self._query = IntrospectiveQuery(config.query)
+        self._query = QueryStage(config.query)
         self._mapping: MapStage | None = None
         self._outcomes: list[Outcome] = []
         self._refused: Counter[str] = Counter()

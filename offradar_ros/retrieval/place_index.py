@@ -7,8 +7,10 @@ from numpy.typing import NDArray
 
 from offradar_ros.errors import RefusedInput
 from offradar_ros.mapping.place_columns import PlaceColumns
-from offradar_ros.retrieval.mean_storage import ROUND_OFF, mean_storage
 from offradar_ros.types import Candidate, PlaceTable, Pose
+
+_ROUND_OFF = 2.0**-24
+"""Relative error of one single-precision operation."""
 
 _TINY = float(np.finfo(np.float32).tiny)
 """Below this single precision loses its relative accuracy."""
@@ -52,17 +54,14 @@ def _limit(scores: NDArray[np.float32], k: int, margin: float) -> float:
 class PlaceIndex:
     """Brute force over one preallocated matrix: a change costs microseconds, and nothing is approximate.
 
-    `storage` is `query.storage`: with `float16` means are rounded as they come, and what is searched, exactly, are the
-    rounded ones (`mean_storage`).
-
-    One pass computes |x|² − 2 x·q in single precision, which cancels badly for x near q. Every row that its error
-    bound leaves in question is then measured again, as |x − q| in double precision.
+    One pass computes |x|² − 2 x·q in single precision, which cancels badly for x near q: sums of d + 1 terms, so that
+    its error is at most (d + 8) 2⁻²⁴ (|x| + |q|)². Every row that this bound leaves in question is then measured again,
+    as |x − q| in double precision.
     """
 
-    def __init__(self, dimension: int, capacity: int = 16, storage: str = 'float32') -> None:
+    def __init__(self, dimension: int, capacity: int = 16) -> None:
         self.dimension = dimension
-        self._storage, self._name = mean_storage(storage), storage
-        self._columns = PlaceColumns(dimension, capacity, self._storage.dtype)
+        self._columns = PlaceColumns(dimension, capacity)
         self._squares = np.empty(capacity, np.float32)
         self._largest: float | None = None
 
@@ -122,9 +121,10 @@ class PlaceIndex:
         largest = (np.sqrt(self._largest_square()) + np.linalg.norm(query.astype(np.float64))) ** 2
         if not largest < _LARGEST_SQUARE:
             return np.setdiff1d(np.arange(len(self)), excluded)
-        scores = self._storage.scores(self._columns.table.means, query, squares)
+        scores = self._columns.table.means @ (np.float32(-2.0) * query)
+        scores += squares
         scores[excluded] = np.inf
-        bound = (self.dimension + 8) * (ROUND_OFF * largest + _TINY)
+        bound = (self.dimension + 8) * (_ROUND_OFF * largest + _TINY)
         return _least(scores, k, 2.0 * bound)
 
     def _distances(self, query: NDArray[np.float32], rows: NDArray[np.intp]) -> NDArray[np.float32]:
@@ -177,15 +177,8 @@ class PlaceIndex:
                 'wrong_dimension',
                 f'places of dimension {table.means.shape[-1]} refused: the map has dimension {self.dimension}',
             )
-        # Not a comparison with each value: a whole map's is looked at in one pass, and NaN is neither.
+        # Extremes of each row instead of a flag for each value, which would take a quarter of the map's memory.
         least, most = table.means.min(axis=1, initial=0.0), table.means.max(axis=1, initial=0.0)
-        largest = self._storage.largest
-        wrong = np.flatnonzero(~((least >= -largest) & (most <= largest)))
+        wrong = np.flatnonzero(~(np.isfinite(least) & np.isfinite(most)))
         if len(wrong):
-            row = wrong[0]
-            why = (
-                f'holds values beyond ±{largest:g}, which query.storage: {self._name} cannot keep'
-                if np.isfinite(table.means[row]).all()
-                else 'is not finite'
-            )
-            raise RefusedInput('invalid_place', f'place {table.place_ids[row]}: its mean {why}')
+            raise RefusedInput('invalid_place', f'place {table.place_ids[wrong[0]]}: its mean is not finite')

@@ -28,7 +28,7 @@ from std_srvs.srv import Trigger
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.lab.live.node_processes import Stack, isolated_environment
 from offradar_ros.mapping.store import MapStore
-from offradar_ros.nodes import map_server_node, query_node
+from offradar_ros.nodes import map_server_node
 from offradar_ros.nodes.encoder_node import EncoderNode
 from offradar_ros.nodes.map_server_node import MapServerNode
 from offradar_ros.nodes.query_node import QueryNode
@@ -74,19 +74,6 @@ def test_a_configuration_that_fails_leaves_the_node_unconfigured(
     start_node(MapServerNode, {'autostart': False, 'map.path': str(tmp_path / 'no folder' / 'map.db')})
     assert not change(observer, 'map_server', Transition.TRANSITION_CONFIGURE)
     assert state(observer, 'map_server') == State.PRIMARY_STATE_UNCONFIGURED
-
-
-@pytest.mark.parametrize(('quick', 'storage'), [(True, 'float16'), (False, 'float16'), (False, 'float32')])
-def test_a_search_of_halves_that_will_be_slow_is_told_of(
-    start_node: Callable[..., StageNode],
-    monkeypatch: pytest.MonkeyPatch,
-    capfd: pytest.CaptureFixture[str],
-    quick: bool,
-    storage: str,
-) -> None:
-    monkeypatch.setattr(query_node, 'widens_halves_quickly', lambda: quick)
-    start_node(QueryNode, {'query.storage': storage})
-    assert ('slower without llvmlite' in capfd.readouterr().err) == (storage == 'float16' and not quick)
 
 
 def test_a_node_that_is_composed_ends_with_destroy_node(domain_id: int) -> None:

@@ -9,22 +9,8 @@ from hypothesis import strategies as st
 from scipy.spatial.distance import cdist
 
 from offradar_ros.errors import RefusedInput
-from offradar_ros.retrieval import mean_storage as storages
 from offradar_ros.retrieval.place_index import PlaceIndex
 from offradar_ros.types import PlaceTable
-
-WAYS = ('float16 by llvm', 'float16 in blocks')
-
-
-def index_of(dimension: int, way: str) -> PlaceIndex:
-    if way == 'float32':
-        return PlaceIndex(dimension)
-    scores = storages.scores_in_blocks
-    if way == 'float16 by llvm':
-        scores = pytest.importorskip('offradar_ros.retrieval.half_scores').scores_of_halves
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(storages, '_half_scores', lambda: scores)
-        return PlaceIndex(dimension, storage='float16')
 
 
 def table_of(means, place_ids=None) -> PlaceTable:
@@ -50,11 +36,6 @@ def slowly(entries: dict, query, k) -> list:
         with np.errstate(over='ignore'):
             ranked.append((float(np.float32(math.sqrt(square))), place_id))
     return sorted(ranked)[:k]
-
-
-def halves(entries: dict) -> dict:
-    """What float16 storage makes of each value."""
-    return {k: [float(np.float16(v)) for v in mean] for k, mean in entries.items()}
 
 
 def found(index, query, k, **without):
@@ -96,64 +77,6 @@ def test_maps_large_enough_to_look_for_the_nearest_by_groups(k):
     assert found(index, means[0], k, without=all_but_some) == left
 
 
-half_value = st.one_of(
-    st.floats(-2, 2, width=32),
-    st.floats(-65504, 65504, width=32),
-    st.sampled_from([0.0, 1.0, 1.0 + 2.0**-11, 1.0 + 2.0**-12, 6e-8, 3e-5, 65504.0, -65504.0]),
-)
-
-
-@pytest.mark.parametrize('way', WAYS)
-@settings(max_examples=150, deadline=None)
-@given(
-    st.lists(st.lists(half_value, min_size=3, max_size=3), min_size=1, max_size=20),
-    st.lists(value, min_size=3, max_size=3),
-    st.integers(1, 25),
-)
-def test_float16_searches_the_rounded_values_exactly(way, means, query, k):
-    index = index_of(3, way)
-    index.upsert(table_of(means))
-    query = np.asarray(query, np.float32)
-    assert found(index, query, k) == slowly(halves(dict(enumerate(np.asarray(means, np.float32)))), query, k)
-
-
-@pytest.mark.parametrize('way', WAYS)
-def test_float16_keeps_the_order_of_many_near_duplicates(way):
-    """A shortlist that took the query's own rounding for exact would lose some of these."""
-    rng = np.random.default_rng(1)
-    centre = rng.normal(size=128)
-    means = (centre + 2e-3 * rng.normal(size=(3000, 128))).astype(np.float32)
-    index = index_of(128, way)
-    index.upsert(table_of(means))
-    for query in means[:5] + 1e-3 * rng.normal(size=(5, 128)).astype(np.float32):
-        exact = cdist(query[None].astype(float), means.astype(np.float16).astype(float))[0].astype(np.float32)
-        order = np.argsort(exact, kind='stable')[:25]
-        assert found(index, query, 25) == [(float(exact[i]), int(i)) for i in order]
-
-
-def test_float16_moves_a_distance_by_no_more_than_its_rounding():
-    rng = np.random.default_rng(2)
-    means = rng.normal(size=(500, 128)).astype(np.float32)
-    means /= np.linalg.norm(means, axis=1, keepdims=True)
-    query = means[3] + 0.05 * rng.normal(size=128).astype(np.float32)
-    exact, rounded = PlaceIndex(128), PlaceIndex(128, storage='float16')
-    for index in (exact, rounded):
-        index.upsert(table_of(means))
-    far = {place_id: distance for distance, place_id in found(exact, query, 500)}
-    for distance, place_id in found(rounded, query, 500):
-        assert abs(distance - far[place_id]) <= 2.0**-11
-
-
-@pytest.mark.parametrize('too_large', [65505.0, -1e5, 3e38])
-def test_what_float16_cannot_keep_is_refused_and_changes_nothing(too_large):
-    index = PlaceIndex(2, storage='float16')
-    index.upsert(table_of([[1, 2]]))
-    with pytest.raises(RefusedInput, match=r'place 1: .*65504.*query\.storage: float16') as refused:
-        index.upsert(table_of([[0, 0], [too_large, 0]]))
-    assert refused.value.cause == 'invalid_place'
-    assert found(index, [1, 2], 3) == [(0.0, 0)]
-
-
 def test_many_places_against_cdist():
     rng = np.random.default_rng(0)
     means = rng.normal(size=(3000, 64)).astype(np.float32)
@@ -192,12 +115,10 @@ def test_k_beyond_the_map_and_an_empty_map():
 step = st.tuples(st.sampled_from(['upsert', 'remove']), st.lists(st.integers(0, 30), max_size=12))
 
 
-@pytest.mark.parametrize('way', ['float32', *WAYS])
 @settings(max_examples=80, deadline=None)
 @given(st.lists(step, max_size=8), st.lists(st.integers(0, 30), max_size=5))
-def test_changes_leave_no_trace_of_what_was(way, steps, without):
-    index, entries = index_of(4, way), {}
-    kept = halves if way != 'float32' else dict
+def test_changes_leave_no_trace_of_what_was(steps, without):
+    index, entries = PlaceIndex(4), {}
     rng = np.random.default_rng(7)
     for verb, ids in steps:
         means = rng.normal(size=(len(ids), 4)).astype(np.float32)
@@ -210,9 +131,9 @@ def test_changes_leave_no_trace_of_what_was(way, steps, without):
             entries |= dict(zip(ids, means, strict=True))
         assert len(index) == len(entries)
         query = rng.normal(size=4).astype(np.float32)
-        assert found(index, query, 5) == slowly(kept(entries), query, 5)
+        assert found(index, query, 5) == slowly(entries, query, 5)
         left = {k: v for k, v in entries.items() if k not in without}
-        assert found(index, query, 5, without=np.array(without, np.int64)) == slowly(kept(left), query, 5)
+        assert found(index, query, 5, without=np.array(without, np.int64)) == slowly(left, query, 5)
 
 
 def test_a_candidate_carries_its_place():

@@ -1,0 +1,92 @@
+"""The query stage: a map from messages or a file, thresholds that change, and what it reports of itself."""
+
+import dataclasses
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from offradar_ros.config import MapConfig, QueryConfig
+from offradar_ros.encoders.protocol import ModelInfo
+from offradar_ros.errors import MapError, RefusedInput
+from offradar_ros.mapping.sessions import SessionMap
+from offradar_ros.stages.query import QueryStage
+from offradar_ros.types import Embedding, Match, Place, PlaceTable, Pose
+
+MODEL = 'a' * 64
+
+
+def table(*means: tuple[float, float]) -> PlaceTable:
+    made = [Place(i, 1, i, Pose(0.0, 0.0), 0.9, np.asarray(mean, np.float32)) for i, mean in enumerate(means)]
+    return PlaceTable.from_places(made, 2)
+
+
+def scan(uncertainty: float = 1.0) -> Embedding:
+    return Embedding(5, np.zeros(2, np.float32), np.full(2, uncertainty, np.float32), MODEL)
+
+
+def write_map(path: Path) -> None:
+    with SessionMap(MapConfig(path=str(path))) as session_map:
+        session_map.adopt_model(ModelInfo('ring_key', MODEL, 2, {}))
+        session_map.start_session('first', 1)
+        session_map.merge(scan(), Pose(0.0, 0.0))
+        session_map.end_session()
+
+
+def test_thresholds_change_and_the_map_stays() -> None:
+    stage = QueryStage(QueryConfig())
+    stage.load(table((0, 0)), MODEL)
+    assert stage.threshold == 1.5
+    assert isinstance(stage.query(scan(1.2)), Match)
+    stage.reconfigure(dataclasses.replace(stage.config, level=5))
+    assert stage.threshold == 1.0
+    assert not isinstance(stage.query(scan(1.2)), Match)
+    assert stage.places == 1
+
+
+def test_updates_reach_the_map() -> None:
+    stage = QueryStage(QueryConfig())
+    stage.update(table((0, 0), (1, 1)), MODEL, committed=True)
+    assert stage.places == 2
+    with pytest.raises(RefusedInput, match='places dropped'):
+        stage.update(table((0, 0)), 'b' * 64, committed=True)
+
+
+def test_it_warns_of_no_map_and_of_u_that_is_not_near_one() -> None:
+    stage = QueryStage(QueryConfig())
+    assert stage.warning == 'no map to search'
+    assert math.isnan(stage.mean_uncertainty)
+    stage.load(table((0, 0)), MODEL)
+    assert stage.warning == ''
+    stage.query(Embedding(5, np.empty(0, np.float32), np.empty(0, np.float32)))
+    assert math.isnan(stage.mean_uncertainty)
+    for uncertainty in (1.5, 1.7):
+        stage.query(scan(uncertainty))
+    assert stage.mean_uncertainty == pytest.approx(1.6)
+    assert stage.warning == 'mean U 1.60 is not near 1: calibrate for this sensor'
+    for _ in range(300):
+        stage.query(scan(1.0))
+    assert (stage.mean_uncertainty, stage.warning) == (1.0, '')
+
+
+def test_a_map_file_is_opened_at_start_or_waited_for(tmp_path: Path) -> None:
+    path = tmp_path / 'a.map'
+    stage = QueryStage(QueryConfig(map_path=str(path)))
+    assert stage.open_file()
+    write_map(path)
+    assert not stage.open_file()
+    assert stage.places == 1
+    assert not QueryStage(QueryConfig()).open_file()
+    with pytest.raises(MapError, match='no map file there'):
+        QueryStage(QueryConfig(map_path=str(tmp_path / 'no folder' / 'a.map'))).open_file()
+
+
+def test_a_map_too_large_for_a_message_needs_a_file(tmp_path: Path) -> None:
+    with pytest.raises(RefusedInput, match=r'query\.map_path') as refused:
+        QueryStage(QueryConfig()).read_file()
+    assert refused.value.cause == 'map_too_large'
+    write_map(tmp_path / 'a.map')
+    stage = QueryStage(QueryConfig(map_path=str(tmp_path / 'a.map')))
+    stage.read_file()
+    assert isinstance(stage.query(scan()), Match)
