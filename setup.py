@@ -26,6 +26,7 @@ setup(
     python_requires='>=3.10',
     install_requires=[
         'setuptools',
+        'cattrs>=22.2',
         'numpy>=1.26',
         'opencv-python-headless>=4.8',
         'pyproj>=3.6',

@@ -8,15 +8,13 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import difflib
 import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
-import yaml
-
 from offradar_ros.errors import ConfigError
+from offradar_ros.records import flatten, read_tree, replace, to_yaml
 
 Value = bool | int | float | str
 NODES_OWN = frozenset({'use_sim_time', 'autostart', 'start_type_description_service'})
@@ -39,6 +37,8 @@ class Bounds:
 
     def problem(self, value: Value) -> str | None:
         """Why `value` is not allowed, or None."""
+        if isinstance(value, int) and value.bit_length() > 63:
+            return 'expected a number of 64 bits, as ROS parameters are'
         if self.choices and value not in self.choices:
             return f'expected one of {", ".join(self.choices)}, got {value!r}'
         if isinstance(value, float) and not math.isfinite(value):
@@ -325,58 +325,10 @@ def parameters(config: Any, prefix: str = '') -> Iterator[Parameter]:
 
 def replace_values(config: ConfigT, values: Mapping[str, Any]) -> ConfigT:
     """A copy of `config` with dotted names set; ConfigError names the first unknown or invalid one."""
-    known = {leaf.name: leaf for leaf in parameters(config)}
-    for name, value in values.items():
-        if name not in known:
-            raise ConfigError(_unknown(name, sorted(known)))
-        values = {**values, name: _checked(known[name], value)}
-    rebuilt: ConfigT = _rebuilt(config, values, '')
-    return rebuilt
-
-
-def _unknown(name: str, known: list[str]) -> str:
-    if name in REMOVED:
-        return f'parameter {name} was removed: {REMOVED[name]}; delete it from your parameters'
-    shown = name if name.isprintable() else repr(name)
-    nearest = difflib.get_close_matches(name, known, 1)
-    hint = f'did you mean {nearest[0]}?' if nearest else 'offradar parameters lists those there are'
-    return f'parameter {shown} is unknown: {hint}'
-
-
-def _checked(leaf: Parameter, value: Any) -> Any:
-    if isinstance(value, int) and not -(2**63) <= value < 2**63:
-        raise ConfigError(f'parameter {leaf.name}: expected a number of 64 bits, as ROS parameters are')
-    if isinstance(leaf.value, float) and isinstance(value, int) and not isinstance(value, bool):
-        value = float(value)
-    if type(value) is not type(leaf.value):
-        expected = type(leaf.value).__name__
-        raise ConfigError(f'parameter {leaf.name}: expected {expected}, got {value!r}')
-    problem = leaf.bounds.problem(value)
-    if problem:
-        raise ConfigError(f'parameter {leaf.name}: {problem}')
-    return value
-
-
-def _rebuilt(config: Any, values: Mapping[str, Any], prefix: str) -> Any:
-    changes: dict[str, Any] = {}
-    for field in dataclasses.fields(config):
-        value, name = getattr(config, field.name), prefix + field.name
-        if dataclasses.is_dataclass(value):
-            changes[field.name] = _rebuilt(value, values, name + '.')
-        elif name in values:
-            changes[field.name] = values[name]
-    return dataclasses.replace(config, **changes)
-
-
-def flatten(tree: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
-    """Nested mappings to dotted names."""
-    flat: dict[str, Any] = {}
-    for key, value in tree.items():
-        if isinstance(value, Mapping):
-            flat.update(flatten(value, f'{prefix}{key}.'))
-        else:
-            flat[f'{prefix}{key}'] = value
-    return flat
+    removed = next((name for name in values if name in REMOVED), None)
+    if removed is not None:
+        raise ConfigError(f'parameter {removed} was removed: {REMOVED[removed]}; delete it from your parameters')
+    return replace(config, values, 'parameter', 'offradar parameters lists those there are')
 
 
 def read_parameters(path: str | Path) -> dict[str, Any]:
@@ -384,24 +336,15 @@ def read_parameters(path: str | Path) -> dict[str, Any]:
 
     Every name in the file, those that nodes have beside ours included (see `is_of_nodes`).
     """
-    try:
-        tree = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
-        return _parameters_of(tree)
-    except FileNotFoundError:
-        raise ConfigError(f'{path}: no such file') from None
-    # ValueError: PyYAML on a date such as 2001-99-99; RecursionError: an alias inside its own anchor.
-    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
-        reason = (getattr(error, 'strerror', None) or str(error)).splitlines()[0]
-        raise ConfigError(f'{path}: not a readable YAML parameter file ({reason})') from error
-
-
-def _parameters_of(tree: Any) -> dict[str, Any]:
     values: dict[str, Any] = {}
-    for key, branch in _mapping(tree).items():
-        if isinstance(branch, Mapping) and 'ros__parameters' in branch:
-            values.update(flatten(_mapping(branch['ros__parameters'])))
-        else:
-            values.update(flatten({key: branch}))
+    try:
+        for key, branch in _mapping(read_tree(path)).items():
+            if isinstance(branch, Mapping) and 'ros__parameters' in branch:
+                values |= flatten(_mapping(branch['ros__parameters']))
+            else:
+                values |= flatten({key: branch})
+    except ValueError as error:
+        raise ConfigError(f'{path}: {error}') from None
     return values
 
 
@@ -448,7 +391,7 @@ def write_parameters(path: str | Path, values: Mapping[str, Value], comment: str
         for stage in stages:
             branch = branch.setdefault(stage, {})
         branch[leaf] = value
-    text = yaml.safe_dump({'/**': {'ros__parameters': tree}}, sort_keys=False)
+    text = to_yaml({'/**': {'ros__parameters': tree}})
     header = ''.join(f'# {line}\n' for line in comment.splitlines())
     with _refusing_to_write(path):
         Path(path).write_text(header + text, encoding='utf-8')

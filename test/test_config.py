@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from offradar_ros.config import (
     Config,
     QueryConfig,
-    flatten,
     load_config,
     parameters,
     read_parameters,
@@ -95,14 +94,14 @@ def test_any_node_s_parameters_and_plain_ones_are_read(tmp_path):
         ({'map.match_distance_m': 1e9}, 'expected at most 1000 m, got 1e\\+09'),
         ({'map.match_distance_m': math.nan}, 'expected a finite number, got nan'),
         ({'map.match_distance_m': math.inf}, 'expected a finite number'),
-        ({'map.match_distance_m': '5'}, "expected float, got '5'"),
-        ({'map.match_distance_m': True}, 'expected float, got True'),
+        ({'map.match_distance_m': '5'}, "expected a finite number, got '5'"),
+        ({'map.match_distance_m': True}, 'expected a finite number, got True'),
         ({'map.match_distance_m': 10**400}, 'map.match_distance_m: expected a number of 64 bits'),
         ({'query.top_k': 10**400}, 'query.top_k: expected a number of 64 bits'),
-        ({'query.top_k': 2.0}, 'expected int, got 2.0'),
-        ({'query.top_k': True}, 'expected int, got True'),
-        ({'map.insert_unmatched': 1}, 'expected bool, got 1'),
-        ({'map.path': None}, 'expected str, got None'),
+        ({'query.top_k': 2.0}, 'expected a whole number, got 2.0'),
+        ({'query.top_k': True}, 'expected a whole number, got True'),
+        ({'map.insert_unmatched': 1}, 'expected true or false, got 1'),
+        ({'map.path': None}, 'expected text, got None'),
         ({'map.replace': 'best'}, "expected one of nearest, worst, all, got 'best'"),
         ({'query.level': 11}, r'query\.level: expected at most query\.levels = 10, got 11'),
     ],
@@ -197,20 +196,6 @@ def test_any_file_is_read_or_refused(tmp_path_factory, content):
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(ConfigError, match=r'nowhere\.yaml: no such file$'):
         load_config(tmp_path / 'nowhere.yaml')
-
-
-nested = st.recursive(
-    st.integers(), lambda inner: st.dictionaries(st.text('abc', min_size=1, max_size=2), inner, min_size=1, max_size=3)
-)
-
-
-@given(st.dictionaries(st.text('abc', min_size=1, max_size=2), nested, max_size=3))
-def test_flattened_names_lead_to_their_values(tree):
-    for name, value in flatten(tree).items():
-        branch = tree
-        for part in name.split('.'):
-            branch = branch[part]
-        assert branch == value
 
 
 def test_configurations_are_frozen():

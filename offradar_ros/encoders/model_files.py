@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
 import importlib.util
-import os
 from pathlib import Path
 
 from offradar_ros.errors import ModelError
+from offradar_ros.records import write_whole_file
 
 
 def require_file(path: str | Path) -> str:
@@ -33,11 +32,7 @@ def write_atomically(path: str | Path, content: bytes) -> None:
     target = Path(path)
     if target.is_dir():
         raise ModelError(f'{path}: cannot be written (a folder is there)')
-    partial = target.with_name(f'.{target.name}.{os.getpid()}.partial')
     try:
-        partial.write_bytes(content)
-        partial.replace(target)
+        write_whole_file(target, content)
     except OSError as error:
-        with contextlib.suppress(OSError):
-            partial.unlink()
         raise ModelError(f'{path}: cannot be written ({error.strerror})') from error

@@ -9,6 +9,7 @@ from typing import Any
 from offradar_ros.config import CartesianConfig, PolarGridConfig
 from offradar_ros.encoders.fingerprint import canonical_json
 from offradar_ros.errors import ConfigError
+from offradar_ros.records import structure, unstructure
 
 # VGG-16 and ResNet-50 halve the image five times, the compact backbone three times.
 CARTESIAN_REDUCTION = 32
@@ -93,21 +94,22 @@ class NetworkConfig:
 
     def to_json(self) -> str:
         """Canonical JSON object of every setting."""
-        return canonical_json(dataclasses.asdict(self))
+        return canonical_json(unstructure(self))
 
     @classmethod
     def from_json(cls, text: str) -> NetworkConfig:
         """The settings that `to_json` wrote; ConfigError for anything else."""
         try:
-            values = json.loads(text)
-        except ValueError as error:
+            tree = json.loads(text)
+        except (ValueError, RecursionError) as error:
             raise ConfigError(f'network settings: expected JSON ({error})') from error
-        fields = {field.name: type(field.default) for field in dataclasses.fields(cls)}
-        if not isinstance(values, dict) or values.keys() != fields.keys():
-            raise ConfigError(f'network settings: expected an object with {", ".join(fields)}, got {text[:200]!r}')
-        for name, value in values.items():
-            _expect(type(value) is fields[name], name, fields[name].__name__, value)
-        return cls(**values)
+        if not isinstance(tree, dict):
+            raise ConfigError(f'network settings: expected an object, got {text[:200]!r}')
+        config = structure(cls, tree, 'network setting')
+        missing = unstructure(config).keys() - tree.keys()
+        if missing:
+            raise ConfigError(f'network setting {min(missing)} is missing')
+        return config
 
 
 def _expect(condition: bool, name: str, expected: str, value: Any) -> None:

@@ -14,6 +14,7 @@ from offradar_ros.encoders.fingerprint import canonical_json, fingerprint
 from offradar_ros.encoders.model_files import first_line, require_file, require_package, write_atomically
 from offradar_ros.encoders.rad_vlad_rows import RowSettings
 from offradar_ros.errors import ConfigError, ModelError
+from offradar_ros.records import structure, unstructure
 
 # Changes whenever the same settings and centres would give another embedding.
 FORMULA = 1
@@ -57,7 +58,7 @@ class Codebook:
         return fingerprint('rad_vlad', {**self._settings(), 'formula': FORMULA}, {'centres': self.centres})
 
     def _settings(self) -> dict[str, int | float]:
-        return {**dataclasses.asdict(self.rows), 'typical_repetition': self.typical_repetition}
+        return {**unstructure(self.rows), 'typical_repetition': self.typical_repetition}
 
     def save(self, path: str | Path) -> None:
         """Write a safetensors file atomically; ModelError where it cannot be written."""
@@ -89,7 +90,9 @@ def load_codebook(path: str | Path) -> Codebook:
     try:
         settings = json.loads(metadata['offradar.rad_vlad'])
         typical = settings.pop('typical_repetition')
-        codebook = Codebook(RowSettings(**settings), centres, typical, metadata.get('offradar.description', ''))
+        codebook = Codebook(
+            structure(RowSettings, settings), centres, typical, metadata.get('offradar.description', '')
+        )
         found = codebook.fingerprint
     except (ValueError, TypeError, AttributeError, KeyError, ConfigError) as error:
         raise ModelError(f'{path}: offradar.rad_vlad holds no settings of rad_vlad ({first_line(error)})') from error

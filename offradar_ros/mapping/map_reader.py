@@ -14,12 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros.encoders.protocol import ModelInfo
-from offradar_ros.errors import MapError, RefusedInput
+from offradar_ros.errors import ConfigError, MapError, RefusedInput
 from offradar_ros.geometry import GeoPoint
 from offradar_ros.mapping import schema
 from offradar_ros.mapping.place_columns import PlaceColumns, place_of, room_for
 from offradar_ros.mapping.place_rows import CONTENT_COLUMNS, rows_to_table
 from offradar_ros.mapping.stored_map import Before, StoredMap, StoredSession, revert
+from offradar_ros.records import structure
 from offradar_ros.types import PlaceTable
 
 _BATCH = 1024
@@ -128,7 +129,7 @@ def _read(path: Path, mode: str, read: Callable[[sqlite3.Connection], Content]) 
         if 'not a database' in str(error):
             raise MapError(f'{path}: not a map: expected a SQLite file written by offradar') from error
         raise MapError(f'{path}: the map is damaged or cannot be read ({error}); the file is left as it is') from error
-    except (ValueError, TypeError, KeyError, OverflowError, RefusedInput) as error:
+    except (ValueError, TypeError, KeyError, OverflowError, ConfigError, RefusedInput) as error:
         raise MapError(f'{path}: the map is damaged ({error}); the file is left as it is') from error
 
 
@@ -172,8 +173,9 @@ def _content(connection: sqlite3.Connection) -> StoredMap:
 def _head(connection: sqlite3.Connection) -> tuple[ModelInfo | None, GeoPoint | None, int]:
     """Model, origin and next place id."""
     meta = {key: json.loads(value) for key, value in connection.execute('SELECT key, value FROM meta')}
-    model = ModelInfo(**meta['model']) if meta['model'] else None
-    return model, GeoPoint(**meta['origin']) if meta['origin'] else None, int(meta['next_place_id'])
+    model = structure(ModelInfo, meta['model']) if meta['model'] else None
+    origin = structure(GeoPoint, meta['origin']) if meta['origin'] else None
+    return model, origin, int(meta['next_place_id'])
 
 
 def _room(connection: sqlite3.Connection, dimension: int) -> int:

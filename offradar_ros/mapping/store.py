@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import datetime
 import json
 import os
@@ -22,6 +21,7 @@ from offradar_ros.mapping.map_reader import read_map
 from offradar_ros.mapping.place_rows import table_to_rows
 from offradar_ros.mapping.stored_map import Before, StoredMap, StoredSession
 from offradar_ros.mapping.writer_lock import WriterLock
+from offradar_ros.records import unstructure
 from offradar_ros.types import PlaceTable
 
 _NOTHING = (None,) * 8
@@ -72,12 +72,12 @@ class MapStore:
         """Store whose embeddings the map holds, and close sessions that never ended, `but_session` excepted."""
         with self._transaction() as connection:
             _close_interrupted(connection, -1 if but_session is None else but_session)
-            _set_meta(connection, 'model', dataclasses.asdict(model))
+            _set_meta(connection, 'model', unstructure(model))
 
     def write_origin(self, origin: GeoPoint) -> None:
         """Store where the local frame starts."""
         with self._transaction() as connection:
-            _set_meta(connection, 'origin', dataclasses.asdict(origin))
+            _set_meta(connection, 'origin', unstructure(origin))
 
     def write_session(
         self,

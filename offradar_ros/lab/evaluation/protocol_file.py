@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from offradar_ros.lab.evaluation.protocol import Protocol
+from offradar_ros.records import read_record
 from offradar_ros.shipped import shipped_file
-from offradar_ros.yaml_record import read_record
 
 
 def read_protocol(source: str | Path) -> Protocol:

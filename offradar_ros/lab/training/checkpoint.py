@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import safetensors
 import torch
@@ -13,12 +14,14 @@ from safetensors.torch import save
 from torch import nn
 
 from offradar_ros.encoders.model_files import first_line, write_atomically
-from offradar_ros.errors import ModelError
+from offradar_ros.errors import ConfigError, ModelError
+from offradar_ros.records import structure, unstructure
 
 _STATE = 'offradar.training'
 
 
-class Progress(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class Progress:
     """Attributes: what a run knows beside its tensors.
 
     step: steps done.
@@ -31,8 +34,8 @@ class Progress(NamedTuple):
     step: int
     best_score: float
     best_step: int
-    scaler: dict[str, Any]
-    config: dict[str, Any]
+    scaler: Mapping[str, Any]
+    config: Mapping[str, Any]
 
 
 def save_checkpoint(path: Path, network: nn.Module, optimiser: torch.optim.Optimizer, progress: Progress) -> None:
@@ -41,7 +44,7 @@ def save_checkpoint(path: Path, network: nn.Module, optimiser: torch.optim.Optim
     for number, state in optimiser.state_dict()['state'].items():
         tensors |= {f'optimiser.{number}.{key}': torch.as_tensor(value) for key, value in state.items()}
     contiguous = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
-    write_atomically(path, save(contiguous, metadata={_STATE: json.dumps(progress._asdict())}))
+    write_atomically(path, save(contiguous, metadata={_STATE: json.dumps(unstructure(progress))}))
 
 
 def read_progress(path: Path) -> Progress:
@@ -51,8 +54,8 @@ def read_progress(path: Path) -> Progress:
     try:
         with safetensors.safe_open(path, framework='pt') as opened:
             said = json.loads((opened.metadata() or {})[_STATE])
-        return Progress(**said)
-    except (safetensors.SafetensorError, OSError, KeyError, ValueError, TypeError) as error:
+        return structure(Progress, said)
+    except (safetensors.SafetensorError, OSError, KeyError, ValueError, ConfigError) as error:
         raise ModelError(f'{path}: not a checkpoint of a training run ({first_line(error)})') from error
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 import math
 import time
 from collections.abc import Callable, Sequence
@@ -25,6 +24,7 @@ from offradar_ros.lab.training.parallel import Group
 from offradar_ros.lab.training.run_log import RunLog, draw_curves
 from offradar_ros.lab.training.schedule import learning_rate
 from offradar_ros.lab.training.validation import ValidationDrive, validate
+from offradar_ros.records import unstructure
 
 CHECKPOINT = 'checkpoint.safetensors'
 BEST = 'best.safetensors'
@@ -184,14 +184,14 @@ class Loop:
     def _save(self) -> None:
         if self._group.rank == 0:
             score, step = self._best
-            progress = Progress(self._step, score, step, self._scaler.state_dict(), dataclasses.asdict(self.config))
+            progress = Progress(self._step, score, step, self._scaler.state_dict(), unstructure(self.config))
             save_checkpoint(self.out / CHECKPOINT, self._network, self._optimiser, progress)
             save_network(self.out / LAST, cast(Any, self._network), f'step {self._step}')
             draw_curves(self.out)
 
     def _restore(self, progress: Progress) -> None:
         self._step, self._best = progress.step, (progress.best_score, progress.best_step)
-        self._scaler.load_state_dict(progress.scaler)
+        self._scaler.load_state_dict(dict(progress.scaler))
 
 
 def _optimiser(

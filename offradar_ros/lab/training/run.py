@@ -11,7 +11,7 @@ import platform
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, cast
 
@@ -30,7 +30,6 @@ from offradar_ros.lab.training.batches import BatchSampler
 from offradar_ros.lab.training.cache import CachedDrive, Reduction, cached_drives
 from offradar_ros.lab.training.checkpoint import read_progress
 from offradar_ros.lab.training.config import DataConfig, RefinementConfig, TrainingConfig, ValidationConfig
-from offradar_ros.lab.training.config_file import to_yaml
 from offradar_ros.lab.training.drive import Drive
 from offradar_ros.lab.training.loop import BEST, CHECKPOINT, LAST, Loop
 from offradar_ros.lab.training.objectives import NEED_TEACHER, make_objective
@@ -41,6 +40,7 @@ from offradar_ros.lab.training.simulated_drives import simulated_drives
 from offradar_ros.lab.training.split_drives import split_drives
 from offradar_ros.lab.training.validation import validation_drives
 from offradar_ros.processes import Progress
+from offradar_ros.records import unstructure, write_record
 
 TEACHER = 'teacher'
 FIRST = 'first'
@@ -217,16 +217,15 @@ def _require_folder(out: Path, resume: bool) -> None:
         raise DataError(f'{out}: cannot be written ({error.strerror})') from error
 
 
-def _require_same(config: TrainingConfig, before: dict[str, Any], out: Path) -> None:
-    # Through JSON, as the checkpoint's was: tuples become lists.
-    now, default = (json.loads(json.dumps(dataclasses.asdict(values))) for values in (config, TrainingConfig()))
+def _require_same(config: TrainingConfig, before: Mapping[str, Any], out: Path) -> None:
+    now, default = unstructure(config), unstructure(TrainingConfig())
     started = _completed(before, default)
     for key in now:
         if key not in FREE_TO_CHANGE and now[key] != started[key]:
             raise ConfigError(f'{out}: its run was started with another {key}: expected {started[key]!r}')
 
 
-def _completed(values: dict[str, Any], default: dict[str, Any]) -> dict[str, Any]:
+def _completed(values: Mapping[str, Any], default: dict[str, Any]) -> dict[str, Any]:
     """`values` with the keys that there were not yet when they were written: by default, nothing has changed."""
     given = {key: values.get(key, default[key]) for key in default}
     return {key: _completed(value, default[key]) if isinstance(value, dict) else value for key, value in given.items()}
@@ -268,7 +267,7 @@ def _shown(options: RunOptions, text: str) -> Iterator[Progress | None]:
 def _describe(config: TrainingConfig, out: Path, group: Group, network: nn.Module, data: Sequence[CachedDrive]) -> None:
     """Write what the run is made from; a resumed run adds a line of where it went on."""
     out.mkdir(parents=True, exist_ok=True)
-    (out / 'config.yaml').write_text(to_yaml(config), encoding='utf-8')
+    write_record(out / 'config.yaml', config)
     device = torch.cuda.get_device_name(group.device) if group.device.type == 'cuda' else platform.processor()
     said = {
         'offradar_ros': __version__,

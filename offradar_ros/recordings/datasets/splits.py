@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from offradar_ros.errors import ConfigError
 from offradar_ros.recordings.datasets.region import Region
+from offradar_ros.records import read_record
 from offradar_ros.shipped import shipped_file
-from offradar_ros.yaml_record import read_record
 
 
 @dataclasses.dataclass(frozen=True)

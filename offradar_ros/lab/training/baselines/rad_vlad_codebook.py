@@ -11,7 +11,7 @@ from offradar_ros.encoders.rad_vlad_fit import fit_rad_vlad
 from offradar_ros.encoders.rad_vlad_rows import RowSettings
 from offradar_ros.lab.training.cache import CachedDrive
 from offradar_ros.lab.training.config import TrainingConfig
-from offradar_ros.lab.training.config_file import to_yaml
+from offradar_ros.records import write_record
 
 SCANS = 2000
 CENTRES_FILE = 'rad_vlad.safetensors'
@@ -32,7 +32,7 @@ def fit_centres(config: TrainingConfig, drives: Sequence[CachedDrive], out: Path
         rows=RowSettings(max_range_m=config.network.reach_m, min_range_m=config.network.min_range_m),
         description=f'fitted to {len(chosen)} scans of {len(drives)} drives',
     )
-    (out / 'config.yaml').write_text(to_yaml(config), encoding='utf-8')
+    write_record(out / 'config.yaml', config)
     path = out / CENTRES_FILE
     codebook.save(path)
     return path

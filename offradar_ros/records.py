@@ -1,0 +1,261 @@
+"""Frozen records to and from YAML and JSON: every key is a field of a record, of its type; nothing is guessed.
+
+A record is a frozen dataclass whose fields are text, numbers, true or false, other records, tuples and mappings of
+these, or optional ones. Types are strict: true is no number, 1 is also a float, a float is finite, 1.0 is no integer.
+A field's metadata may hold ``bounds``, with a method ``problem(value)`` that says why a value is not allowed; what
+concerns several fields is checked by the record itself (``__post_init__`` raises ConfigError).
+"""
+
+from __future__ import annotations
+
+import collections.abc
+import dataclasses
+import difflib
+import functools
+import json
+import math
+import os
+import re
+import typing
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any, TypeVar
+
+import cattrs
+import yaml
+from cattrs.errors import BaseValidationError, ForbiddenExtraKeysError
+from cattrs.gen import make_dict_structure_fn
+
+from offradar_ros.errors import ConfigError, OffradarError
+
+RecordT = TypeVar('RecordT')
+
+_EXPECTED = {str: 'text', int: 'a whole number', float: 'a finite number', bool: 'true or false'}
+_LOCATION = re.compile(r'@ (?:attribute (?P<name>\w+)|index (?P<index>\d+)|key (?P<quoted>.+))$', re.DOTALL)
+"""The end of the notes by which cattrs says where in a tree an error is."""
+_LONGEST_SHOWN = 200
+
+
+def structure(kind: type[RecordT], tree: Any, noun: str = 'key') -> RecordT:
+    """The record of type `kind` that a tree of plain values holds; keys that have a default may be missing.
+
+    ConfigError is one line: the dotted key, called a `noun`, and what was expected.
+    """
+    try:
+        return _CONVERTER.structure(tree, kind)
+    except (BaseValidationError, ValueError) as error:
+        raise ConfigError(_reason(error, '', noun)) from None
+
+
+def unstructure(record: Any) -> Any:
+    """The tree of plain values that `structure` reads: dicts, lists, text and numbers."""
+    return _CONVERTER.unstructure(record)
+
+
+def replace(record: RecordT, values: Mapping[str, Any], noun: str = 'key', otherwise: str = '') -> RecordT:
+    """A copy of `record` with the values of dotted names changed, all at once.
+
+    ConfigError names the first unknown or invalid one; `otherwise` is the hint where no known name is similar.
+    """
+    tree = unstructure(record)
+    known = flatten(tree)
+    for name, value in values.items():
+        if name not in known:
+            raise ConfigError(_unknown(noun, '', name, sorted(known), otherwise))
+        *branches, leaf = name.split('.')
+        branch = tree
+        for key in branches:
+            branch = branch[key]
+        branch[leaf] = value
+    return structure(type(record), tree, noun)
+
+
+def flatten(tree: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
+    """Nested mappings to dotted names."""
+    flat: dict[str, Any] = {}
+    for key, value in tree.items():
+        if isinstance(value, Mapping):
+            flat.update(flatten(value, f'{prefix}{key}.'))
+        else:
+            flat[f'{prefix}{key}'] = value
+    return flat
+
+
+def read_record(kind: type[RecordT], path: str | Path) -> RecordT:
+    """The record that a YAML or JSON file holds; ConfigError names the file, the key and what was expected."""
+    tree = read_tree(path)
+    try:
+        return structure(kind, tree)
+    except ConfigError as error:
+        raise ConfigError(f'{path}: {error}') from None
+
+
+def write_record(path: str | Path, record: Any) -> None:
+    """Write what `read_record` reads, the whole file or nothing; JSON where `path` ends so, YAML otherwise."""
+    text = to_json(record) if Path(path).suffix == '.json' else to_yaml(record)
+    try:
+        write_whole_file(path, text.encode())
+    except OSError as error:
+        raise ConfigError(f'{path}: cannot be written ({error.strerror})') from error
+
+
+def read_tree(path: str | Path) -> Any:
+    """What a YAML or JSON file holds, of plain types; ConfigError where it cannot be read."""
+    is_json = Path(path).suffix == '.json'
+    try:
+        text = Path(path).read_text(encoding='utf-8')
+        return json.loads(text) if is_json else parse_yaml(text)
+    except FileNotFoundError:
+        raise ConfigError(f'{path}: no such file') from None
+    # ValueError: PyYAML on a date such as 2001-99-99.
+    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
+        reason = (getattr(error, 'strerror', None) or str(error)).splitlines()[0]
+        raise ConfigError(f'{path}: not a readable {"JSON" if is_json else "YAML"} file ({reason})') from error
+
+
+def parse_yaml(text: str) -> Any:
+    """YAML text to plain values; as in YAML 1.2 and in ROS, 1e-5 is a number. yaml.YAMLError or ValueError."""
+    return yaml.load(text, _Loader)
+
+
+def to_yaml(record: Any) -> str:
+    """A record or a tree as YAML that `parse_yaml` reads, keys in their order."""
+    return yaml.dump(unstructure(record), Dumper=_Dumper, sort_keys=False)
+
+
+def to_json(record: Any) -> str:
+    """A record or a tree as JSON, keys in their order; ValueError for NaN and infinity, which JSON lacks."""
+    return json.dumps(unstructure(record), indent=1, allow_nan=False) + '\n'
+
+
+def write_whole_file(path: str | Path, content: bytes) -> None:
+    """Write a file that either is complete or is not there; OSError where it cannot be written."""
+    target = Path(path)
+    partial = target.with_name(f'.{target.name}.{os.getpid()}.partial')
+    try:
+        partial.write_bytes(content)
+        partial.replace(target)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+class _Loader(yaml.SafeLoader):
+    def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:  # noqa: ARG002 - always deep.
+        """As SafeLoader's; an alias inside its own anchor, a tree without end, is refused."""
+        return super().construct_object(node, deep=True)
+
+
+class _Dumper(yaml.SafeDumper):
+    pass
+
+
+# PyYAML follows YAML 1.1, where a number with an exponent needs a decimal point and a signed exponent.
+for _resolver in (_Loader, _Dumper):
+    _resolver.add_implicit_resolver(
+        'tag:yaml.org,2002:float', re.compile(r'[-+]?(?:\d+\.?\d*|\.\d+)[eE][-+]?\d+$'), list('-+.0123456789')
+    )
+
+
+def _scalar(value: Any, kind: Any) -> Any:
+    if kind is float and type(value) is int and value.bit_length() < 1024:
+        value = float(value)
+    if type(value) is not kind or (kind is float and not math.isfinite(value)):
+        raise ValueError(f'expected {_EXPECTED[kind]}, got {_shown(value)}')
+    return value
+
+
+def _tuple(value: Any, kind: Any) -> tuple[Any, ...]:
+    if not isinstance(value, (list, tuple)):
+        raise ValueError(f'expected a list, got {_shown(value)}')
+    items: Any = list[typing.get_args(kind)[0]]  # type: ignore[misc]
+    return tuple(_CONVERTER.structure(value, items))
+
+
+def _mapping(value: Any, kind: Any) -> dict[Any, Any]:
+    if not isinstance(value, Mapping):
+        raise ValueError(f'expected a mapping of keys, got {type(value).__name__}')
+    items: Any = dict[typing.get_args(kind)]  # type: ignore[misc]
+    structured: dict[Any, Any] = _CONVERTER.structure(value, items)
+    return structured
+
+
+def _record_hook(kind: Any) -> Callable[[Any, Any], Any]:
+    fields = make_dict_structure_fn(kind, _CONVERTER, _cattrs_forbid_extra_keys=True)
+    bounds = {f.name: f.metadata['bounds'] for f in dataclasses.fields(kind) if 'bounds' in f.metadata}
+
+    def hook(tree: Any, _: Any) -> Any:
+        if not isinstance(tree, Mapping):
+            raise ValueError(f'expected a mapping of keys, got {type(tree).__name__}')
+        named = {str(name): value for name, value in tree.items()}
+        for name, bound in bounds.items():
+            problem = bound.problem(named[name]) if name in named else None
+            if problem:
+                raise _BoundsError(name, problem)
+        return fields(named, kind)
+
+    return hook
+
+
+class _BoundsError(ValueError):
+    """The value of a field is beyond its bounds."""
+
+    def __init__(self, name: str, problem: str) -> None:
+        super().__init__(problem)
+        self.name = name
+
+
+def _converter() -> cattrs.Converter:
+    converter = cattrs.Converter(unstruct_collection_overrides={tuple: list})
+    for kind in _EXPECTED:
+        converter.register_structure_hook(kind, _scalar)
+    for origin, hook in ((tuple, _tuple), (collections.abc.Mapping, _mapping)):
+        converter.register_structure_hook_func(functools.partial(_is_of, origin), hook)
+    converter.register_structure_hook_factory(dataclasses.is_dataclass, _record_hook)
+    return converter
+
+
+def _is_of(origin: Any, kind: Any) -> bool:
+    return typing.get_origin(kind) is origin
+
+
+_CONVERTER = _converter()
+
+
+def _reason(error: BaseException, key: str, noun: str) -> str:
+    """One line of the first error within `error`, which is at the dotted `key`."""
+    if isinstance(error, BaseValidationError):
+        first = next((e for e in error.exceptions if isinstance(e, ForbiddenExtraKeysError)), error.exceptions[0])
+        return _reason(first, _located(key, getattr(first, '__notes__', ())), noun)
+    # A record's own words name what they are about.
+    if isinstance(error, OffradarError):
+        return str(error)
+    if isinstance(error, ForbiddenExtraKeysError):
+        known = [field.name for field in dataclasses.fields(error.cl)]
+        return _unknown(noun, key, min(error.extra_fields), known)
+    if isinstance(error, KeyError):
+        return f'{noun} {key} is missing'
+    if isinstance(error, _BoundsError):
+        key = f'{key}.{error.name}'.lstrip('.')
+    return f'{noun} {key}: {error}' if key else str(error)
+
+
+def _located(key: str, notes: Iterable[str]) -> str:
+    for note in notes:
+        found = _LOCATION.search(note)
+        if found and found['name']:
+            return f'{key}.{found["name"]}'.lstrip('.')
+        if found:
+            return f'{key}[{found["index"] or found["quoted"]}]'
+    return key
+
+
+def _unknown(noun: str, within: str, name: str, known: Iterable[str], otherwise: str = '') -> str:
+    shown = f'{within}.{name}'.lstrip('.') if within else name
+    nearest = difflib.get_close_matches(name, known, 1)
+    hint = f'did you mean {nearest[0]}?' if nearest else otherwise
+    return f'{noun} {shown if shown.isprintable() else repr(shown)} is unknown' + (f': {hint}' if hint else '')
+
+
+def _shown(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= _LONGEST_SHOWN else f'{text[:_LONGEST_SHOWN]}…'

@@ -1,0 +1,207 @@
+"""Records are read as they were written, and what is no record is refused in one line."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from offradar_ros.errors import ConfigError
+from offradar_ros.records import (
+    flatten,
+    parse_yaml,
+    read_record,
+    replace,
+    structure,
+    to_json,
+    to_yaml,
+    unstructure,
+    write_record,
+    write_whole_file,
+)
+
+
+class AtLeastZero:
+    def problem(self, value: object) -> str | None:
+        return f'expected at least 0, got {value}' if isinstance(value, float) and value < 0.0 else None
+
+
+@dataclasses.dataclass(frozen=True)
+class Street:
+    name: str
+    length_m: float = dataclasses.field(default=1.0, metadata={'bounds': AtLeastZero()})
+
+    def __post_init__(self) -> None:
+        if not self.name:
+            raise ConfigError('street: expected a name')
+
+
+@dataclasses.dataclass(frozen=True)
+class Town:
+    count: int
+    open: bool = True
+    streets: tuple[Street, ...] = ()
+    corners: tuple[tuple[float, ...], ...] = ()
+    by_name: Mapping[str, Street] = dataclasses.field(default_factory=dict)
+    mayor: Street | None = None
+    height_m: float | None = None
+    centre: Street = dataclasses.field(default_factory=lambda: Street('centre', 2.0))
+
+
+names = st.text(max_size=8)
+numbers = st.floats(0.0, 1e300)
+streets = st.builds(Street, names.filter(bool), numbers)
+towns = st.builds(
+    Town,
+    st.integers(),
+    st.booleans(),
+    st.lists(streets, max_size=2).map(tuple),
+    st.lists(st.lists(st.floats(allow_nan=False, allow_infinity=False), max_size=2).map(tuple), max_size=2).map(tuple),
+    st.dictionaries(names, streets, max_size=2),
+    st.none() | streets,
+    st.none() | numbers,
+    streets,
+)
+
+
+@settings(max_examples=80, deadline=None)
+@given(towns)
+def test_what_is_written_is_read_as_it_was(tmp_path_factory: pytest.TempPathFactory, town: Town) -> None:
+    folder = tmp_path_factory.mktemp('town')
+    assert structure(Town, unstructure(town)) == town
+    for path in (folder / 'town.yaml', folder / 'town.json'):
+        write_record(path, town)
+        assert read_record(Town, path) == town
+    assert sorted(path.name for path in folder.iterdir()) == ['town.json', 'town.yaml']
+
+
+@pytest.mark.parametrize(
+    ('tree', 'said'),
+    [
+        ({}, 'key count is missing'),
+        ({'count': 1.0}, 'key count: expected a whole number, got 1.0'),
+        ({'count': True}, 'key count: expected a whole number, got True'),
+        ({'count': '1'}, "key count: expected a whole number, got '1'"),
+        ({'count': 1, 'open': 1}, 'key open: expected true or false, got 1'),
+        ({'count': 1, 'height_m': math.nan}, 'key height_m: expected a finite number, got nan'),
+        ({'count': 1, 'height_m': True}, 'key height_m: expected a finite number, got True'),
+        ({'count': 1, 'height_m': 10**400}, 'key height_m: expected a finite number, got 1000'),
+        ({'count': 1, 'streets': [{'name': 'a'}, {'name': 3}]}, 'key streets[1].name: expected text, got 3'),
+        ({'count': 1, 'streets': [{}]}, 'key streets[0].name is missing'),
+        ({'count': 1, 'streets': [{'nmae': 'a'}]}, 'key streets[0].nmae is unknown: did you mean name?'),
+        ({'count': 1, 'streets': [{'name': ''}]}, 'street: expected a name'),
+        (
+            {'count': 1, 'streets': [{'name': 'a', 'length_m': -1.0}]},
+            'streets[0].length_m: expected at least 0, got -1',
+        ),
+        ({'count': 1, 'streets': 'abc'}, "key streets: expected a list, got 'abc'"),
+        ({'count': 1, 'streets': {}}, 'key streets: expected a list, got {}'),
+        ({'count': 1, 'streets': [3]}, 'key streets[0]: expected a mapping of keys, got int'),
+        ({'count': 1, 'corners': [[0, 1], [0, 'x']]}, "key corners[1][1]: expected a finite number, got 'x'"),
+        ({'count': 1, 'by_name': {'a b': {}}}, "key by_name['a b'].name is missing"),
+        ({'count': 1, 'by_name': 3}, 'key by_name: expected a mapping of keys, got int'),
+        ({'count': 1, 'mayor': 'x'}, 'key mayor: expected a mapping of keys, got str'),
+        ({'count': 1, 'zzz\n': 1}, "key 'zzz\\n' is unknown"),
+        ({'count': 'x', 1: 2}, 'key 1 is unknown'),
+        ([], 'expected a mapping of keys, got list'),
+        (None, 'expected a mapping of keys, got NoneType'),
+    ],
+)
+def test_one_line_says_what_is_wrong(tmp_path: Path, tree: Any, said: str) -> None:
+    with pytest.raises(ConfigError) as wrong:
+        structure(Town, tree)
+    assert said in str(wrong.value)
+    assert '\n' not in str(wrong.value)
+    (tmp_path / 'town.yaml').write_text(to_yaml(tree))
+    with pytest.raises(ConfigError) as wrong:
+        read_record(Town, tmp_path / 'town.yaml')
+    assert str(wrong.value).startswith(f'{tmp_path / "town.yaml"}: ')
+
+
+def test_an_integer_is_also_a_float_and_an_optional_value_may_be_null() -> None:
+    town = structure(Town, {'count': 1, 'height_m': 2, 'mayor': None, 'corners': [[1]]})
+    assert (type(town.height_m), town.mayor, town.corners) == (float, None, ((1.0,),))
+
+
+def test_values_are_changed_together_over_what_the_record_holds() -> None:
+    town = Town(1, streets=(Street('a'),))
+    changed = replace(town, {'centre.length_m': 3, 'count': 2})
+    assert changed == dataclasses.replace(town, count=2, centre=Street('centre', 3.0))
+    for values, said in (
+        ({'centre.lenght_m': 1}, 'key centre.lenght_m is unknown: did you mean centre.length_m?'),
+        ({'centre': 1}, 'key centre is unknown'),
+        ({'centre.length_m': -1.0}, 'key centre.length_m: expected at least 0, got -1.0'),
+        ({'centre.name': ''}, 'street: expected a name'),
+    ):
+        with pytest.raises(ConfigError) as wrong:
+            replace(town, values)
+        assert str(wrong.value).startswith(said)
+
+
+@pytest.mark.parametrize(
+    ('name', 'text', 'said'),
+    [
+        ('a.yaml', 'a: [1', 'not a readable YAML file'),
+        ('a.yaml', 'a: &a {b: *a}', 'not a readable YAML file'),
+        ('a.yaml', 'a: &a [*a]', 'not a readable YAML file'),
+        ('a.yaml', 'a: !!python/object/apply:os.getcwd []', 'not a readable YAML file'),
+        ('a.yaml', 'a: 2001-99-99', 'not a readable YAML file'),
+        ('a.json', '{"count": 1', 'not a readable JSON file'),
+        ('a.json', '[' * 100_000, 'not a readable JSON file'),
+        ('a.json', '{"count": 1, "height_m": NaN}', 'key height_m: expected a finite number, got nan'),
+    ],
+)
+def test_a_file_that_holds_no_record_is_named(tmp_path: Path, name: str, text: str, said: str) -> None:
+    (tmp_path / name).write_text(text)
+    with pytest.raises(ConfigError) as wrong:
+        read_record(Town, tmp_path / name)
+    assert str(wrong.value).startswith(f'{tmp_path / name}: {said}')
+    assert '\n' not in str(wrong.value)
+
+
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r'nowhere\.json: no such file$'):
+        read_record(Town, tmp_path / 'nowhere.json')
+
+
+@pytest.mark.parametrize('text', ['1e-5', '1E5', '+1e3', '-2.5e7', '.5e1', '1.5e-3'])
+def test_a_number_with_an_exponent_is_one_and_text_that_looks_like_it_is_not(text: str) -> None:
+    assert parse_yaml(text) == float(text)
+    assert parse_yaml(to_yaml({'a': text})) == {'a': text}
+
+
+def test_json_holds_no_number_that_is_none() -> None:
+    with pytest.raises(ValueError, match='nan'):
+        to_json(Town(1, height_m=math.nan))
+
+
+def test_a_file_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
+    write_whole_file(tmp_path / 'a', b'1')
+    write_whole_file(tmp_path / 'a', b'2')
+    assert (tmp_path / 'a').read_bytes() == b'2'
+    (tmp_path / 'folder').mkdir()
+    with pytest.raises(IsADirectoryError):
+        write_whole_file(tmp_path / 'folder', b'1')
+    with pytest.raises(ConfigError, match='cannot be written'):
+        write_record(tmp_path / 'nowhere' / 'a.json', Town(1))
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['a', 'folder']
+
+
+nested = st.recursive(
+    st.integers(), lambda inner: st.dictionaries(st.text('abc', min_size=1, max_size=2), inner, min_size=1, max_size=3)
+)
+
+
+@given(st.dictionaries(st.text('abc', min_size=1, max_size=2), nested, max_size=3))
+def test_flattened_names_lead_to_their_values(tree):
+    for name, value in flatten(tree).items():
+        branch = tree
+        for part in name.split('.'):
+            branch = branch[part]
+        assert branch == value
