@@ -20,7 +20,7 @@ from offradar_ros.lab.simulation.session_plan import SessionPlan
 from offradar_ros.messages import scan_from_image
 from offradar_ros.recordings.bags.reader import decode_message
 from offradar_ros.recordings.bags.topics import IMAGE_TYPE
-from offradar_ros.recordings.datasets.registry import open_sequence
+from offradar_ros.recordings.source import open_source
 from offradar_ros.sequence import RadarSequence
 from offradar_ros.types import PolarScan
 
@@ -64,7 +64,7 @@ def recorded_sources(real: Path, most: int) -> Iterator[tuple[str, list[PolarSca
     """Each recorded source's name and up to `most` of its scans, evenly spread; those that are there."""
     for name in RECORDED:
         if (real / name).is_dir():
-            yield name, _spread(open_sequence(real / name), most)
+            yield name, _spread(open_source(real / name), most)
     if (real / LIVE).is_file():
         message = decode_message((real / LIVE).read_bytes(), IMAGE_TYPE)
         yield 'navtech_ros2', [scan_from_image(message, RadarConfig())]

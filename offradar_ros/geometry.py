@@ -130,18 +130,41 @@ class Trajectory:
             return self
         return dataclasses.replace(self, positions=frame.to_enu(self.positions), geodetic=False)
 
-    def at(self, stamp_ns: int, max_gap_ns: int) -> Pose | None:
-        """Pose at a stamp, linear between the two neighbouring positions; None outside or in a gap over `max_gap_ns`.
+    def covers(self, stamps_ns: NDArray[np.int64], max_gap_ns: int) -> NDArray[np.bool_]:
+        """(N,) bool: which of (N,) stamps lie on a position, or between two that are at most `max_gap_ns` apart."""
+        if not len(self):
+            return np.zeros(len(stamps_ns), np.bool_)
+        before, after = self._neighbours(stamps_ns)
+        first_ns, last_ns = self.stamps_ns[before], self.stamps_ns[after]
+        return np.asarray((first_ns <= stamps_ns) & (stamps_ns <= last_ns) & (last_ns - first_ns <= max_gap_ns))
 
-        Defined for metric trajectories (see `in_frame`).
+    def poses_at(self, stamps_ns: NDArray[np.int64], max_gap_ns: int) -> NDArray[np.float64]:
+        """(N, 4) float64 position and yaw at (N,) int64 stamps, linear between the two neighbouring positions.
+
+        Positions are in the trajectory's own units; yaw turns the short way round. NaN outside the trajectory and in a
+        gap of more than `max_gap_ns`.
         """
-        buffer = PositionBuffer(max_gap_ns)
-        after = int(np.searchsorted(self.stamps_ns, stamp_ns))
-        for i in range(max(0, after - 1), min(len(self), after + 1)):
-            x, y, z = (float(v) for v in self.positions[i])
-            buffer.add(int(self.stamps_ns[i]), Pose(x, y, z, float(self.yaws_rad[i])))
-        found = buffer.at(stamp_ns)
-        return found if isinstance(found, Pose) else None
+        poses = np.full((len(stamps_ns), 4), np.nan)
+        known = self.covers(stamps_ns, max_gap_ns)
+        if not known.any():
+            return poses
+        asked = stamps_ns[known]
+        before, after = self._neighbours(asked)
+        # Where both neighbours are one position, the step is 0: so is the fraction.
+        step_ns = np.maximum(self.stamps_ns[after] - self.stamps_ns[before], 1)
+        fraction = (asked - self.stamps_ns[before]) / step_ns
+        start, end = self.positions[before], self.positions[after]
+        turn = wrap_angle(self.yaws_rad[after] - self.yaws_rad[before])
+        poses[known, :3] = start + fraction[:, None] * (end - start)
+        poses[known, 3] = wrap_angle(self.yaws_rad[before] + fraction * turn)
+        return poses
+
+    def _neighbours(self, stamps_ns: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """(N,) rows of the last position not after each stamp, and of the first not before it, clipped to the ends."""
+        after = np.searchsorted(self.stamps_ns, stamps_ns)
+        before = np.searchsorted(self.stamps_ns, stamps_ns, side='right') - 1
+        last = len(self) - 1
+        return np.asarray(np.clip(before, 0, last)), np.asarray(np.clip(after, 0, last))
 
 
 class NoPosition(enum.Enum):

@@ -157,12 +157,13 @@ def test_the_buffer_and_the_trajectory_against_every_pair(positions, stamp, max_
         yaws_rad=np.full(len(positions), math.nan),
         geodetic=False,
     )
-    found, along = buffer.at(stamp), trajectory.at(stamp, max_gap)
+    found, along = buffer.at(stamp), trajectory.poses_at(np.array([stamp]), max_gap)[0]
+    assert trajectory.covers(np.array([stamp]), max_gap).tolist() == [not isinstance(expected, NoPosition)]
     if isinstance(expected, NoPosition):
-        assert found is expected and along is None
+        assert found is expected and np.isnan(along).all()
     else:
         assert (found.x_m, found.y_m) == pytest.approx((expected, -expected), abs=1e-6)
-        assert (along.x_m, along.y_m) == (found.x_m, found.y_m)
+        assert along[:3].tolist() == [found.x_m, found.y_m, found.z_m]
 
 
 def test_the_buffer_refuses_what_is_not_newer_or_not_finite_and_keeps_what_it_had():
@@ -197,4 +198,15 @@ def test_a_trajectory_starts_its_own_frame():
     np.testing.assert_allclose(local.positions[0], 0.0, atol=1e-6)
     assert local.positions[1, 1] == pytest.approx(1112.5, abs=1.0)
     assert not local.geodetic and local.origin() is None and local.in_frame(LocalFrame(GeoPoint(0, 0))) is local
-    assert local.at(5, max_gap_ns=10).y_m == pytest.approx(local.positions[1, 1] / 2)
+    assert local.poses_at(np.array([5]), max_gap_ns=10)[0, 1] == pytest.approx(local.positions[1, 1] / 2)
+
+
+def test_poses_between_positions_turn_the_short_way_round():
+    yaws = np.radians([170.0, -170.0, 90.0])
+    track = Trajectory(np.array([0, 10, 40]), np.arange(9.0).reshape(3, 3), yaws, geodetic=False)
+    found = track.poses_at(np.array([-1, 0, 2, 5, 10, 20, 40, 41]), max_gap_ns=10)
+    assert np.isnan(found).all(axis=1).tolist() == [True, False, False, False, False, True, False, True]
+    np.testing.assert_allclose(found[[1, 2, 3, 4, 6], 0], [0.0, 0.6, 1.5, 3.0, 6.0])
+    turned = np.degrees(found[[1, 2, 4, 6], 3])
+    np.testing.assert_allclose(turned, [170.0, 174.0, -170.0, 90.0])
+    assert abs(found[3, 3]) == pytest.approx(math.pi)

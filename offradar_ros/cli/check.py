@@ -11,9 +11,8 @@ from offradar_ros.cli.check_set import HowToCheck, Section, check_set
 from offradar_ros.cli.progress import progress_bar
 from offradar_ros.config import load_config
 from offradar_ros.errors import ConfigError
-from offradar_ros.recordings.bags.check import check_bag
-from offradar_ros.recordings.bags.reader import is_bag
-from offradar_ros.recordings.datasets.check import Finding, check_folder
+from offradar_ros.recordings.check import check_recording
+from offradar_ros.recordings.datasets.check import Finding
 from offradar_ros.recordings.datasets.splits import read_split
 from offradar_ros.recordings.source import LAYOUT_HELP, recordings_in, require_recording
 
@@ -51,12 +50,8 @@ def check(
     if divided:
         raise ConfigError(f'--split: expected a folder of sequences, got {folder}, which is one')
     with progress_bar(f'checking {folder.name}') as progress:
-        found = (
-            check_bag(folder, config.radar, config.position)
-            if is_bag(folder)
-            else check_folder(
-                folder, layout, radar=config.radar, position=config.position, sample=sample, progress=progress
-            )
+        found = check_recording(
+            folder, layout, radar=config.radar, position=config.position, sample=sample, progress=progress
         )
     _print(console, found.findings)
     if found.problems:

@@ -1,6 +1,5 @@
 """What a folder of several sequences holds: each of them, and all of them together."""
 
-import contextlib
 from pathlib import Path
 from typing import NamedTuple, Optional
 
@@ -9,17 +8,13 @@ from offradar_ros.cli.progress import progress_bar
 from offradar_ros.config import PositionConfig, RadarConfig
 from offradar_ros.errors import OffradarError
 from offradar_ros.processes import shared_out
-from offradar_ros.recordings.bags.check import check_bag
-from offradar_ros.recordings.bags.reader import is_bag
-from offradar_ros.recordings.bags.sequence import BagSequence
+from offradar_ros.recordings.check import check_recording
 from offradar_ros.recordings.datasets.check.alignment import check_alignment
 from offradar_ros.recordings.datasets.check.findings import Finding, Findings, note, problem
-from offradar_ros.recordings.datasets.check.folder import check_sequence
+from offradar_ros.recordings.datasets.check.scan_positions import ScanPositions, no_positions, scan_positions
 from offradar_ros.recordings.datasets.check.split import check_split
-from offradar_ros.recordings.datasets.check.whereabouts import Whereabouts, nowhere, whereabouts
-from offradar_ros.recordings.datasets.registry import open_sequence
 from offradar_ros.recordings.datasets.splits import Split
-from offradar_ros.recordings.source import folders_in
+from offradar_ros.recordings.source import folders_in, open_source
 
 Section = tuple[str, tuple[Finding, ...]]
 """A heading and what was found under it."""
@@ -57,18 +52,16 @@ def check_set(
     return sections
 
 
-def _checked(path: Path, how: HowToCheck, shares: Shares) -> tuple[Findings, Whereabouts]:
+def _checked(path: Path, how: HowToCheck, shares: Shares) -> tuple[Findings, ScanPositions]:
     """One sequence; that it cannot be opened is a finding."""
-    where = nowhere(path.name)
     try:
-        if is_bag(path):
-            found = check_bag(path, how.radar, how.position)
-            shares.put(1.0)
-            with contextlib.suppress(OffradarError):
-                where = whereabouts(path.name, BagSequence(path, how.radar), how.position.max_gap_s)
-            return found, where
-        sequence = open_sequence(path, how.layout, how.radar)
-        found = check_sequence(sequence, path, how.position, how.sample, telling(shares))
-        return found, whereabouts(path.name, sequence, how.position.max_gap_s)
+        found = check_recording(
+            path, how.layout, radar=how.radar, position=how.position, sample=how.sample, progress=telling(shares)
+        )
     except OffradarError as error:
-        return Findings(path, '', (problem(str(error)),)), where
+        return Findings(path, '', (problem(str(error)),)), no_positions(path.name)
+    try:
+        sequence = open_source(path, how.layout, how.radar)
+    except OffradarError:
+        return found, no_positions(path.name)
+    return found, scan_positions(path.name, sequence, how.position.max_gap_s)

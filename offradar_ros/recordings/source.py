@@ -1,4 +1,6 @@
-"""What a command is given: a data-set folder or a bag."""
+"""A data-set folder or a bag: opening either as a sequence."""
+
+from __future__ import annotations
 
 from pathlib import Path
 
@@ -13,10 +15,19 @@ LAYOUT_HELP = f'Layout of the folder: auto recognises it; else {", ".join(LAYOUT
 NAMED = 3
 
 
-def open_source(path: Path, layout: str, radar: RadarConfig) -> RadarSequence:
-    """The scans at `path`; DataError if it is neither a bag nor a known data-set folder."""
+def open_source(path: Path, layout: str = 'auto', radar: RadarConfig | None = None) -> RadarSequence:
+    """The scans at `path`, a bag or a data-set folder of `layout`, as `radar` says; DataError for anything else."""
     require_recording(path, layout)
     return BagSequence(path, radar) if is_bag(path) else open_sequence(path, layout, radar)
+
+
+def is_recording(path: Path, layout: str = 'auto') -> bool:
+    """Whether `path` is a bag or a data-set folder; OSError where it may not be read."""
+    if is_bag(path):
+        return True
+    if layout == 'auto':
+        return recognised(path) is not None
+    return layout in LAYOUTS and LAYOUTS[layout].locate(path.resolve()) is not None
 
 
 def require_recording(path: Path, layout: str) -> None:
@@ -37,7 +48,7 @@ def recordings_in(path: Path, layout: str) -> list[Path]:
     Folders in it that may not be read are passed over.
     """
     try:
-        if not path.is_dir() or _is_recording(path, layout):
+        if not path.is_dir() or is_recording(path, layout):
             return []
         return [folder for folder in folders_in(path) if _is_readable_recording(folder, layout)]
     except OSError as error:
@@ -51,14 +62,6 @@ def folders_in(path: Path) -> list[Path]:
 
 def _is_readable_recording(path: Path, layout: str) -> bool:
     try:
-        return _is_recording(path, layout)
+        return is_recording(path, layout)
     except OSError:
         return False
-
-
-def _is_recording(path: Path, layout: str) -> bool:
-    if is_bag(path):
-        return True
-    if layout == 'auto':
-        return recognised(path) is not None
-    return layout in LAYOUTS and LAYOUTS[layout].locate(path.resolve()) is not None

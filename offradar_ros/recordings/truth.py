@@ -25,8 +25,7 @@ def true_positions(
     if trajectory.geodetic and origin is None:
         return np.full((len(outcomes), 2), np.nan)
     metric = trajectory.in_frame(LocalFrame(origin) if origin else None)
-    poses = [metric.at(outcome.stamp_ns, max_gap_ns) for outcome in outcomes]
-    return np.array([(math.nan, math.nan) if p is None else (p.x_m, p.y_m) for p in poses], np.float64).reshape(-1, 2)
+    return metric.poses_at(np.array([outcome.stamp_ns for outcome in outcomes], np.int64), max_gap_ns)[:, :2]
 
 
 def errors_m(outcomes: Sequence[Outcome], positions: NDArray[np.float64]) -> NDArray[np.float64]:

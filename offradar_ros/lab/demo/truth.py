@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from offradar_ros.geometry import GeoPoint
 from offradar_ros.lab.demo.live import Driven
-from offradar_ros.recordings.bags.sequence import BagSequence
+from offradar_ros.recordings.source import open_source
 from offradar_ros.recordings.truth import TOLERANCE_M, errors_m, true_positions
 from offradar_ros.types import Match
 
@@ -41,7 +41,7 @@ class Judged:
 
 def judge(driven: Driven, origin: GeoPoint) -> Judged:
     """Compare every outcome with the recorded position at its stamp."""
-    trajectory = BagSequence(driven.drive.bag).trajectory
+    trajectory = open_source(driven.drive.bag).trajectory
     if trajectory is None:
         raise ValueError(f'{driven.drive.name} has no positions')
     positions = true_positions(driven.outcomes, trajectory, origin, MAX_GAP_NS)

@@ -12,7 +12,7 @@ from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive
 from offradar_ros.lab.evaluation.metrics.pair_level import PairLevel, PairTally
 from offradar_ros.lab.evaluation.nearness import distances_m
 from offradar_ros.lab.evaluation.neighbours import k_least, squared_distances
-from offradar_ros.recordings.spacing import one_a_cell
+from offradar_ros.recordings.spacing import subsample_by_distance
 from offradar_ros.types import PlaceTable
 
 DEPTH = 10
@@ -86,7 +86,7 @@ class Answers:
 def map_rows(drive: EmbeddedDrive, spacing_m: float) -> NDArray[np.intp]:
     """Scans of a drive that a map with a place every `spacing_m` holds; refused ones are passed over."""
     usable = np.flatnonzero(drive.usable)
-    return usable[one_a_cell(drive.drive.driven_m[usable], spacing_m)]
+    return usable[subsample_by_distance(drive.drive.driven_m[usable], spacing_m)]
 
 
 def places_of(drive: EmbeddedDrive, rows: NDArray[np.intp]) -> PlaceTable:

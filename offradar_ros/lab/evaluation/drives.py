@@ -23,7 +23,7 @@ from offradar_ros.lab.simulation.recorded_path import load_tum
 from offradar_ros.lab.simulation.sensor import TRAINING_SENSOR
 from offradar_ros.lab.simulation.sequence import SimulatedSequence
 from offradar_ros.lab.simulation.session_plan import SessionPlan
-from offradar_ros.recordings.spacing import one_a_cell
+from offradar_ros.recordings.spacing import subsample_by_distance
 
 _LANE_SHARE = 1.2
 """Lanes curve and speeds vary: so much more is driven than the scans' spacing asks for."""
@@ -144,7 +144,7 @@ SimulatedDrive = CityDrive | StreetDrive
 def _taken(sequence: SimulatedSequence, spacing_m: float, scans: int) -> Simulated:
     steps = np.diff(sequence.poses[:, :2], axis=0)
     driven_m = np.concatenate([[0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))])
-    indices = one_a_cell(driven_m, spacing_m)[:scans]
+    indices = subsample_by_distance(driven_m, spacing_m)[:scans]
     return Simulated(sequence, indices, driven_m[indices])
 
 

@@ -21,7 +21,7 @@ from offradar_ros.encoders.rad_vlad_fit import fit_rad_vlad
 from offradar_ros.encoders.registry import make_encoder
 from offradar_ros.errors import ConfigError, DataError, RefusedInput
 from offradar_ros.lab.evaluation.evaluated_drive import EvaluatedDrive
-from offradar_ros.recordings.spacing import one_a_cell
+from offradar_ros.recordings.spacing import subsample_by_distance
 from offradar_ros.types import PolarScan
 
 METHODS = ('ours', 'bc_radar', 'vae', 'mc_dropout', 'stun', 'ring_key', 'rad_vlad')
@@ -75,7 +75,7 @@ class RadVladOfMap:
         """As in `Method`."""
         path = self._folder / f'{mapped.key}_{self._seed}_{self._spacing_m:g}.safetensors'
         if not path.is_file():
-            rows = one_a_cell(mapped.driven_m, self._spacing_m)
+            rows = subsample_by_distance(mapped.driven_m, self._spacing_m)
             per_scan = int(np.clip(_ROWS // len(rows), 1, 100))
             try:
                 fitted = fit_rad_vlad(_readable(mapped, rows.tolist()), self._seed, rows_per_scan=per_scan)

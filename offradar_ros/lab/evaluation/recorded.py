@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from offradar_ros.encoders.protocol import Encoder
 from offradar_ros.errors import RefusedInput
 from offradar_ros.lab.evaluation.summary import Json
-from offradar_ros.recordings.datasets.registry import open_sequence
+from offradar_ros.recordings.source import open_source
 from offradar_ros.types import PolarScan
 
 CLEAN = 'oxford_tiny'
@@ -66,7 +66,7 @@ SPOILED: dict[str, Spoil] = {
 def require_recorded(folder: Path) -> None:
     """DataError where `folder` does not hold both recordings."""
     for name in (CLEAN, FOG):
-        open_sequence(folder / name)
+        open_source(folder / name)
 
 
 def measure_recorded(encoder: Encoder, folder: Path, seed: int) -> Json:
@@ -87,7 +87,7 @@ def measure_recorded(encoder: Encoder, folder: Path, seed: int) -> Json:
 
 
 def _scans(folder: Path) -> list[PolarScan]:
-    sequence = open_sequence(folder)
+    sequence = open_source(folder)
     return [sequence.scan(index) for index in range(len(sequence))]
 
 

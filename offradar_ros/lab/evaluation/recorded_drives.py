@@ -13,19 +13,12 @@ from numpy.typing import NDArray
 
 from offradar_ros.config import PositionConfig, RadarConfig
 from offradar_ros.errors import DataError, RefusedInput
-from offradar_ros.geometry import LocalFrame, Trajectory
 from offradar_ros.lab.evaluation.evaluated_drive import EvaluatedDrive
 from offradar_ros.lab.evaluation.protocol import VALIDATION, Group, Protocol, Recorded
-from offradar_ros.recordings.bags.reader import is_bag
-from offradar_ros.recordings.bags.sequence import BagSequence
-from offradar_ros.recordings.datasets.registry import open_sequence
 from offradar_ros.recordings.datasets.splits import Split, read_split
-from offradar_ros.recordings.spacing import one_a_cell, way_driven
+from offradar_ros.recordings.road import PositionedDrive, open_road, read_or_refuse
+from offradar_ros.recordings.source import open_source
 from offradar_ros.sequence import RadarSequence
-from offradar_ros.types import PolarScan
-
-ONE_ROAD_M = 50_000.0
-"""Positions of one road are all within this of where the first of its drives starts."""
 
 
 class Recordings(NamedTuple):
@@ -49,8 +42,7 @@ class RecordedSource:
 
     def open(self, name: str) -> RadarSequence:
         """The sequence at a path, or of a name in `root`."""
-        path = self.path(name)
-        return BagSequence(path, self.radar) if is_bag(path) else open_sequence(path, self.layout, self.radar)
+        return open_source(self.path(name), self.layout, self.radar)
 
     def path(self, name: str) -> Path:
         """Where a folder that a protocol names would be."""
@@ -114,63 +106,26 @@ def _opened(
     lacking: list[str],
 ) -> Iterator[EvaluatedDrive]:
     split = read_split(road.split) if road.split else None
-    frame: LocalFrame | None = None
-    for index, part in enumerate(parts):
-        path, sequence = source.path(part.name), source.open(part.name)
-        trajectory = sequence.trajectory
-        if trajectory is None or not len(trajectory):
-            raise DataError(f'{path}: evaluation needs positions, and there are none')
-        origin = trajectory.origin()
-        if index == 0:
-            frame = LocalFrame(origin) if origin else None
-        elif (origin is None) != (frame is None):
-            raise DataError(
-                f'{path}: expected positions as those of {parts[0].name}, in degrees or in metres of a frame of its '
-                'own: they cannot be compared'
-            )
-        poses = _poses(sequence.stamps_ns, trajectory.in_frame(frame), source.position.max_gap_s)
-        known = np.flatnonzero(np.isfinite(poses[:, 0]))
-        if not len(known):
-            raise DataError(f'{path}: no scan has a position: offradar check says why')
-        if len(known) < len(poses):
-            lacking.append(
-                f'{sequence.name}: {len(poses) - len(known)} of {len(poses)} scans have no position: left out'
-            )
-        if frame is None and index == 1:
-            lacking.append(f'{road.name}: positions are in metres, taken to be of one frame')
-        if frame and np.hypot(*poses[known[0], :2]) > ONE_ROAD_M:
-            raise DataError(f'{path}: over {ONE_ROAD_M / 1000:g} km from {parts[0].name}')
-        driven_m = way_driven(poses[known, :2])
-        tested = np.flatnonzero(_tested(split, poses[known], frame, path))
-        kept = tested[one_a_cell(driven_m[tested], protocol.drive_spacing_m)]
-        if not len(kept):
-            lacking.append(f'{sequence.name}: no scan is in the test region of {road.split}: left out')
+    paths = [source.path(part.name) for part in parts]
+    opened = open_road(paths, source.layout, source.radar, source.position, name=road.name)
+    lacking += opened.notes
+    for index, (part, whole) in enumerate(zip(parts, opened.drives, strict=True)):
+        drive = _tested(split, whole).subsampled(protocol.drive_spacing_m)
+        if not len(drive):
+            lacking.append(f'{whole.sequence.name}: no scan is in the test region of {road.split}: left out')
             continue
-        drive = _drive(group.name, road.name, index, sequence, known[kept], poses[known[kept]], driven_m[kept], part)
-        yield dataclasses.replace(drive, title=_title(path, [source.path(other.name) for other in parts]))
+        made = _drive(group.name, road.name, index, drive.sequence, drive.rows, drive.poses, drive.driven_m, part)
+        yield dataclasses.replace(made, title=drive.name)
 
 
-def _title(path: Path, paths: Sequence[Path]) -> str:
-    """The folder's name, with that of the folder it is in where another is called the same."""
-    return path.name if [other.name for other in paths].count(path.name) == 1 else f'{path.parent.name}/{path.name}'
-
-
-def _poses(stamps_ns: NDArray[np.int64], metric: Trajectory, max_gap_s: float) -> NDArray[np.float64]:
-    """(N, 3) x, y and heading at (N,) stamps, NaN where unknown."""
-    poses = np.full((len(stamps_ns), 3), np.nan)
-    for row, stamp_ns in enumerate(stamps_ns.tolist()):
-        pose = metric.at(stamp_ns, round(max_gap_s * 1e9))
-        if pose:
-            poses[row] = pose.x_m, pose.y_m, pose.yaw_rad
-    return poses
-
-
-def _tested(split: Split | None, poses: NDArray[np.float64], frame: LocalFrame | None, path: Path) -> NDArray[np.bool_]:
+def _tested(split: Split | None, drive: PositionedDrive) -> PositionedDrive:
     if split is None or not split.region:
-        return np.ones(len(poses), np.bool_)
-    if frame is None:
-        raise DataError(f'{path}: expected positions in degrees, for the test region, got metres of a frame of its own')
-    return split.tested(frame.to_geodetic(np.column_stack([poses[:, :2], np.zeros(len(poses))])))
+        return drive
+    if drive.points_lla is None:
+        raise DataError(
+            f'{drive.path}: expected positions in degrees, for the test region, got metres of a frame of its own'
+        )
+    return drive.only(split.tested(drive.points_lla))
 
 
 def _validation(name: str, protocol: Protocol, source: RecordedSource) -> EvaluatedDrive:
@@ -191,12 +146,6 @@ def _drive(
     driven_m: NDArray[np.float64],
     part: _Part,
 ) -> EvaluatedDrive:
-    def read_scan(row: int) -> PolarScan:
-        try:
-            return sequence.scan(int(rows[row]))
-        except DataError as error:
-            raise RefusedInput('unreadable', str(error)) from error
-
     return EvaluatedDrive(
         group=group,
         world=world,
@@ -207,7 +156,7 @@ def _drive(
         driven_m=driven_m,
         kinds=np.full(len(rows), ''),
         severities=np.full(len(rows), np.nan),
-        read_scan=read_scan,
+        read_scan=lambda row: read_or_refuse(sequence, int(rows[row])),
         mapped=part.mapped,
         queried=part.queried,
         layout=sequence.layout,

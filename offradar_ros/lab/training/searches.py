@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros.lab.training.cache import CachedDrive
-from offradar_ros.recordings.spacing import one_a_cell
+from offradar_ros.recordings.spacing import subsample_by_distance
 
 TOLERANCE_M = 25.0
 NO_OTHER_PLACE = 2.0
@@ -53,7 +53,7 @@ def _search(
     spacing_m: float,
 ) -> Search:
     driven_m = np.cumsum(np.hypot(*np.diff(mapped.poses[:, :2], axis=0, prepend=mapped.poses[:1, :2]).T))
-    places = one_a_cell(driven_m, spacing_m)
+    places = subsample_by_distance(driven_m, spacing_m)
     right = np.linalg.norm(driven.poses[:, None, :2] - mapped.poses[None, places, :2], axis=-1) <= TOLERANCE_M
     queries = np.flatnonzero(right.any(axis=1))
     candidates, right = map_descriptors[places], right[queries]

@@ -8,15 +8,15 @@ from typing import NamedTuple
 from offradar_ros.errors import ConfigError, DataError
 from offradar_ros.lab.training.config import DataConfig
 from offradar_ros.lab.training.recorded_drives import RecordedDrive, recorded_drives
-from offradar_ros.recordings.datasets.registry import recognised
 from offradar_ros.recordings.datasets.splits import Split, read_split
+from offradar_ros.recordings.source import is_recording
 
 
 class TrainingSequences(NamedTuple):
     """Attributes: what of a split can be trained on here.
 
     split: the split.
-    found: folders of its training sequences.
+    found: bags or folders of its training sequences.
     missing: names of those that are not there, or hold no scans.
     """
 
@@ -37,7 +37,7 @@ def training_sequences(config: DataConfig) -> TrainingSequences | None:
     root = Path(config.root)
     if not root.is_dir():
         raise DataError(f'{root}: no such folder: expected the sequences of split {split.name} in it (data.root)')
-    found = [root / name for name in split.train if recognised(root / name)]
+    found = [root / name for name in split.train if is_recording(root / name)]
     missing = [name for name in split.train if root / name not in found]
     if not found:
         raise DataError(f'{root}: none of the {len(missing)} training sequences of split {split.name} is there')

@@ -1,4 +1,4 @@
-"""Which scans lie between two positions near enough in time to interpolate."""
+"""How well positions cover the scans in time."""
 
 from __future__ import annotations
 
@@ -11,24 +11,11 @@ from offradar_ros.geometry import Trajectory
 DEFAULT_MAX_GAP_NS = round(PositionConfig().max_gap_s * 1e9)
 
 
-def covered(
-    stamps_ns: NDArray[np.int64], trajectory: Trajectory, max_gap_ns: int = DEFAULT_MAX_GAP_NS
-) -> NDArray[np.bool_]:
-    """(N,) bool: whether `Trajectory.at` has a pose at each stamp."""
-    known = trajectory.stamps_ns
-    after = np.searchsorted(known, stamps_ns)
-    inside = (after > 0) & (after < len(known))
-    right = np.clip(after, 0, len(known) - 1)
-    left = np.clip(after - 1, 0, len(known) - 1)
-    exact = known[right] == stamps_ns
-    return np.asarray(exact | (inside & (known[right] - known[left] <= max_gap_ns)), np.bool_)
-
-
 def fraction_covered(
     stamps_ns: NDArray[np.int64], trajectory: Trajectory, max_gap_ns: int = DEFAULT_MAX_GAP_NS
 ) -> float:
     """Share of the stamps that have a pose, 0 to 1."""
-    return float(np.mean(covered(stamps_ns, trajectory, max_gap_ns)))
+    return float(np.mean(trajectory.covers(stamps_ns, max_gap_ns)))
 
 
 def seconds_apart(stamps_ns: NDArray[np.int64], trajectory: Trajectory) -> float:

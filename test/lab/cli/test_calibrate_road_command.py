@@ -89,7 +89,7 @@ def test_drives_without_positions_are_named(
 
     lost = write_bag(Lost(count=4, name='lost'), tmp_path / 'lost')
     said = refused('calibrate', road[0], lost, '--out', tmp_path / 'params.yaml')
-    assert f'{lost}: evaluation needs positions, and there are none' in said
+    assert f'{lost}: expected positions beside the scans, and there are none' in said
 
 
 def test_a_plot_is_of_several_drives_and_can_be_written(

@@ -13,29 +13,10 @@ from hypothesis import strategies as st
 from offradar_ros.lab.evaluation.answers import DEPTH, NOT_FOUND, Pair, Rules, answers_from, map_rows
 from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive
 from offradar_ros.lab.evaluation.neighbours import k_least, squared_distances
-from offradar_ros.recordings.spacing import one_a_cell, way_driven
 from offradar_ros.retrieval.place_index import PlaceIndex
 from offradar_ros.types import Place, PlaceTable, Pose
 
 Street = Callable[..., EmbeddedDrive]
-
-
-@settings(max_examples=50, deadline=None)
-@given(st.lists(st.floats(0.0, 9.0), min_size=1, max_size=40), st.floats(0.5, 20.0))
-def test_one_scan_a_cell(steps: list[float], spacing_m: float) -> None:
-    driven_m = np.cumsum(steps)
-    kept, cells = [], set()
-    for index, metres in enumerate(driven_m.tolist()):
-        cell = int(metres / spacing_m + 1e-9)
-        if cell not in cells:
-            kept.append(index)
-        cells.add(cell)
-    assert one_a_cell(driven_m, spacing_m).tolist() == kept
-
-
-def test_the_mean_spacing_is_the_one_asked_for() -> None:
-    driven_m = 2.0 * np.arange(501)
-    assert np.diff(driven_m[one_a_cell(driven_m, 5.0)]).mean() == pytest.approx(5.0)
 
 
 def test_nearest_places_are_those_of_the_deployed_search() -> None:
@@ -63,16 +44,6 @@ def test_the_least_are_in_order_and_of_equal_ones_the_first_counts(k: int, seed:
     values[0], values[1, ::2], values[2, 3] = np.nan, np.inf, np.nan
     expected = [sorted(range(12), key=lambda c: (np.isnan(row[c]), row[c], c))[:k] for row in values]
     assert k_least(values, k).tolist() == expected
-
-
-def test_a_vehicle_that_stands_still_drives_no_way() -> None:
-    rng = np.random.default_rng(1)
-    still = rng.uniform(-0.3, 0.3, (200, 2))
-    line = np.column_stack([np.arange(100.0), np.zeros(100)])
-    positions = np.concatenate([line, line[-1] + still, line[-1] + line])
-    assert way_driven(positions)[299] == pytest.approx(99.0, abs=1.0)
-    assert way_driven(positions)[-1] == pytest.approx(198.0, abs=2.0)
-    assert len(way_driven(np.empty((0, 2)))) == 0
 
 
 def test_answers_against_a_loop(embedded_street: Street) -> None:

@@ -19,6 +19,7 @@ from offradar_ros.lab.training.config import DataConfig
 from offradar_ros.lab.training.config_file import read_config
 from offradar_ros.lab.training.split_drives import split_drives, training_sequences
 from offradar_ros.recordings.bags.oxford_folder import write_oxford
+from offradar_ros.recordings.bags.writer import write_bag
 
 SMOKE = Path(__file__).resolve().parents[3] / 'params' / 'train' / 'smoke.yaml'
 
@@ -52,6 +53,14 @@ def test_scans_of_the_region_and_its_buffer_are_left_out(data_set: DataConfig) -
         expected = np.flatnonzero(np.hypot(east_m - 15.0, lane_m) > 5.2)
         assert 0 < len(expected) < 24
         assert drive.open().indices.tolist() == expected.tolist()
+
+
+def test_sequences_of_a_split_may_be_bags(data_set: DataConfig, street: Callable[..., object]) -> None:
+    root = Path(data_set.root)
+    write_bag(street(name='sunday', lane_m=1.0), root / 'sunday')
+    monday, tuesday, sunday = split_drives(data_set)
+    assert len({drive.world for drive in (monday, tuesday, sunday)}) == 1
+    assert sunday.open().indices.tolist() == tuesday.open().indices.tolist()
 
 
 def test_missing_sequences_are_named(data_set: DataConfig) -> None:
@@ -99,3 +108,16 @@ def test_a_run_learns_from_the_split_and_says_what_is_missing(data_set: DataConf
     said = json.loads((out / 'run.jsonl').read_text().splitlines()[0])
     assert said['drives'] == 2
     assert said['scans'] == sum(len(drive.open().indices) for drive in split_drives(data_set))
+
+
+def test_a_run_learns_from_bags(street_bag: Callable[..., Path], tmp_path: Path) -> None:
+    bags = [str(street_bag(name, lane_m=lane_m, noise_seed=7)) for name, lane_m in (('first', 0.0), ('second', 1.0))]
+    settings = ['data.worlds=0', f'data.sequences=[{", ".join(bags)}]', 'steps=2', 'validation.worlds=0']
+    settings += ['batch.places=2', 'batch.negative_m=3', 'batch.positive_m=1.5']
+    chosen = [text for setting in settings for text in ('--set', setting)]
+    out = tmp_path / 'out'
+    done = CliRunner().invoke(app, ['train', '--config', str(SMOKE), '--out', str(out), '--device', 'cpu', *chosen])
+    assert done.exit_code == 0, done.output
+    said = json.loads((out / 'run.jsonl').read_text().splitlines()[0])
+    # A drive of 24 scans 1.25 m apart; data.sequence_spacing_m is 1 m.
+    assert (said['drives'], said['scans']) == (2, 48)

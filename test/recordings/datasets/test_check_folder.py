@@ -15,7 +15,7 @@ from offradar_ros.errors import DataError
 from offradar_ros.geometry import Trajectory
 from offradar_ros.recordings.datasets.check import Findings, check_folder
 from offradar_ros.recordings.datasets.check.coverage import coverage
-from offradar_ros.recordings.datasets.coverage import covered, seconds_apart
+from offradar_ros.recordings.datasets.coverage import seconds_apart
 from offradar_ros.recordings.datasets.registry import open_sequence
 
 Writers = dict[str, Callable[..., Any]]
@@ -195,15 +195,6 @@ def test_no_positions_is_a_note(oxford_folder: Path) -> None:
     findings = check_folder(oxford_folder)
     assert findings.problems == ()
     assert any(text.startswith('no positions') for text in texts(findings, 'note'))
-
-
-@pytest.mark.parametrize('max_gap_ns', [3, 10, 100])
-def test_coverage_is_what_interpolation_answers(max_gap_ns: int) -> None:
-    known = np.array([10, 12, 20, 21, 60], np.int64)
-    trajectory = Trajectory(known, np.zeros((5, 3)), np.full(5, np.nan), geodetic=False)
-    stamps = np.arange(5, 70, dtype=np.int64)
-    expected = [trajectory.at(int(stamp), max_gap_ns) is not None for stamp in stamps]
-    assert covered(stamps, trajectory, max_gap_ns).tolist() == expected
 
 
 @pytest.mark.parametrize(('first', 'last', 'seconds'), [(0, 5, 5.0), (25, 30, 5.0), (5, 15, 0.0)])

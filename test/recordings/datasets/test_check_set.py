@@ -12,8 +12,8 @@ from offradar_ros.geometry import GeoPoint, LocalFrame, geodetic_to_utm, utm_to_
 from offradar_ros.recordings.datasets.check.alignment import check_alignment
 from offradar_ros.recordings.datasets.check.findings import Finding
 from offradar_ros.recordings.datasets.check.route import nearest, route, share_near
+from offradar_ros.recordings.datasets.check.scan_positions import ScanPositions, no_positions
 from offradar_ros.recordings.datasets.check.split import check_split
-from offradar_ros.recordings.datasets.check.whereabouts import Whereabouts, nowhere
 from offradar_ros.recordings.datasets.positions import read_radar_utm
 from offradar_ros.recordings.datasets.region import Circle, Region
 from offradar_ros.recordings.datasets.splits import Split
@@ -28,19 +28,19 @@ def loop_m(seed: int, scans: int = 400) -> NDArray[np.float64]:
     return np.stack([radii * np.cos(angles), 0.7 * radii * np.sin(angles), np.zeros(scans)], axis=1)
 
 
-def drive(name: str, points_m: NDArray[np.float64]) -> Whereabouts:
-    return Whereabouts(name, LocalFrame(OXFORD).to_geodetic(points_m), geodetic=True)
+def drive(name: str, points_m: NDArray[np.float64]) -> ScanPositions:
+    return ScanPositions(name, LocalFrame(OXFORD).to_geodetic(points_m), geodetic=True)
 
 
 def moved(points_m: NDArray[np.float64], *by_m: float) -> NDArray[np.float64]:
     return points_m + np.array(by_m)
 
 
-def found(*sequences: Whereabouts) -> list[Finding]:
+def found(*sequences: ScanPositions) -> list[Finding]:
     return list(check_alignment(sequences))
 
 
-def problem_of(*sequences: Whereabouts) -> str:
+def problem_of(*sequences: ScanPositions) -> str:
     (problem,) = [finding.text for finding in found(*sequences) if finding.level == 'problem']
     return problem
 
@@ -128,20 +128,22 @@ def test_a_part_of_the_way_in_common_is_no_problem() -> None:
 
 
 def test_frames_that_cannot_be_compared() -> None:
-    metric = Whereabouts('metric', loop_m(1), geodetic=False)
+    metric = ScanPositions('metric', loop_m(1), geodetic=False)
     assert 'expected one kind' in problem_of(drive('a', loop_m(1)), metric)
     (note,) = found(metric, metric._replace(name='other'))
     assert (note.level, note.text) == (
         'note',
         'positions in metres of a frame of its own, so not compared: metric, other',
     )
-    (note,) = found(drive('a', loop_m(1)), nowhere('lost', 7))
+    (note,) = found(drive('a', loop_m(1)), no_positions('lost', 7))
     assert note.text == 'no scan has a position, so not compared: lost'
 
 
 def test_the_recorded_drives_of_kaist_align(real_data: Path) -> None:
     drives = [
-        Whereabouts(name, read_radar_utm(real_data / 'mulran_kaist03' / f'mulran_{name}_radar_utm.csv').positions, True)
+        ScanPositions(
+            name, read_radar_utm(real_data / 'mulran_kaist03' / f'mulran_{name}_radar_utm.csv').positions, True
+        )
         for name in ('KAIST01', 'KAIST02', 'KAIST03')
     ]
     assert {finding.level for finding in found(*drives)} == {'ok'}
@@ -158,7 +160,7 @@ def split(region: Region) -> Split:
 def test_what_of_a_split_is_there() -> None:
     monday, friday = drive('monday', loop_m(1)), drive('friday', loop_m(2))
     friday.positions[:10] = np.nan
-    findings = list(check_split(split(Region()), [monday, friday, nowhere('sunday', 3)]))
+    findings = list(check_split(split(Region()), [monday, friday, no_positions('sunday', 3)]))
     assert [(finding.level, finding.text) for finding in findings] == [
         ('problem', '1 of 2 test sequences are missing: saturday'),
         ('ok', 'all 1 training sequences are there'),
@@ -181,10 +183,10 @@ def test_how_many_scans_a_region_leaves() -> None:
         f'monday: {usable} of 400 scans usable for training ({400 - usable} within 50 m of the test region)',
     ]
     assert 0 < tested < usable < 400
-    metric = Whereabouts('monday', monday, geodetic=False)
+    metric = ScanPositions('monday', monday, geodetic=False)
     assert 'expected latitudes and longitudes' in list(check_split(split(region), [metric]))[-1].text
 
 
 def test_a_sequence_of_which_nothing_is_left_is_a_problem() -> None:
-    findings = list(check_split(split(Region()), [nowhere('monday', 4)]))
+    findings = list(check_split(split(Region()), [no_positions('monday', 4)]))
     assert findings[-1] == Finding('problem', 'monday: 0 of 4 scans usable for training (4 without a position)')

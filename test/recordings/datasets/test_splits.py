@@ -9,9 +9,7 @@ import pyproj
 import pytest
 
 from offradar_ros.errors import ConfigError
-from offradar_ros.geometry import Trajectory
 from offradar_ros.recordings.datasets.region import Circle, Polygon, Region
-from offradar_ros.recordings.datasets.scan_positions import scan_positions
 from offradar_ros.recordings.datasets.splits import Split, read_split
 
 OXFORD_CENTRE = (5735611.299219, 620540.270327)
@@ -81,21 +79,6 @@ def test_without_a_region_everything_is_tested_and_trained_on() -> None:
     points = np.array([[36.3, 127.4, 0.0], [np.nan] * 3])
     whole = split(region=Region())
     assert whole.tested(points).tolist() == whole.trainable(points).tolist() == [True, False]
-
-
-def test_positions_of_scans_are_those_of_the_trajectory() -> None:
-    stamps = 1_547_131_046_000_000_000 + np.array([0, 200, 400, 3000, 3200]) * 1_000_000
-    positions = np.random.default_rng(2).uniform(0.0, 1.0, (5, 3))
-    track = Trajectory(stamps, positions, np.full(5, np.nan), geodetic=False)
-    asked = stamps[0] + np.array([-100, 0, 130, 400, 1000, 3100, 3300]) * 1_000_000
-    found = scan_positions(asked, track, 1_500_000_000)
-    for stamp, position in zip(asked.tolist(), found, strict=True):
-        pose = track.at(stamp, 1_500_000_000)
-        expected = [np.nan] * 3 if pose is None else [pose.x_m, pose.y_m, pose.z_m]
-        np.testing.assert_allclose(position, expected)
-    assert np.isnan(found[:, 0]).tolist() == [True, False, False, False, True, False, True]
-    empty = dataclasses.replace(track, stamps_ns=stamps[:0], positions=positions[:0], yaws_rad=np.zeros(0))
-    assert np.isnan(scan_positions(asked, empty)).all()
 
 
 def test_the_oxford_split() -> None:

@@ -8,14 +8,14 @@ from offradar_ros.geometry import GeoPoint, LocalFrame
 from offradar_ros.recordings.datasets.check.findings import Finding, note, ok, problem
 from offradar_ros.recordings.datasets.check.mix_ups import mix_up
 from offradar_ros.recordings.datasets.check.route import NEAR_M, Route, nearest, route
-from offradar_ros.recordings.datasets.check.whereabouts import Whereabouts
+from offradar_ros.recordings.datasets.check.scan_positions import ScanPositions
 
 # A sequence of which less is near another is looked at for what may be mixed up.
 _ALIGNED = 0.5
 _MOST_COMPARED = 3
 
 
-def check_alignment(sequences: Sequence[Whereabouts]) -> Iterator[Finding]:
+def check_alignment(sequences: Sequence[ScanPositions]) -> Iterator[Finding]:
     """Findings about several sequences, by the places of their scans."""
     lost = [s.name for s in sequences if not s.known.any()]
     if lost:
@@ -34,7 +34,7 @@ def check_alignment(sequences: Sequence[Whereabouts]) -> Iterator[Finding]:
         yield from _compared(geodetic)
 
 
-def _compared(sequences: Sequence[Whereabouts]) -> Iterator[Finding]:
+def _compared(sequences: Sequence[ScanPositions]) -> Iterator[Finding]:
     points = {s.name: s.positions[s.known] for s in sequences}
     frame = LocalFrame(GeoPoint(*(float(v) for v in points[sequences[0].name][0, :2])))
     routes = {name: route(lla, frame) for name, lla in points.items()}

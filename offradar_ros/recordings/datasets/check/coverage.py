@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from offradar_ros.geometry import Trajectory
 from offradar_ros.recordings.datasets.check.findings import Finding, ok, problem
-from offradar_ros.recordings.datasets.coverage import covered, seconds_apart
+from offradar_ros.recordings.datasets.coverage import seconds_apart
 
 LARGEST_OFFSET_S = 1e9
 """Clocks that disagree by more are not set wrong: one of them does not tell the time."""
@@ -34,7 +34,7 @@ def coverage(
         if abs(remedy_s) <= LARGEST_OFFSET_S:
             text += f' (if the clocks disagree: offradar convert --position-offset-s {remedy_s:.1f})'
         return problem(text)
-    count = int(np.count_nonzero(covered(stamps_ns, trajectory, round(max_gap_s * 1e9))))
+    count = int(np.count_nonzero(trajectory.covers(stamps_ns, round(max_gap_s * 1e9))))
     text = f'{name}: {count} of {len(stamps_ns)} scans have a position (gaps up to {max_gap_s:g} s)'
     return ok(text) if count == len(stamps_ns) else problem(text)
 

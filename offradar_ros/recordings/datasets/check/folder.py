@@ -29,19 +29,9 @@ def check_folder(
 
     DataError where the folder holds no recognised scans; whatever else is wrong is a finding.
     """
-    return check_sequence(open_sequence(path, layout, radar), Path(path), position, sample, progress)
-
-
-def check_sequence(
-    sequence: RecordedSequence,
-    path: Path,
-    position: PositionConfig | None = None,
-    sample: int = 0,
-    progress: Callable[[int, int], None] | None = None,
-) -> Findings:
-    """`check_folder` of a sequence that was opened from `path`."""
+    sequence = open_sequence(path, layout, radar)
     max_gap_s = (position or PositionConfig()).max_gap_s
-    return Findings(path, sequence.layout, tuple(_findings(sequence, max_gap_s, sample, progress)))
+    return Findings(Path(path), sequence.layout, tuple(_findings(sequence, max_gap_s, sample, progress)))
 
 
 def _findings(

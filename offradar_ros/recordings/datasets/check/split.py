@@ -7,11 +7,11 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from offradar_ros.recordings.datasets.check.findings import Finding, note, ok, problem
-from offradar_ros.recordings.datasets.check.whereabouts import Whereabouts
+from offradar_ros.recordings.datasets.check.scan_positions import ScanPositions
 from offradar_ros.recordings.datasets.splits import Split
 
 
-def check_split(split: Split, sequences: Sequence[Whereabouts]) -> Iterator[Finding]:
+def check_split(split: Split, sequences: Sequence[ScanPositions]) -> Iterator[Finding]:
     """Findings about the sequences of a data set, as a split divides them."""
     found = {sequence.name: sequence for sequence in sequences}
     for kind, names in (('test', split.test), ('training', split.train)):
@@ -28,7 +28,7 @@ def check_split(split: Split, sequences: Sequence[Whereabouts]) -> Iterator[Find
             yield _scans(split, found[name])
 
 
-def _scans(split: Split, sequence: Whereabouts) -> Finding:
+def _scans(split: Split, sequence: ScanPositions) -> Finding:
     name, count = sequence.name, len(sequence.positions)
     if split.region and not sequence.geodetic:
         return problem(f'{name}: expected latitudes and longitudes, as the split has a test region')

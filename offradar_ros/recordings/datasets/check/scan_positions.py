@@ -8,11 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros.errors import DataError
-from offradar_ros.recordings.datasets.scan_positions import scan_positions
 from offradar_ros.sequence import RadarSequence
 
 
-class Whereabouts(NamedTuple):
+class ScanPositions(NamedTuple):
     """Attributes: the scans of one sequence.
 
     name: of the sequence's folder.
@@ -30,18 +29,18 @@ class Whereabouts(NamedTuple):
         return np.asarray(np.isfinite(self.positions).all(axis=1))
 
 
-def whereabouts(name: str, sequence: RadarSequence, max_gap_s: float) -> Whereabouts:
+def scan_positions(name: str, sequence: RadarSequence, max_gap_s: float) -> ScanPositions:
     """Positions between neighbours at most `max_gap_s` apart; none of a sequence whose position files are damaged."""
     try:
         trajectory = sequence.trajectory
     except DataError:
         trajectory = None
     if trajectory is None:
-        return nowhere(name, len(sequence))
-    positions = scan_positions(sequence.stamps_ns, trajectory, round(max_gap_s * 1e9))
-    return Whereabouts(name, positions, trajectory.geodetic)
+        return no_positions(name, len(sequence))
+    positions = trajectory.poses_at(sequence.stamps_ns, round(max_gap_s * 1e9))[:, :3]
+    return ScanPositions(name, positions, trajectory.geodetic)
 
 
-def nowhere(name: str, count: int = 0) -> Whereabouts:
+def no_positions(name: str, count: int = 0) -> ScanPositions:
     """`count` scans without a position."""
-    return Whereabouts(name, np.full((count, 3), np.nan), geodetic=True)
+    return ScanPositions(name, np.full((count, 3), np.nan), geodetic=True)

@@ -1,0 +1,34 @@
+"""What a bag or a data-set folder holds, and everything wrong with it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from offradar_ros.config import PositionConfig, RadarConfig
+from offradar_ros.recordings.bags.check import check_bag
+from offradar_ros.recordings.bags.reader import is_bag
+from offradar_ros.recordings.datasets.check.findings import Findings
+from offradar_ros.recordings.datasets.check.folder import check_folder
+
+
+def check_recording(
+    path: Path,
+    layout: str = 'auto',
+    *,
+    radar: RadarConfig | None = None,
+    position: PositionConfig | None = None,
+    sample: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+) -> Findings:
+    """Every message of a bag, or every scan of a folder (or `sample` of them) and every position file.
+
+    `progress` is called with the number of each scan of a folder, from 1, and how many there are; with (1, 1) after a
+    bag. DataError where `path` cannot be opened; whatever else is wrong is a finding.
+    """
+    if is_bag(path):
+        found = check_bag(path, radar, position)
+        if progress is not None:
+            progress(1, 1)
+        return found
+    return check_folder(path, layout, radar=radar, position=position, sample=sample, progress=progress)
