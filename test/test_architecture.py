@@ -46,9 +46,9 @@ ORDER = (
     'lab',
 )
 WITH_ROS = ('ros', 'nodes', 'lab.demo', 'lab.live')
-WITH_TORCH = ('encoders.networks', 'encoders.export', 'lab.training')
+WITH_TORCH = ('encoders.networks', 'encoders.export', 'calibration.shipping', 'lab.training')
 LAZY = {
-    ('cli.export', 'encoders.export.shipping'),
+    ('cli.export', 'calibration.shipping'),
     ('cli.export', 'encoders.weights'),
     ('cli.session', 'ros.sessions'),
     ('encoders.export.onnx_export', 'encoders.export.onnx_half'),

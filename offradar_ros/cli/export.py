@@ -89,7 +89,7 @@ def _smaller(
 
 
 def _to_safetensors(weights: Path, out: Path, half: bool, unit_u: Optional[Path], layout: str) -> WeightsHeader:
-    from offradar_ros.encoders.export.shipping import ship  # noqa: PLC0415
+    from offradar_ros.calibration.shipping import ship  # noqa: PLC0415
 
     if unit_u is None:
         return ship(weights, out, half=half, clean_drive=None)

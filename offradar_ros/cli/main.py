@@ -19,7 +19,7 @@ COMMANDS = {
     'check': 'cli.check:check',
     'convert': 'cli.convert:convert',
     'simulate': 'lab.cli.simulate:simulate',
-    'calibrate': 'lab.cli.calibrate:calibrate',
+    'calibrate': 'cli.calibrate:calibrate',
     'drive': 'cli.drive:drive',
     'encode': 'lab.cli.encode:encode',
     'evaluate': 'lab.cli.evaluate:evaluate',

@@ -5,9 +5,9 @@ from __future__ import annotations
 import dataclasses
 from pathlib import Path
 
+from offradar_ros.calibration.one_drive import calibrate_drive
 from offradar_ros.cli.progress import progress_bar
 from offradar_ros.config import Config, EncoderConfig, write_parameters
-from offradar_ros.lab.cli.calibrated_drive import calibrated_drive
 from offradar_ros.lab.cli.simulate import session_plan
 from offradar_ros.lab.simulation.city import CityPlan, make_city
 from offradar_ros.lab.simulation.sequence import SimulatedSequence
@@ -47,6 +47,7 @@ def calibrate_on_a_clean_drive(path: Path) -> Path:
     """Parameters for the trained encoder from one more, undisturbed drive: Δ spans its U."""
     plan = session_plan(len(MAPPED), scans=SCANS, seed=SEED, degraded=0.0)
     sequence = SimulatedSequence(make_city(CityPlan(seed=SEED)), plan)
-    done = calibrated_drive(sequence, Config(encoder=ENCODER), reject_at_most=0.0)
-    write_parameters(path, done.values, f'Calibrated over {SCANS} scans of a clean simulated drive.')
+    with progress_bar(f'encoding {sequence.name}') as progress:
+        calibration = calibrate_drive(sequence, Config(encoder=ENCODER), 0.0, progress)
+    write_parameters(path, calibration.values, f'Calibrated over {SCANS} scans of a clean simulated drive.')
     return path

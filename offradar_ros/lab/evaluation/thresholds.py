@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from offradar_ros.encoders.calibration import largest_deviation
+from offradar_ros.calibration.variance_scale import largest_deviation
 from offradar_ros.lab.evaluation.protocol import Validation
 from offradar_ros.retrieval.thresholds import static_thresholds
 

@@ -1,41 +1,36 @@
-"""What one ordinary drive tells: the scale of U, and which U is out of the ordinary."""
+"""Calibration over one ordinary drive: the scale of U, and a threshold that rejects few of its scans."""
 
-from typing import NamedTuple
+from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from offradar_ros.cli.progress import progress_bar
-from offradar_ros.config import Config, Value
-from offradar_ros.encoders.calibration import spanning_delta, variance_factor
+from offradar_ros.calibration.conformal import conformal_quantile, scans_for_quantile
+from offradar_ros.calibration.parameters import Calibration, calibrated_parameters
+from offradar_ros.calibration.variance_scale import spanning_delta, variance_factor
+from offradar_ros.config import Config
 from offradar_ros.encoders.protocol import Encoder
 from offradar_ros.encoders.registry import make_encoder
 from offradar_ros.errors import DataError, RefusedInput
-from offradar_ros.lab.evaluation.calibration.calibrated_parameters import calibrated_parameters
-from offradar_ros.lab.evaluation.calibration.conformal import conformal_quantile, scans_for_quantile
+from offradar_ros.processes import Progress
 from offradar_ros.retrieval.thresholds import static_thresholds
 from offradar_ros.sequence import RadarSequence
 
 FEWEST_SCANS = 2
 
 
-class Calibrated(NamedTuple):
-    """Parameters by dotted name, what they come from, and what there is to say about them."""
-
-    values: dict[str, Value]
-    source: str
-    lines: list[str]
-
-
-def calibrated_drive(sequence: RadarSequence, config: Config, reject_at_most: float) -> Calibrated:
+def calibrate_drive(
+    sequence: RadarSequence, config: Config, reject_at_most: float, progress: Progress | None = None
+) -> Calibration:
     """Parameters for the encoder and the query; N is the configuration's.
 
     The threshold is the lowest static one that rejects an ordinary scan with a chance of at most `reject_at_most`; 0
-    takes the highest, as few scans do. Scans that are refused are left out; DataError if fewer than two are left. A
-    learned encoder's variance has its scale from training (prior at 1): only the threshold is set for it.
+    takes the highest, and so does a drive of too few scans. Scans that are refused are left out; DataError if fewer
+    than two are left. A learned encoder's variance has its scale from training (prior at 1): only the threshold is set
+    for it. `progress` gets (done, scans) after each scan.
     """
     encoder = make_encoder(config.encoder)
-    uncertainties = _uncertainties(sequence, encoder)
+    uncertainties = _uncertainties(sequence, encoder, progress)
     factor = variance_factor(uncertainties) if config.encoder.name == 'ring_key' else 1.0
     uncertainties = uncertainties * factor
     delta, levels = spanning_delta(uncertainties), config.query.levels
@@ -60,22 +55,24 @@ def calibrated_drive(sequence: RadarSequence, config: Config, reject_at_most: fl
         )
     lines.append('note: nothing is known of wrong answers: calibrate over several drives of one road to keep them rare')
     values = calibrated_parameters(config, encoder, factor, delta, levels, level)
-    return Calibrated(values, f'{scans} scans of {sequence.name}', lines)
+    return Calibration(values, f'{scans} scans of {sequence.name}', tuple(lines))
 
 
-def _uncertainties(sequence: RadarSequence, encoder: Encoder) -> NDArray[np.float64]:
+def _uncertainties(sequence: RadarSequence, encoder: Encoder, progress: Progress | None) -> NDArray[np.float64]:
+    """(M,) U of the scans that are not refused."""
     found: list[float] = []
     refused: dict[str, list[str]] = {}
-    with progress_bar(f'encoding {sequence.name}') as progress:
-        for index in range(len(sequence)):
-            try:
-                found.append(encoder.encode(sequence.scan(index)).uncertainty)
-            except RefusedInput as refusal:
-                refused.setdefault(refusal.cause, []).append(str(refusal))
+    for index in range(len(sequence)):
+        try:
+            found.append(encoder.encode(sequence.scan(index)).uncertainty)
+        except RefusedInput as refusal:
+            refused.setdefault(refusal.cause, []).append(str(refusal))
+        if progress is not None:
             progress(index + 1, len(sequence))
     if len(found) < FEWEST_SCANS:
         causes = [
-            f'{len(said)} of {len(sequence)} scans refused: {cause}: {said[0]}' for cause, said in refused.items()
+            f'{len(messages)} of {len(sequence)} scans refused: {cause}: {messages[0]}'
+            for cause, messages in refused.items()
         ]
         raise DataError(
             f'{sequence.name}: expected at least {FEWEST_SCANS} scans that can be encoded, got {len(found)}'

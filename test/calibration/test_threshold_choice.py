@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from offradar_ros.calibration.reliability import draw_reliability
+from offradar_ros.calibration.threshold_choice import choose_threshold
+from offradar_ros.calibration.validation_queries import ValidationQueries
 from offradar_ros.errors import DataError
-from offradar_ros.lab.evaluation.calibration.reliability import draw_reliability
-from offradar_ros.lab.evaluation.calibration.threshold_choice import choose_threshold
-from offradar_ros.lab.evaluation.calibration.validation_queries import ValidationQueries
 from offradar_ros.retrieval.thresholds import static_thresholds
 
 
@@ -22,19 +22,19 @@ def queries(scans: int, seed: int = 5) -> ValidationQueries:
     return ValidationQueries(2, uncertainties, wrong, np.ones(scans, np.bool_), np.arange(scans) // 12)
 
 
-def test_what_is_told_is_what_a_count_tells() -> None:
-    told = queries(600)
-    choice = choose_threshold(told, static_thresholds(0.5, 10), 0.05, 0.95)
+def test_what_is_reported_is_what_a_count_gives() -> None:
+    asked = queries(600)
+    choice = choose_threshold(asked, static_thresholds(0.5, 10), 0.05, 0.95)
     # Up to 1.2 hardly any answer is wrong; the next threshold lets in a tenth of the scans, half of them wrong.
     assert choice.threshold == pytest.approx(1.2)
-    accepted = told.uncertainties <= choice.threshold
+    accepted = asked.uncertainties <= choice.threshold
     assert choice.answered == accepted.sum()
-    assert choice.wrong == (accepted & told.wrong).sum()
+    assert choice.wrong == (accepted & asked.wrong).sum()
     share, low, high = choice.rejection
     assert share == pytest.approx(np.mean(~accepted))
     assert low < share < high
     assert choice.chance_of_wrong_answer == (choice.wrong + 1) / 601 <= 0.05
-    assert choice.squares == len(set(told.squares[accepted]))
+    assert choice.squares == len(set(asked.squares[accepted]))
     assert choice.wrong / choice.answered < choice.error_rate_by_squares < 0.3
 
 
@@ -43,16 +43,16 @@ def test_what_passes_keeps_the_promise_of_conformal_risk_control(confidence: flo
     for scans in (20, 60, 200):
         for wrong in range(scans // 2):
             uncertainties, mistakes = np.full(scans, 1.0), np.arange(scans) < wrong
-            told = ValidationQueries(2, uncertainties, mistakes, ~mistakes, np.zeros(scans, np.int64))
+            asked = ValidationQueries(2, uncertainties, mistakes, ~mistakes, np.zeros(scans, np.int64))
             try:
-                choice = choose_threshold(told, static_thresholds(0.5, 1), 0.2, confidence)
+                choice = choose_threshold(asked, static_thresholds(0.5, 1), 0.2, confidence)
             except DataError:
                 break
             assert choice.chance_of_wrong_answer <= 0.2
         assert wrong > 0
 
 
-def test_too_few_scans_and_too_many_errors_are_told_apart() -> None:
+def test_too_few_scans_and_too_many_errors_have_different_messages() -> None:
     thresholds = static_thresholds(0.5, 10)
     with pytest.raises(DataError, match='expected at least 59 scans that can be answered, got 45'):
         choose_threshold(queries(50), thresholds, 0.05, 0.95)

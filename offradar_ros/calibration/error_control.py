@@ -1,4 +1,4 @@
-"""How sure one can be of a share that was counted, and which threshold keeps wrong answers rare.
+"""Bounds on a share that was counted, and the test of which thresholds keep wrong answers rare.
 
 Exact binomial bounds: Clopper and Pearson, Biometrika 26 (1934). The choice of a threshold is a test of each, as in
 Angelopoulos et al., "Learn then Test", arXiv 2110.01052 (2021). scipy is imported when a bound is computed.
@@ -21,20 +21,20 @@ rejected at 1/4 or less (Greenberg and Mohri, "Tight lower bound on the probabil
 
 
 def upper_bound(count: int, total: int, confidence: float) -> float:
-    """The largest share that `count` of `total` does not rule out with this confidence, one-sided; 1 for none."""
+    """One-sided upper bound on the share that `count` of `total` estimates, Clopper–Pearson; 1 if there is none."""
     from scipy.special import betaincinv  # noqa: PLC0415
 
     return 1.0 if count >= total else float(betaincinv(count + 1, total - count, confidence))
 
 
 def interval(count: int, total: int, confidence: float) -> tuple[float, float]:
-    """Both ends of the share that `count` of `total` tells of; each is wrong with half of 1 − confidence."""
+    """Confidence interval of the share `count` of `total`; each end is wrong with half of 1 − confidence."""
     one_sided = (1.0 + confidence) / 2.0
     return 1.0 - upper_bound(total - count, total, one_sided), upper_bound(count, total, one_sided)
 
 
 def fewest_answers(error_rate: float, confidence: float) -> int:
-    """So many answers, all of them right, bound the share of wrong ones by `error_rate`: ⌈ln(1 − c) / ln(1 − ε)⌉."""
+    """Fewest answers that, all right, bound the share of wrong ones by `error_rate`: ⌈ln(1 − c) / ln(1 − ε)⌉."""
     return math.ceil(math.log(1.0 - confidence) / math.log(1.0 - error_rate) - 1e-9)
 
 
@@ -63,8 +63,8 @@ def passing(counts: Counts, error_rate: float, confidence: float) -> NDArray[np.
     alone, before anything is known of who is right:
 
     * half of it starts at the first threshold that passes if no answer is wrong;
-    * half at the first that passes even if half of `error_rate` of them are: of few answers one wrong one, which is
-      no news at all, would end the tests.
+    * half at the first that passes even if half of `error_rate` of them are: of few answers a single wrong one, which
+      says little, would end the tests.
 
     Where there is no second one, the first has all of it. Thresholds below the first answer too few to say anything,
     and are not tested.

@@ -1,6 +1,8 @@
-"""The parameters that a calibration writes, stamped with the model that they are for."""
+"""What a calibration gives: parameters for the nodes, marked with the model that they are for."""
 
 from __future__ import annotations
+
+import dataclasses
 
 from offradar_ros.config import Config, Value, parameters, replace_values
 from offradar_ros.encoders.protocol import Encoder
@@ -9,13 +11,28 @@ from offradar_ros.encoders.registry import make_encoder
 SCALE = 'encoder.ring_key.variance_scale'
 
 
+@dataclasses.dataclass(frozen=True)
+class Calibration:
+    """Result of a calibration.
+
+    Attributes:
+        values: parameters by dotted name, as `config.write_parameters` takes them.
+        source: which scans they come from, in a few words.
+        lines: what there is to report about them, for a person.
+    """
+
+    values: dict[str, Value]
+    source: str
+    lines: tuple[str, ...]
+
+
 def calibrated_parameters(
     config: Config, encoder: Encoder, factor: float, delta: float, levels: int, level: int
 ) -> dict[str, Value]:
     """Every parameter of the encoder, and Δ, N, n and the model of the query, by dotted name.
 
-    `factor` is what the ring key's variance is multiplied with. Its scale is part of the model: `query.model` is the
-    fingerprint with the scale that is written, not that of `encoder`, which made the embeddings.
+    `factor` multiplies the ring key's variance. Its scale is part of the model: `query.model` is the fingerprint with
+    the scale that is written, not that of `encoder`, which made the embeddings.
     """
     values: dict[str, Value] = {
         leaf.name: leaf.value for leaf in parameters(config) if leaf.name.startswith('encoder.') and leaf.value != ''

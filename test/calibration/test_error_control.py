@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from offradar_ros.lab.evaluation.calibration.error_control import (
+from offradar_ros.calibration.error_control import (
     Counts,
     counts_at,
     fewest_answers,

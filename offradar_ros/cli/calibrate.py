@@ -2,13 +2,21 @@
 
 import dataclasses
 import importlib.util
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from offradar_ros.calibration.error_control import LEAST_CONFIDENCE
+from offradar_ros.calibration.one_drive import calibrate_drive
+from offradar_ros.calibration.parameters import Calibration
+from offradar_ros.calibration.reliability import draw_reliability
+from offradar_ros.calibration.road import Wanted, calibrate_road
+from offradar_ros.calibration.threshold_choice import ThresholdChoice
 from offradar_ros.cli.answers import require_writable as require_file
 from offradar_ros.cli.need import pip_hint
+from offradar_ros.cli.progress import progress_bar
 from offradar_ros.config import (
     Config,
     load_config,
@@ -18,15 +26,13 @@ from offradar_ros.config import (
     write_parameters,
 )
 from offradar_ros.errors import ConfigError
-from offradar_ros.lab.cli.calibrated_drive import calibrated_drive
-from offradar_ros.lab.cli.calibrated_road import Wanted, calibrated_road, draw
-from offradar_ros.lab.evaluation.calibration.error_control import LEAST_CONFIDENCE
+from offradar_ros.recordings.road import open_road
 from offradar_ros.recordings.source import LAYOUT_HELP, open_source
 from offradar_ros.recordings.spacing import MAP_SPACING_M
 
 LEVELS = 20
 REJECTED, WRONG, SURE = 0.01, 0.05, 0.95
-"""What is wanted where nothing is said."""
+"""Defaults of --reject-at-most, --error-rate and --confidence."""
 
 
 def calibrate(
@@ -94,19 +100,35 @@ def calibrate(
     if len(sources) == 1:
         sequence = open_source(sources[0], layout, config.radar)
         require_writable(out)
-        done = calibrated_drive(sequence, config, reject_at_most or REJECTED)
+        with progress_bar(f'encoding {sequence.name}') as progress:
+            calibration = calibrate_drive(sequence, config, reject_at_most or REJECTED, progress)
     else:
         require_writable(out)
         if plot is not None:
             require_file(plot)
-        done, choice = calibrated_road(
-            sources, layout, config, Wanted(error_rate or WRONG, confidence or SURE, spacing_m)
-        )
+        wanted = Wanted(error_rate or WRONG, confidence or SURE)
+        calibration, choice = _over_road(sources, layout, config, wanted, spacing_m)
         if plot is not None:
-            draw(choice, plot)
-    write_parameters(out, _typed(given, config) | done.values, f'Written by offradar calibrate over {done.source}.')
-    for line in (*done.lines, *(f'{path}: {"replaced" if was else "written"}' for path, was in replaced.items())):
+            draw_reliability(choice, plot)
+    values = _typed(given, config) | calibration.values
+    write_parameters(out, values, f'Written by offradar calibrate over {calibration.source}.')
+    written = [f'{path}: {"replaced" if existed else "written"}' for path, existed in replaced.items()]
+    for line in (*calibration.lines, *written):
         typer.echo(line)
+
+
+def _over_road(
+    sources: Sequence[Path], layout: str, config: Config, wanted: Wanted, spacing_m: float
+) -> tuple[Calibration, ThresholdChoice]:
+    paths = [path.resolve() for path in sources]
+    if len(set(paths)) < len(paths):
+        raise ConfigError(f'{", ".join(map(str, sources))}: expected each folder once')
+    road = open_road(paths, layout, config.radar, config.position, name='calibration')
+    drives = [drive.subsampled(spacing_m) for drive in road.drives]
+    with progress_bar(f'encoding {", ".join(drive.name for drive in drives)}') as progress:
+        calibration, choice = calibrate_road(drives, config, wanted, progress)
+    notes = tuple(f'note: {note}' for note in road.notes)
+    return dataclasses.replace(calibration, lines=calibration.lines + notes), choice
 
 
 def _with_levels(config: Config, levels: int) -> Config:

@@ -1,4 +1,4 @@
-"""Bring an encoder's uncertainties to the scale that static thresholds expect: U = 1 on average over a run."""
+"""Scale of an encoder's variance, so that U = 1 on average over a drive, and the Δ that goes with it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ from offradar_ros.errors import DataError
 
 
 def variance_factor(uncertainties: ArrayLike) -> float:
-    """What the variance must be multiplied with so that the mean of these U is 1; DataError where there is none."""
+    """Factor on the variance that makes the mean of these (N,) U equal to 1, the prior's (Sec. III-C of the paper).
+
+    Values that are not finite do not count. DataError if none is left, or if their mean is not positive.
+    """
     values = np.asarray(uncertainties, np.float64)
     values = values[np.isfinite(values)]
     if not values.size or not values.mean() > 0.0:
@@ -20,11 +23,14 @@ def variance_factor(uncertainties: ArrayLike) -> float:
 
 
 def largest_deviation(uncertainties: ArrayLike) -> float:
-    """max |U − 1| over calibrated uncertainties, a Δ (Sec. III-C) whose thresholds span the whole run; 0 for none."""
+    """max |U − 1| over (N,) calibrated U, a Δ (Sec. III-C) whose thresholds span the whole drive; 0 for no value."""
     values = np.asarray(uncertainties, np.float64)
     return float(np.max(np.abs(values[np.isfinite(values)] - 1.0), initial=0.0))
 
 
 def spanning_delta(uncertainties: ArrayLike) -> float:
-    """`largest_deviation`, up to the next millionth: single precision must not push the scan that set it out."""
+    """`largest_deviation`, rounded up to the next millionth.
+
+    Single precision must not put the scan with the largest U above the highest threshold.
+    """
     return (math.floor(largest_deviation(uncertainties) * 1e6) + 1) / 1e6

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from offradar_ros.encoders.calibration import variance_factor
+from offradar_ros.calibration.variance_scale import variance_factor
 from offradar_ros.encoders.encode import encode_all
 from offradar_ros.encoders.networks.files import load_network, save_network
 from offradar_ros.encoders.networks.variational import VariationalNetwork

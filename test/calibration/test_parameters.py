@@ -1,8 +1,8 @@
 from __future__ import annotations
 
+from offradar_ros.calibration.parameters import calibrated_parameters
 from offradar_ros.config import Config, load_config, replace_values
 from offradar_ros.encoders.registry import make_encoder
-from offradar_ros.lab.evaluation.calibration.calibrated_parameters import calibrated_parameters
 
 
 def test_the_stamp_is_of_the_model_that_is_written() -> None:

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from offradar_ros.lab.evaluation.calibration.conformal import conformal_quantile, risk_bound, scans_for_quantile
+from offradar_ros.calibration.conformal import conformal_quantile, risk_bound, scans_for_quantile
 
 
 def test_the_quantile_is_the_right_one_in_order() -> None:

@@ -6,19 +6,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 _STAKES = np.linspace(0.0, 1.0, 33)[1:-1]
-"""Shares of what can be staked without owing anything."""
+"""Shares of the highest stake with which the capital stays positive."""
 
 
 def clustered_upper_bound(answered: NDArray[np.int64], wrong: NDArray[np.int64], confidence: float) -> float:
-    """The largest share of wrong answers that (B,) clusters do not rule out, of which each answered and erred so often.
+    """Upper bound on the share of wrong answers, from (B,) answered scans and (B,) wrong answers of B clusters.
 
-    Clusters are independent; what is in one may depend on itself in any way. Whoever bets against the hypothesis that
-    the share is ρ gains from a cluster with fewer wrong answers than ρ·answered, and holds after all of them
+    Clusters are independent; the scans of one may depend on each other in any way. A bet against the hypothesis that
+    the share is ρ gains from a cluster with fewer wrong answers than ρ·answered. Its capital after all of them is
 
         Π_b (1 − λ (wrong_b − ρ answered_b) / m),   m = max answered_b,   0 ≤ λ ≤ 1 / (1 − ρ),
 
-    which is at most 1 on average if the share is ρ or more, for every λ and so for their mean: by Markov it is
-    1 / (1 − confidence) with a chance of at most 1 − confidence. It grows with ρ, so that the bound is where it gets
+    which is at most 1 on average if the share is ρ or more, for every λ and so for their mean: by Markov it reaches
+    1 / (1 − confidence) with a chance of at most 1 − confidence. It grows with ρ, so the bound is the ρ where it gets
     there. Waudby-Smith and Ramdas, "Estimating means of bounded random variables by betting", arXiv 2010.09686 (2020).
     """
     kept = answered > 0

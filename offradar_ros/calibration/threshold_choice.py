@@ -1,4 +1,4 @@
-"""The static threshold that keeps wrong answers as rare as was asked for, and what is to be expected of it."""
+"""The static threshold that keeps the error rate that was asked for, and what is to be expected of it."""
 
 from __future__ import annotations
 
@@ -7,10 +7,9 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from offradar_ros.errors import DataError
-from offradar_ros.lab.evaluation.calibration.clustered_bound import clustered_upper_bound
-from offradar_ros.lab.evaluation.calibration.conformal import risk_bound
-from offradar_ros.lab.evaluation.calibration.error_control import (
+from offradar_ros.calibration.clustered_bound import clustered_upper_bound
+from offradar_ros.calibration.conformal import risk_bound
+from offradar_ros.calibration.error_control import (
     Counts,
     counts_at,
     fewest_answers,
@@ -18,18 +17,19 @@ from offradar_ros.lab.evaluation.calibration.error_control import (
     passing,
     upper_bound,
 )
-from offradar_ros.lab.evaluation.calibration.validation_queries import ValidationQueries
+from offradar_ros.calibration.validation_queries import ValidationQueries
+from offradar_ros.errors import DataError
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ThresholdChoice:
-    """What was chosen from which queries.
+    """The chosen threshold, and the queries it was chosen from.
 
     Attributes:
         queries: all of them.
         thresholds: (N + 1,) float64, ascending.
-        counts: at each of them.
-        level: which is chosen.
+        counts: answered scans and wrong answers at each of them.
+        level: n, the row of `thresholds` that is chosen.
         error_rate: ε, the share of the answers that may be wrong.
         confidence: with which it is at most ε.
     """
@@ -64,15 +64,15 @@ class ThresholdChoice:
 
     @property
     def chance_of_wrong_answer(self) -> float:
-        """What conformal risk control holds against ε: that one more exchangeable scan is answered, and wrongly.
+        """Bound by conformal risk control on the chance that one more exchangeable scan is answered, and wrongly.
 
-        Never above ε, being below the bound that the level passed with: so the promise of `risk_bound` is kept, too.
+        Never above ε, because it is below the bound that the level passed with: so `risk_bound` holds, too.
         """
         return risk_bound(self.wrong, len(self.queries))
 
     @property
     def squares(self) -> int:
-        """Squares of ground with an answered scan."""
+        """Number of squares of ground with an answered scan."""
         return len(np.unique(self.queries.squares[self._accepted]))
 
     @property
@@ -94,8 +94,8 @@ def choose_threshold(
 ) -> ThresholdChoice:
     """The highest of the (N + 1,) thresholds that pass (`error_control.passing`).
 
-    DataError where none does, with the best that could be said: a lower threshold that fails too would be taken for one
-    that was asked for.
+    DataError where none does, with the best bound that was reached: a threshold that fails would be taken for one that
+    keeps the error rate.
     """
     counts = counts_at(queries.uncertainties, queries.wrong, thresholds)
     passed = np.flatnonzero(passing(counts, error_rate, confidence))

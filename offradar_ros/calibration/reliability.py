@@ -1,4 +1,4 @@
-"""Picture of how far U tells wrong answers. Needs matplotlib, which is imported when it is drawn."""
+"""Reliability plot: the share of wrong answers against U. Needs matplotlib, which is imported when it is drawn."""
 
 from __future__ import annotations
 
@@ -7,16 +7,21 @@ from typing import Any
 
 import numpy as np
 
-from offradar_ros.lab.evaluation.calibration.error_control import interval
-from offradar_ros.lab.evaluation.calibration.threshold_choice import ThresholdChoice
-from offradar_ros.lab.evaluation.figures import new_figure
+from offradar_ros.calibration.error_control import interval
+from offradar_ros.calibration.threshold_choice import ThresholdChoice
+from offradar_ros.errors import ConfigError
 
 BINS = 10
 
 
 def draw_reliability(choice: ThresholdChoice, path: Path) -> None:
-    """Share of wrong answers in bins of U of equally many scans, and what each static threshold would do."""
-    figure = new_figure(10.0, 4.2)
+    """Share of wrong answers in bins of U of equally many scans, and what each static threshold would do.
+
+    The end of `path` names the format of the picture; ConfigError where it cannot be written.
+    """
+    from matplotlib.figure import Figure  # noqa: PLC0415
+
+    figure = Figure(figsize=(10.0, 4.2), layout='constrained', dpi=110)
     bins, curves = figure.subplots(1, 2)
     _draw_bins(bins, choice)
     _draw_curves(curves, choice)
@@ -29,7 +34,10 @@ def draw_reliability(choice: ThresholdChoice, path: Path) -> None:
         f'{len(choice.queries)} scans of {choice.queries.drives} drives; bars: confidence {choice.confidence:g}',
         fontsize='medium',
     )
-    figure.savefig(path)
+    try:
+        figure.savefig(path)
+    except (OSError, ValueError) as error:
+        raise ConfigError(f'{path}: the plot cannot be written ({error})') from error
 
 
 def _draw_bins(axis: Any, choice: ThresholdChoice) -> None:

@@ -1,4 +1,4 @@
-"""What holds on average for one more scan that is exchangeable with those counted, whatever they are like."""
+"""Conformal bounds: they hold on average for one more scan that is exchangeable with those counted."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 
 def scans_for_quantile(reject_at_most: float) -> int:
-    """The fewest scans of which a quantile below the largest bounds the share rejected: ⌈1/α⌉ − 1."""
+    """Fewest scans with which a quantile below the largest U bounds the share rejected: ⌈1/α⌉ − 1."""
     return math.ceil(1.0 / reject_at_most - 1e-9) - 1
 
 

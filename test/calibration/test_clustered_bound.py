@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from offradar_ros.lab.evaluation.calibration.clustered_bound import clustered_upper_bound
-from offradar_ros.lab.evaluation.calibration.error_control import upper_bound
+from offradar_ros.calibration.clustered_bound import clustered_upper_bound
+from offradar_ros.calibration.error_control import upper_bound
 
 
 def capital(answered: np.ndarray, wrong: np.ndarray, rate: float) -> float:

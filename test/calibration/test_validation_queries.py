@@ -1,0 +1,81 @@
+"""Every scan counts once, in the map of another drive."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from offradar_ros.calibration.validation_queries import EncodedDrive, validation_queries
+from offradar_ros.errors import DataError
+
+
+def street(index: int, count: int) -> EncodedDrive:
+    """Scans 4 m apart; the descriptor is the place's, and noise that grows with U."""
+    rng = np.random.default_rng([0, index])
+    driven_m = 4.0 * np.arange(count)
+    severities = np.where(rng.random(count) < 0.4, rng.uniform(0.05, 1.0, count), 0.0)
+    waves = np.random.default_rng(5).uniform(0.01, 0.2, 24)
+    places = np.cos(driven_m[:, None] * waves)
+    means = places + rng.normal(0.0, 1.0, places.shape) * (0.05 + 1.6 * severities[:, None])
+    return EncodedDrive(
+        name=f'street_{index + 1}',
+        stamps_ns=np.arange(count, dtype=np.int64) * 10**9 + index * 10**14,
+        poses=np.column_stack([driven_m, np.full(count, 1.0 * index), np.zeros(count)]),
+        driven_m=driven_m,
+        means=means.astype(np.float32),
+        uncertainties=0.3 + severities + rng.normal(0.0, 0.05, count),
+    )
+
+
+def test_scans_take_the_maps_of_the_others_in_turn_as_in_a_loop() -> None:
+    drives = [street(index, count) for index, count in enumerate((70, 60, 50))]
+    drives[1].uncertainties[4], drives[1].means[4] = np.inf, np.nan
+    queries = validation_queries(drives, 5.0, 25.0)
+    assert (len(queries), queries.drives, queries.refused) == (180, 3, 1)
+    row = 0
+    for query in drives:
+        others = [drive for drive in drives if drive is not query]
+        for scan in range(len(query)):
+            mapped = others[scan % 2]
+            here = query.poses[scan, :2]
+            cells: dict[int, int] = {}
+            for place in np.flatnonzero(mapped.usable):
+                cells.setdefault(int(mapped.driven_m[place] // 5.0), int(place))
+            places = list(cells.values())
+            apart_m = [float(np.hypot(*(mapped.poses[p, :2] - here))) for p in places]
+            nearest = int(np.argmin([np.linalg.norm(mapped.means[p] - query.means[scan]) for p in places]))
+            wrong = not np.isfinite(query.uncertainties[scan]) or apart_m[nearest] > 25.0
+            assert queries.wrong[row] == wrong
+            assert queries.positive[row] == (min(apart_m) <= 25.0)
+            row += 1
+    assert 0 < queries.wrong.sum() < 90
+
+
+def test_the_drives_share_the_squares_of_ground() -> None:
+    first, second = (street(index, 60) for index in range(2))
+    squares = validation_queries([first, second], 5.0, 25.0).squares
+    assert squares[:60].tolist() == squares[60:].tolist() == [i // 25 for i in range(60)]
+
+
+def test_a_scan_far_from_the_other_drive_has_no_right_place() -> None:
+    long, short = street(0, 100), street(1, 50)
+    queries = validation_queries([long, short], 5.0, 25.0)
+    assert queries.positive[:100].tolist() == [4.0 * i <= 195.0 + 25.0 for i in range(100)]
+    assert queries.wrong[:100][~queries.positive[:100]].all()
+
+
+def test_drives_of_different_roads_are_refused() -> None:
+    first, second = (street(index, 30) for index in range(2))
+    aside_m = np.array([0.0, 500.0, 0.0])
+    away = dataclasses.replace(second, poses=second.poses + aside_m)
+    with pytest.raises(DataError, match='street_1, street_2: no scan is within 25 m of another drive'):
+        validation_queries([first, away], 5.0, 25.0)
+
+
+def test_a_drive_that_cannot_be_encoded_is_named() -> None:
+    first, second = (street(index, 30) for index in range(2))
+    second.uncertainties[:] = np.inf
+    with pytest.raises(DataError, match='street_2: none of its 30 scans can be encoded'):
+        validation_queries([first, second], 5.0, 25.0)
