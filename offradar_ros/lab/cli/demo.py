@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from offradar_ros.cli.need import ros_hint
+from offradar_ros.cli.progress import progress_bar
 from offradar_ros.errors import OffradarError
 
 
@@ -14,11 +15,11 @@ def demo(
     out: Annotated[Path, typer.Option(help='Folder for everything that is made; emptied first.')] = Path('demo_output'),
     domain_id: Annotated[int, typer.Option(min=0, max=101, help='ROS domain of its own.')] = 83,
 ) -> None:
-    """Simulate three drives, replay them through the nodes over DDS, and print and draw what came of it."""
+    """Simulate three drives, replay them through the nodes over DDS, and print and draw the results."""
     for package, extra in (('rclpy', 'ros'), ('matplotlib', 'plot')):
         if importlib.util.find_spec(package) is None:
             raise OffradarError(f'the demo {ros_hint(package, extra)}')
     # Only the demonstration needs ROS: the other commands work without it.
     from offradar_ros.lab.demo.run import run_demo  # noqa: PLC0415
 
-    run_demo(out, domain_id)
+    run_demo(out, domain_id, progress_bar)

@@ -15,15 +15,13 @@ from offradar_ros.lab.simulation.ground_truth import write_ground_truth
 from offradar_ros.lab.simulation.named_weather import parse_weather
 from offradar_ros.lab.simulation.named_world import open_world
 from offradar_ros.lab.simulation.recorded_path import load_tum
+from offradar_ros.lab.simulation.route_sessions import session_plan
 from offradar_ros.lab.simulation.sensor import SimulatedSensor
 from offradar_ros.lab.simulation.sequence import SimulatedSequence
-from offradar_ros.lab.simulation.session_plan import SessionPlan
 from offradar_ros.radar.profiles import PROFILES
 from offradar_ros.recordings.bags.oxford_folder import encode_oxford_png, write_oxford
 from offradar_ros.recordings.bags.writer import BagOptions, write_bag
 
-DAY_NS = 24 * 3600 * 10**9
-LANES_M = (0.0, 1.0, -0.8, 0.5, -1.2)
 SCANS = 120
 
 
@@ -32,18 +30,6 @@ class Format(str, enum.Enum):
 
     BAG = 'bag'
     OXFORD = 'oxford'
-
-
-def session_plan(index: int, *, scans: int, seed: int, degraded: float) -> SessionPlan:
-    """Drive `index` of a route: each a day later, in a lane offset, traffic and noise of its own."""
-    return SessionPlan(
-        name=f'session_{index + 1}',
-        seed=1000 * seed + index,
-        scans=scans,
-        left_m=LANES_M[index % len(LANES_M)],
-        degraded=degraded,
-        start_ns=SessionPlan().start_ns + index * DAY_NS,
-    )
 
 
 def simulate(

@@ -16,9 +16,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
 
-from offradar_ros.cli.progress import progress_bar
 from offradar_ros.errors import OffradarError
-from offradar_ros.lab.demo.drives import Drive
+from offradar_ros.lab.demo.drives import Bars, Drive
 from offradar_ros.lab.live.node_processes import Stack
 from offradar_ros.recordings.bags.reader import Bag, scan_topic
 from offradar_ros.ros import qos
@@ -32,7 +31,7 @@ MEET_S = 15.0
 
 @dataclasses.dataclass(frozen=True)
 class Driven:
-    """What came of one drive: an outcome for each answered scan, the replay's counts and the merge report."""
+    """Result of one drive: an outcome for each answered scan, the replay's counts and the merge report."""
 
     drive: Drive
     outcomes: tuple[Outcome, ...]
@@ -41,16 +40,16 @@ class Driven:
     report: str
 
 
-def drive_live(drives: list[Drive], folder: Path, params: Path, domain_id: int) -> list[Driven]:
+def drive_live(drives: list[Drive], folder: Path, params: Path, domain_id: int, bars: Bars) -> list[Driven]:
     """Replay every drive in lockstep; the nodes stop afterwards, whatever happens."""
     parameters = {'map.path': folder / 'map.db', 'map.start_session': False}
     with Stack(folder / 'logs', domain_id, parameters, [params]) as nodes, _listening(domain_id) as listener:
         nodes.wait_until_ready()
         listener.wait_until_met()
-        return [_replayed(drive, nodes, listener.outcomes) for drive in drives]
+        return [_replayed(drive, nodes, listener.outcomes, bars) for drive in drives]
 
 
-def _replayed(drive: Drive, nodes: Stack, outcomes: list[Outcome]) -> Driven:
+def _replayed(drive: Drive, nodes: Stack, outcomes: list[Outcome], bars: Bars) -> Driven:
     outcomes.clear()
     report = nodes.folder / f'{drive.name}.json'
     arguments = [str(drive.bag), '--lockstep', '--report', str(report), *(['--session'] if drive.mapped else [])]
@@ -58,7 +57,7 @@ def _replayed(drive: Drive, nodes: Stack, outcomes: list[Outcome]) -> Driven:
     with Bag(drive.bag) as bag:
         total = bag.counts[scan_topic(bag)]
     try:
-        with progress_bar(f'{"mapping" if drive.mapped else "querying"} {drive.name}') as progress:
+        with bars(f'{"mapping" if drive.mapped else "querying"} {drive.name}') as progress:
             for _ in range(round(REPLAY_TIMEOUT_S * 10)):
                 progress(len(outcomes), total)
                 if process.process.poll() is not None:
@@ -69,9 +68,9 @@ def _replayed(drive: Drive, nodes: Stack, outcomes: list[Outcome]) -> Driven:
             progress(len(outcomes), total)
     finally:
         process.stop()
-    told = json.loads(report.read_text(encoding='utf-8'))
-    counts = {name: value for name, value in told.items() if isinstance(value, int)}
-    return Driven(drive, tuple(outcomes), counts, tuple(told['latencies_s']), told['session'])
+    reported = json.loads(report.read_text(encoding='utf-8'))
+    counts = {name: value for name, value in reported.items() if isinstance(value, int)}
+    return Driven(drive, tuple(outcomes), counts, tuple(reported['latencies_s']), reported['session'])
 
 
 class _Listener:
@@ -99,8 +98,8 @@ class _Listener:
         self.outcomes.append(rejection_record(message, 'rejections'))
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        told = {item.key: item.value for status in message.status for item in status.values}
-        self._met |= {topic for topic in REPLIES if told.get(f'subscribers./{topic}', '0') != '0'}
+        values = {item.key: item.value for status in message.status for item in status.values}
+        self._met |= {topic for topic in REPLIES if values.get(f'subscribers./{topic}', '0') != '0'}
         if len(self._met) == len(REPLIES):
             self._all_met.set()
 

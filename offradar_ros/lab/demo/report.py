@@ -13,21 +13,21 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from offradar_ros.lab.demo.truth import Judged
+from offradar_ros.lab.demo.truth import Compared
 from offradar_ros.mapping.stored_map import StoredSession
 from offradar_ros.recordings.truth import TOLERANCE_M
 from offradar_ros.types import Match, PlaceTable, Reason
 
 
-def print_table(drives: list[Judged], sessions: Sequence[StoredSession], console: Console) -> None:
+def print_table(drives: list[Compared], sessions: Sequence[StoredSession], console: Console) -> None:
     """One column a drive; `sessions` are those of the map, in the order of the drives that made them."""
-    table = Table('', *(judged.driven.drive.name for judged in drives), title='Simulated drives of one route')
+    table = Table('', *(compared.driven.drive.name for compared in drives), title='Simulated drives of one route')
     for name, cells in (_rows(drives) | _map_rows(drives, sessions)).items():
         table.add_row(name, *cells)
     console.print(table)
 
 
-def _rows(drives: list[Judged]) -> dict[str, list[str]]:
+def _rows(drives: list[Compared]) -> dict[str, list[str]]:
     reasons = sorted({o.reason.value for j in drives for o in j.driven.outcomes if not isinstance(o, Match)})
     rejected = [Counter(o.reason.value for o in j.driven.outcomes if not isinstance(o, Match)) for j in drives]
     percentiles = [np.percentile(j.driven.latencies_s, [50, 99]) * 1e3 for j in drives]
@@ -39,32 +39,32 @@ def _rows(drives: list[Judged]) -> dict[str, list[str]]:
 
     return {
         'scans': [str(j.driven.counts['scans']) for j in drives],
-        'of them spoiled by the simulation': [str(int(j.spoiled.sum())) for j in drives],
+        'of them degraded by the simulation': [str(int(j.degraded.sum())) for j in drives],
         'unanswered': [str(j.driven.counts['unanswered']) for j in drives],
         'matches': [str(j.driven.counts['matches']) for j in drives],
         **{f'rejected: {reason}': [str(counter[reason]) for counter in rejected] for reason in reasons},
-        'rejected as uncertain, spoiled / clean': [_uncertain(j) for j in drives],
+        'rejected as uncertain, degraded / clean': [_uncertain(j) for j in drives],
         f'Recall@1 within {TOLERANCE_M:g} m, every scan': recall([np.ones(len(j.accepted), bool) for j in drives]),
         'Recall@1 of the matches': recall([j.accepted for j in drives]),
-        'of those, of clean scans': recall([j.accepted & ~j.spoiled for j in drives]),
-        'of those, of spoiled scans': recall([j.accepted & j.spoiled for j in drives]),
+        'of those, of clean scans': recall([j.accepted & ~j.degraded for j in drives]),
+        'of those, of degraded scans': recall([j.accepted & j.degraded for j in drives]),
         'Recall@1 had the rejected been answered': recall([~j.accepted for j in drives]),
         'latency, median / p99': [f'{p50:.0f} / {p99:.0f} ms' for p50, p99 in percentiles],
     }
 
 
-def _uncertain(judged: Judged) -> str:
-    outcomes = judged.driven.outcomes
+def _uncertain(compared: Compared) -> str:
+    outcomes = compared.driven.outcomes
     uncertain = np.array([not isinstance(o, Match) and o.reason is Reason.UNCERTAIN for o in outcomes], np.bool_)
-    return f'{int((uncertain & judged.spoiled).sum())} / {int((uncertain & ~judged.spoiled).sum())}'
+    return f'{int((uncertain & compared.degraded).sum())} / {int((uncertain & ~compared.degraded).sum())}'
 
 
-def _map_rows(drives: list[Judged], sessions: Sequence[StoredSession]) -> dict[str, list[str]]:
+def _map_rows(drives: list[Compared], sessions: Sequence[StoredSession]) -> dict[str, list[str]]:
     reports = iter([session.report for session in sessions])
-    told = [next(reports) if judged.driven.drive.mapped else None for judged in drives]
+    merged = [next(reports) if compared.driven.drive.mapped else None for compared in drives]
 
     def cells(text: str) -> list[str]:
-        return ['-' if report is None else text.format_map(_Readable(report)) for report in told]
+        return ['-' if report is None else text.format_map(_Readable(report)) for report in merged]
 
     return {
         'inserted, replaced, kept': cells('{inserted}, {replaced}, {kept}'),
@@ -81,7 +81,7 @@ class _Readable(dict[str, object]):
         return '-' if value is None else f'{value:.3f}' if isinstance(value, float) else str(value)
 
 
-def draw_map(places: PlaceTable, judged: Judged, path: Path) -> None:
+def draw_map(places: PlaceTable, compared: Compared, path: Path) -> None:
     """The map coloured by U, and on it the last drive: matches, wrong matches and rejections."""
     figure = Figure(figsize=(12, 8))
     axes = figure.add_axes((0.07, 0.16, 0.84, 0.78))
@@ -89,25 +89,31 @@ def draw_map(places: PlaceTable, judged: Judged, path: Path) -> None:
         places.positions_m[:, 0], places.positions_m[:, 1], c=places.uncertainties, s=150, cmap='YlOrBr', zorder=1
     )
     figure.colorbar(drawn, label='uncertainty U of the mapped scan (1 on average when calibrated)', shrink=0.7)
-    right = judged.accepted & judged.nearest_is_right
+    right = compared.accepted & compared.nearest_is_right
     for chosen, marker, colour, size, label in (
         (right, '.', 'limegreen', 22, 'matched to the right place'),
-        (judged.accepted & ~judged.nearest_is_right, 'x', 'red', 26, f'matched to a place over {TOLERANCE_M:g} m away'),
-        (~judged.accepted & judged.nearest_is_right, '+', 'black', 30, 'rejected, would have been right'),
-        (~judged.accepted & ~judged.nearest_is_right, '+', 'blue', 30, 'rejected, would have been wrong'),
+        (
+            compared.accepted & ~compared.nearest_is_right,
+            'x',
+            'red',
+            26,
+            f'matched to a place over {TOLERANCE_M:g} m away',
+        ),
+        (~compared.accepted & compared.nearest_is_right, '+', 'black', 30, 'rejected, would have been right'),
+        (~compared.accepted & ~compared.nearest_is_right, '+', 'blue', 30, 'rejected, would have been wrong'),
     ):
-        east_m, north_m = judged.positions_m[chosen].T
+        east_m, north_m = compared.positions_m[chosen].T
         axes.scatter(east_m, north_m, s=size, c=colour, marker=marker, label=f'{label} ({int(chosen.sum())})', zorder=2)
-    east_m, north_m = judged.positions_m[judged.spoiled].T
-    spoiled = f'scan spoiled by the simulation ({int(judged.spoiled.sum())})'
+    east_m, north_m = compared.positions_m[compared.degraded].T
+    degraded = f'scan degraded by the simulation ({int(compared.degraded.sum())})'
     axes.scatter(
-        east_m, north_m, s=90, edgecolors='dimgrey', facecolors='none', linewidths=0.7, label=spoiled, zorder=2
+        east_m, north_m, s=90, edgecolors='dimgrey', facecolors='none', linewidths=0.7, label=degraded, zorder=2
     )
     axes.set(
         aspect='equal',
         xlabel='east, m',
         ylabel='north, m',
-        title=f'{judged.driven.drive.name} asked of a map of {len(places)} places (simulated)',
+        title=f'{compared.driven.drive.name} searched for in a map of {len(places)} places (simulated)',
         facecolor='whitesmoke',
     )
     figure.legend(loc='lower center', ncols=3, facecolor='whitesmoke')

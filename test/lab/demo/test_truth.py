@@ -1,4 +1,4 @@
-"""The demonstration judges answers by where the vehicle was, and shows what it judged."""
+"""The demonstration compares answers with the recorded positions, and shows the comparison."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from rich.console import Console
 from offradar_ros.lab.demo.drives import Drive
 from offradar_ros.lab.demo.live import Driven
 from offradar_ros.lab.demo.report import draw_map, print_table
-from offradar_ros.lab.demo.truth import Judged, judge
+from offradar_ros.lab.demo.truth import Compared, compare
 from offradar_ros.mapping.stored_map import StoredSession
 from offradar_ros.recordings.bags.sequence import BagSequence
 from offradar_ros.types import Candidate, Match, Outcome, Place, PlaceTable, Pose, Reason, Rejection
@@ -29,7 +29,7 @@ def answer(stamp_ns: int, x_m: float | None, reason: Reason | None = None) -> Ou
 
 
 @pytest.fixture
-def judged(street_bag: Callable[..., Path]) -> Judged:
+def compared(street_bag: Callable[..., Path]) -> Compared:
     """Six scans, 1.25 m apart: matched right, matched 26 m off, rejected right, rejected wrong, map empty, right."""
     bag = street_bag('drive', count=6)
     sequence = BagSequence(bag)
@@ -42,35 +42,35 @@ def judged(street_bag: Callable[..., Path]) -> Judged:
         answer(stamps[4], None, Reason.MAP_EMPTY),
         answer(stamps[5], 6.25),
     )
-    drive = Drive('drive', bag, mapped=True, spoiled_ns=frozenset(stamps[2:4]))
+    drive = Drive('drive', bag, mapped=True, degraded_ns=frozenset(stamps[2:4]))
     counts = {'scans': 6, 'matches': 3, 'rejections': 3, 'unanswered': 0}
     origin = sequence.trajectory.origin()  # type: ignore[union-attr]
     assert origin is not None
-    return judge(Driven(drive, outcomes, counts, (0.01, 0.02, 0.03), ''), origin)
+    return compare(Driven(drive, outcomes, counts, (0.01, 0.02, 0.03), ''), origin)
 
 
-def test_an_answer_is_right_within_25_metres(judged: Judged) -> None:
+def test_an_answer_is_right_within_25_metres(compared: Compared) -> None:
     # The first fix, the origin, lies 1 s before the first scan: 5 m behind it.
-    np.testing.assert_allclose(judged.positions_m[:, 0], 5.0 + 1.25 * np.arange(6), atol=1e-3)
-    assert judged.nearest_is_right.tolist() == [True, True, True, False, False, True]
-    assert judged.accepted.tolist() == [True, True, False, False, False, True]
-    assert judged.spoiled.tolist() == [False, False, True, True, False, False]
-    assert judged.recall(judged.accepted) == 1.0
-    assert judged.recall(~judged.accepted) == pytest.approx(1 / 3)
-    assert np.isnan(judged.recall(np.zeros(6, np.bool_)))
+    np.testing.assert_allclose(compared.positions_m[:, 0], 5.0 + 1.25 * np.arange(6), atol=1e-3)
+    assert compared.nearest_is_right.tolist() == [True, True, True, False, False, True]
+    assert compared.accepted.tolist() == [True, True, False, False, False, True]
+    assert compared.degraded.tolist() == [False, False, True, True, False, False]
+    assert compared.recall(compared.accepted) == 1.0
+    assert compared.recall(~compared.accepted) == pytest.approx(1 / 3)
+    assert np.isnan(compared.recall(np.zeros(6, np.bool_)))
 
 
-def test_the_table_tells_what_was_judged(judged: Judged) -> None:
+def test_the_table_shows_the_comparison(compared: Compared) -> None:
     console = Console(file=io.StringIO(), width=100)
     report = {'inserted': 2, 'replaced': 1, 'kept': 3, 'places_before': 0, 'places_after': 2}
     means = {'mean_uncertainty_before': None, 'mean_uncertainty_after': 0.98765}
-    print_table([judged], [StoredSession(1, 'drive', 0, 'ended', report | means)], console)
+    print_table([compared], [StoredSession(1, 'drive', 0, 'ended', report | means)], console)
     printed = console.file.getvalue()  # type: ignore[attr-defined]
     for row in (
         'matches .* 3 ',
         'rejected: map_empty .* 1 ',
         'rejected: uncertain .* 2 ',
-        'rejected as uncertain, spoiled / clean .* 2 / 0 ',
+        'rejected as uncertain, degraded / clean .* 2 / 0 ',
         'Recall@1 of the matches .* 1.000 of 3',
         'inserted, replaced, kept .* 2, 1, 3',
         'mean U .* - → 0.988',
@@ -78,9 +78,9 @@ def test_the_table_tells_what_was_judged(judged: Judged) -> None:
         assert any(re.search(row, line) for line in printed.splitlines()), row
 
 
-def test_the_picture_is_drawn(judged: Judged, tmp_path: Path) -> None:
+def test_the_picture_is_drawn(compared: Compared, tmp_path: Path) -> None:
     places = PlaceTable.from_places([Place(1, 1, 0, Pose(5.0, 0.0), 0.9, np.zeros(4, np.float32))], 4)
-    draw_map(places, judged, tmp_path / 'map.png')
+    draw_map(places, compared, tmp_path / 'map.png')
     picture = cv2.imread(str(tmp_path / 'map.png'))
     assert picture.shape[0] > 400
     assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 20

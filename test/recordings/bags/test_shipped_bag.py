@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from offradar_ros.lab.cli.simulate import session_plan
 from offradar_ros.lab.simulation.city import CityPlan, make_city
+from offradar_ros.lab.simulation.route_sessions import session_plan
 from offradar_ros.lab.simulation.sequence import SimulatedSequence
 from offradar_ros.recordings.bags.check import check_bag
 from offradar_ros.recordings.bags.sequence import BagSequence
