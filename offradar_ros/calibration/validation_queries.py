@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros.errors import DataError
-from offradar_ros.recordings.spacing import one_a_cell
+from offradar_ros.recordings.spacing import subsample_by_distance
 from offradar_ros.retrieval.place_index import PlaceIndex
 from offradar_ros.types import PlaceTable
 
@@ -110,7 +110,7 @@ class _Map:
 
     def __init__(self, drive: EncodedDrive, spacing_m: float) -> None:
         usable = np.flatnonzero(drive.usable)
-        rows = usable[one_a_cell(drive.driven_m[usable], spacing_m)]
+        rows = usable[subsample_by_distance(drive.driven_m[usable], spacing_m)]
         count = len(rows)
         self._positions_m = drive.poses[rows, :2]
         self._index = PlaceIndex(drive.means.shape[1], count)

@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros.config import PositionConfig
-from offradar_ros.errors import DataError
 from offradar_ros.geometry import GeoPoint
 from offradar_ros.lab.demo.live import Driven
+from offradar_ros.recordings.road import trajectory_of
 from offradar_ros.recordings.source import open_source
 from offradar_ros.recordings.truth import TOLERANCE_M, errors_m, recall_at_1, true_positions
 from offradar_ros.types import Match
@@ -47,9 +47,7 @@ class Compared:
 
 def compare(driven: Driven, origin: GeoPoint) -> Compared:
     """Compare every outcome with the recorded position at its stamp; `origin` is the map's."""
-    trajectory = open_source(driven.drive.bag).trajectory
-    if trajectory is None:
-        raise DataError(f'{driven.drive.bag}: expected positions beside the scans, and there are none')
+    trajectory = trajectory_of(open_source(driven.drive.bag), driven.drive.bag)
     positions_m = true_positions(driven.outcomes, trajectory, origin, round(PositionConfig().max_gap_s * 1e9))
     return Compared(
         driven,
