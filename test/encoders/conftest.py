@@ -51,7 +51,7 @@ def save_random(tmp_path_factory: pytest.TempPathFactory) -> Callable[[NetworkCo
         with torch.no_grad():
             images = torch.randint(0, 256, (1, *config.image_shape), dtype=torch.uint8)
             flat = network.eval().features(images).flatten(1)
-            # Log variances of about ±1, whatever the backbone's scale: at its clamp a network says nothing of a runtime.
+            # Log variances of about ±1, whatever the backbone's scale: at the clamp all runtimes give the same.
             network.log_variance.weight.normal_(std=1.0 / float(flat.norm()))
         path = tmp_path_factory.mktemp('weights') / f'{config.backbone}.safetensors'
         save_network(path, network, 'random weights of a test')
