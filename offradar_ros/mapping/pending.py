@@ -11,7 +11,7 @@ from offradar_ros.types import Embedding, Pose
 
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
-class Settled:
+class Resolved:
     """An embedding whose waiting is over: with its pose, or without one and dropped for `cause`."""
 
     embedding: Embedding
@@ -36,20 +36,23 @@ class PendingEmbeddings:
         """Stamp of the newest position."""
         return self._positions.last_stamp_ns
 
-    def add_position(self, stamp_ns: int, pose: Pose) -> list[Settled]:
-        """Take a position and return what it settles; RefusedInput if it is not finite or not newer than the last."""
-        self._positions.add(stamp_ns, pose)
-        return self._settle()
+    def add_position(self, stamp_ns: int, pose: Pose) -> list[Resolved]:
+        """Take a position and return what it resolves.
 
-    def add_embedding(self, embedding: Embedding) -> list[Settled]:
-        """Take an embedding and return what is settled, it among them where its position is known already."""
+        RefusedInput if it is not finite or not newer than the last.
+        """
+        self._positions.add(stamp_ns, pose)
+        return self._resolve()
+
+    def add_embedding(self, embedding: Embedding) -> list[Resolved]:
+        """Take an embedding and return what is resolved, it among them where its position is known already."""
         self._newest_ns = max(self._newest_ns, embedding.stamp_ns) if self._waiting else embedding.stamp_ns
         self._waiting.append(embedding)
-        return self._settle()
+        return self._resolve()
 
-    def flush(self) -> list[Settled]:
-        """End of the recording: settle what can be and drop the rest."""
-        return self._settle(final=True)
+    def flush(self) -> list[Resolved]:
+        """End of the recording: resolve what can be and drop the rest."""
+        return self._resolve(final=True)
 
     def forget_embeddings(self) -> None:
         """Forget the waiting embeddings, as when their session is undone; positions stay."""
@@ -64,17 +67,17 @@ class PendingEmbeddings:
         self._positions.clear()
         self._waiting.clear()
 
-    def _settle(self, final: bool = False) -> list[Settled]:
-        settled: list[Settled] = []
+    def _resolve(self, final: bool = False) -> list[Resolved]:
+        resolved: list[Resolved] = []
         while self._waiting:
             pose = self._positions.at(self._waiting[0].stamp_ns)
             overdue = final or self._newest_ns - self._waiting[0].stamp_ns > self._wait_ns
             if pose is NoPosition.NOT_YET and not overdue:
                 break
             embedding = self._waiting.popleft()
-            settled.append(Settled(embedding, pose) if isinstance(pose, Pose) else _dropped(embedding))
-        return settled
+            resolved.append(Resolved(embedding, pose) if isinstance(pose, Pose) else _dropped(embedding))
+        return resolved
 
 
-def _dropped(embedding: Embedding) -> Settled:
-    return Settled(embedding, None, 'no_position')
+def _dropped(embedding: Embedding) -> Resolved:
+    return Resolved(embedding, None, 'no_position')

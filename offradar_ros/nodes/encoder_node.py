@@ -124,6 +124,11 @@ class EncoderNode(StageNode):
         self._radar = navtech.configured(self.config.radar, message)
 
     def _start_recording(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """The next scan is the first of a recording, whatever its stamp.
+
+        Stamps alone cannot tell: a recording that is played again, and is shorter than `radar.restart_after_s`, looks
+        like scans that were sent twice or late, which are refused. Who plays it knows, and says so here.
+        """
         response.success = self.active
         response.message = 'the encoder is not active'
         if self.active:

@@ -75,9 +75,8 @@ class QueryNode(StageNode):
         self.get_logger().info(f'map of {self._query.places} places')
 
     def _on_update(self, message: PointCloud2) -> None:
-        if message.width:
-            rows = descriptors_record(message, 'map/updates')
-            self._query.update(rows.table, rows.model, committed=rows.committed)
+        rows = descriptors_record(message, 'map/updates')
+        self._query.update(rows.table, rows.model, committed=rows.committed)
 
     def _on_embedding(self, message: PointCloud2) -> None:
         try:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
@@ -34,9 +34,20 @@ def descriptor(bounds: Bounds, value: bool | int | float | str) -> ParameterDesc
     return described
 
 
-def declare(node: Node, config: Config, stages: Sequence[str]) -> Config:
-    """Declare the parameters of some stages; the configuration that they give, or ConfigError if one is invalid."""
-    _refuse_unknown(node, config)
+def declare(node: Node, config: Config, stages: Sequence[str], overrides: Sequence[RosParameter] = ()) -> Config:
+    """Declare the parameters of some stages, and return the configuration that they give.
+
+    Args:
+        node: where they are declared.
+        config: the defaults.
+        stages: names of the parts of the configuration that the node takes, such as ``query``.
+        overrides: those that the node was constructed with (``parameter_overrides``).
+
+    Raises:
+        ConfigError: a value is invalid or a name is unknown.
+    """
+    given = _given(node, overrides)
+    _refuse_unknown(given, config)
     values: dict[str, Any] = {}
     for leaf in parameters(config):
         if leaf.name.split('.')[0] in stages:
@@ -45,18 +56,24 @@ def declare(node: Node, config: Config, stages: Sequence[str]) -> Config:
                     leaf.name, leaf.value, descriptor(leaf.bounds, leaf.value)
                 ).value
             except ParameterException as error:
-                given = node._parameter_overrides.get(leaf.name)
-                problem = leaf.bounds.problem(given.value) if given is not None else None
+                problem = leaf.bounds.problem(given[leaf.name]) if leaf.name in given else None
                 reason = problem or str(error).splitlines()[0]
                 raise ConfigError(f'parameter {leaf.name}: {reason}') from error
     return replace_values(config, values)
 
 
-def _refuse_unknown(node: Node, config: Config) -> None:
+def _given(node: Node, overrides: Sequence[RosParameter]) -> dict[str, Any]:
+    """Values by name: of parameter files and arguments, and those that the node was constructed with, which win."""
+    with node.handle:
+        arguments: dict[str, RosParameter] = node.handle.get_parameters(RosParameter)
+    return {name: parameter.value for name, parameter in arguments.items()} | {p.name: p.value for p in overrides}
+
+
+def _refuse_unknown(given: Iterable[str], config: Config) -> None:
     """A misspelt name would silently leave the default in force. Names of other nodes' stages are theirs."""
     known = [leaf.name for leaf in parameters(config)]
     ours = {name.split('.')[0] for name in known}
-    for name in node._parameter_overrides:
+    for name in given:
         if name.split('.')[0] in ours and '.' in name and name not in known:
             replace_values(config, {name: None})
 

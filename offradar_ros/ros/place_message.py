@@ -76,11 +76,6 @@ def descriptors_record(message: PointCloud2, topic: str) -> PlaceRows:
     return PlaceRows(table, model, bool(len(points)) and bool(points['committed'][0]))
 
 
-def receipt_message(stamp_ns: int) -> PointCloud2:
-    """An update without rows: the scan of this stamp has reached the map server."""
-    return PointCloud2(header=header(stamp_ns, MAP_FRAME), height=1)
-
-
 READ_THE_FILE = 'read_the_file'
 
 

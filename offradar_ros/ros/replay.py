@@ -6,10 +6,8 @@ import dataclasses
 import functools
 import importlib
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 
-import rclpy
-from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -20,14 +18,15 @@ from offradar_ros.config import PositionConfig
 from offradar_ros.errors import OffradarError
 from offradar_ros.messages import STAMP, STAMP_OFFSET, header_stamp_ns
 from offradar_ros.recordings.bags.reader import Bag, RawMessage, scan_topic
-from offradar_ros.recordings.bags.topics import FIX_TYPE, ODOMETRY_TYPE
 from offradar_ros.recordings.drive import in_lockstep_order
 from offradar_ros.ros import qos
-from offradar_ros.ros.answers import TOPICS, AnswerLog, Answers
-from offradar_ros.ros.listeners import count_listeners
+from offradar_ros.ros.answer_log import TOPICS, AnswerLog, Answers
+from offradar_ros.ros.audience import Audience
+from offradar_ros.ros.connections import Connections
+from offradar_ros.ros.spin import spin_for, spin_until
 from offradar_ros.ros.stamps import time_message
 
-# What the nodes themselves say: a recording of it must not be mistaken for their answer.
+# What the nodes themselves publish: a recording of it must not be mistaken for their answer.
 OUTPUTS = (
     '/clock',
     '/diagnostics',
@@ -36,19 +35,20 @@ OUTPUTS = (
     '/map',
     '/map/descriptors',
     '/map/updates',
+    '/map_server/handled',
     '/match_pose',
     '/matches',
     '/parameter_events',
     '/rejections',
     '/rosout',
 )
-SUBSCRIBERS = 'subscribers.'
 CLOCK_PERIOD_S = 0.025
 DISCOVERY_S = 4.0
-ANNOUNCED_S = 3.5
-"""Everybody announces himself every three seconds: by then, those who missed the first time have met too."""
-SETTLE_S = 1.0
-"""Nothing new for so long, and everything is taken to have come."""
+"""A node that starts late, or whose announcement was lost, is announced again within three seconds."""
+CONNECT_S = 4.5
+"""Shortest wait for the nodes to connect; a longer --timeout holds."""
+QUIET_S = 1.0
+"""No answer for so long, and all are taken to have come."""
 SILENT_SCANS = 3
 BURST = 400
 """Messages sent without an answer in between that a busy process can be trusted to have room for."""
@@ -101,32 +101,33 @@ class Player:
         self._start_recording = node.create_client(Trigger, 'encoder/start_recording')
         self._clock = node.create_publisher(Clock, '/clock', qos.RESULTS)
         self._log = AnswerLog(node)
-        self._subscribers: dict[str, str] = {}
-        self._around: list[object] = []
-        self._started_s = self._changed_s = time.monotonic()
+        self._connections = Connections(node)
+        self._audience = Audience(node, self._publishers, bag.topics, self._scan_topic)
         self._sent: list[int] = []
         self._latencies_s: list[float] = []
-        node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, qos.RESULTS)
 
     def wait_for_listeners(self) -> None:
-        """Wait until a node reads the scans and discovery has settled; OffradarError if none comes."""
-        publisher = self._publishers[self._scan_topic]
-        if not self._spin_until(lambda: publisher.get_subscription_count() > 0, self._options.timeout_s):
+        """Wait until a node reads the scans and all who are to be waited for are connected.
+
+        OffradarError if none reads them. Logs a warning where somebody may miss messages all the same.
+        """
+        publisher, timeout_s = self._publishers[self._scan_topic], self._options.timeout_s
+        if not spin_until(self._node, lambda: publisher.get_subscription_count() > 0, timeout_s):
             raise OffradarError(
-                f'topic {publisher.topic_name}: nothing subscribed within {self._options.timeout_s:g} s: '
+                f'topic {publisher.topic_name}: nothing subscribed within {timeout_s:g} s: '
                 'start the encoder node, or remap its input'
             )
-        # A node that starts late, or whose announcement was lost, is announced again within three seconds.
-        if not self._spin_until(lambda: not self._absent(), DISCOVERY_S):
+        if not spin_until(self._node, lambda: not self._absent(), DISCOVERY_S):
             self._node.get_logger().info(f'no node publishes {", ".join(self._absent())}: not waiting for it')
         self._log.awaited = self._log.present()
-        longest_s = max(self._options.timeout_s, ANNOUNCED_S + SETTLE_S)
-        if not self._spin_until(lambda: all((self._is_quiet(), self._have_met())), longest_s):
-            self._node.get_logger().warning('the nodes have not all found one another: answers may be lost')
+        if not spin_until(self._node, self._are_connected, max(timeout_s, CONNECT_S)):
+            self._node.get_logger().warning('the nodes are not all connected to one another: answers may be lost')
         if 'embedding' in self._log.awaited:
-            self._spin_until(self._start_recording.service_is_ready, SETTLE_S)
-        if not self._spin_until(lambda: not self._unmet(), self._options.timeout_s) and (unmet := self._unmet()):
-            self._node.get_logger().warning(f'not everybody who listens to {", ".join(unmet)} will hear all of it')
+            spin_until(self._node, self._start_recording.service_is_ready, QUIET_S)
+        if not spin_until(self._node, lambda: not self._audience.unconnected(), timeout_s) and (
+            unconnected := self._audience.unconnected()
+        ):
+            self._node.get_logger().warning(f'not every subscriber of {", ".join(unconnected)} will receive all of it')
 
     def play(self) -> None:
         """Play the bag once; OffradarError if in lockstep nothing answers any more."""
@@ -135,7 +136,7 @@ class Player:
             self._play_in_lockstep()
         else:
             self._play_at_rate()
-        self._settle()
+        self._wait_for_answers()
 
     def take_answers(self) -> Answers:
         """What was answered since the last call, also where `play` was cut short."""
@@ -145,19 +146,20 @@ class Player:
         return answers
 
     def finish(self) -> None:
-        """Stay until everybody has everything that was played in lockstep; may take a heartbeat of 3 s.
+        """Stay until every subscriber has everything that was played in lockstep; may take a heartbeat of 3 s.
 
-        The nodes' answers tell what those have heard. Others may have to ask for something again.
+        The nodes' answers show what those have received. Others may have to ask for something again.
         """
         if self._options.lockstep:
-            self._wait_for_acknowledgement([topic for topic in self._others if self._is_heard_by_others(topic)])
+            awaited = self._log.awaited
+            self._wait_for_acknowledgement([t for t in self._others if self._audience.has_others(t, awaited)])
 
     def _announce(self) -> None:
-        """Tell the encoder that a recording starts: one too short to be told by its stamps may be played again."""
+        """Tell the encoder that a recording starts: if it is short, its stamps do not show that it is played again."""
         if not self._start_recording.service_is_ready():
             return
         told = self._start_recording.call_async(Trigger.Request())
-        if not self._spin_until(told.done, self._options.timeout_s):
+        if not spin_until(self._node, told.done, self._options.timeout_s):
             self._node.get_logger().warning(f'{self._start_recording.service_name}: no answer')
         # What came late of the recording before has the stamps of this one.
         self._log.clear()
@@ -176,7 +178,7 @@ class Player:
             if repeated:
                 continue
             stamp, sent_s = self._sent[-1], time.monotonic()
-            if self._spin_until(functools.partial(self._is_answered, stamp), self._options.timeout_s):
+            if spin_until(self._node, functools.partial(self._is_answered, stamp), self._options.timeout_s):
                 self._latencies_s.append(time.monotonic() - sent_s)
                 silent = burst = 0
             elif (silent := silent + 1) == SILENT_SCANS:
@@ -200,7 +202,7 @@ class Player:
             due_s = started_s + (message.log_ns - base_ns) / 1e9 / self._options.rate
             while (left_s := due_s - time.monotonic()) > 0:
                 self._tick(base_ns + round((time.monotonic() - started_s) * self._options.rate * 1e9))
-                self._spin_for(min(left_s, CLOCK_PERIOD_S))
+                spin_for(self._node, min(left_s, CLOCK_PERIOD_S))
             self._publish(message)
             if message.topic == self._scan_topic:
                 left, end_ns = left - 1, message.log_ns + round(AHEAD_S * 1e9)
@@ -218,28 +220,28 @@ class Player:
         if not self._options.restamp:
             self._clock.publish(Clock(clock=time_message(stamp_ns)))
 
-    def _settle(self) -> None:
-        """Wait for messages still on their way, then for answers: bounded in all, and over when nothing more comes."""
+    def _wait_for_answers(self) -> None:
+        """Wait for messages still on their way, then for answers: at most `timeout_s` each, and while some come."""
         if not self._options.lockstep:
-            # In lockstep the answers tell that everything arrived.
+            # In lockstep the answers show that everything arrived.
             self._wait_for_acknowledgement([*self._publishers])
         deadline_s = time.monotonic() + self._options.timeout_s
         quiet_s, last = time.monotonic(), -1
-        while time.monotonic() < min(deadline_s, quiet_s + SETTLE_S):
+        while time.monotonic() < min(deadline_s, quiet_s + QUIET_S):
             if self._log.total != last:
                 quiet_s, last = time.monotonic(), self._log.total
             if all(self._is_answered(stamp) for stamp in self._sent):
                 return
-            self._spin_for(0.01)
+            spin_for(self._node, 0.01)
 
     def _wait_for_acknowledgement(self, topics: Sequence[str]) -> None:
         """Until every subscriber has everything; may take a heartbeat of 3 s. One that is stuck is waited for once."""
         now = Duration(seconds=0)
 
-        def lacking() -> set[str]:
+        def missing() -> set[str]:
             return {t for t in topics if t not in self._stuck and not self._publishers[t].wait_for_all_acked(now)}
 
-        if not self._spin_until(lambda: not lacking(), self._options.timeout_s) and (stuck := lacking()):
+        if not spin_until(self._node, lambda: not missing(), self._options.timeout_s) and (stuck := missing()):
             self._stuck |= stuck
             self._node.get_logger().warning(
                 f'{", ".join(sorted(stuck))}: not acknowledged by every subscriber within '
@@ -250,7 +252,7 @@ class Player:
         for topic, msgtype in self._bag.topics.items():
             kind = message_class(msgtype)
             if topic != self._scan_topic and topic.endswith(OUTPUTS):
-                self._node.get_logger().info(f'{topic}: said by the nodes when it was recorded: not played')
+                self._node.get_logger().info(f'{topic}: published by the nodes when it was recorded: not played')
             elif kind is None:
                 self._node.get_logger().warning(f'{topic}: type {msgtype} is not installed here: not played')
             else:
@@ -264,59 +266,7 @@ class Player:
         present = self._log.present()
         return [topic for topic in TOPICS if topic not in present]
 
-    def _is_quiet(self) -> bool:
-        """Whether all have been discovered, where a bag has topics that the nodes which answer know nothing of."""
-        if all(self._bag.topics[topic] in (FIX_TYPE, ODOMETRY_TYPE) for topic in self._others):
-            return True
-        counts = [self._node.count_subscribers(publisher.topic_name) for publisher in self._publishers.values()]
-        around = [*sorted(self._node.get_node_names_and_namespaces()), *counts]
-        now_s = time.monotonic()
-        if around != self._around:
-            self._around, self._changed_s = around, now_s
-        return now_s - self._started_s >= ANNOUNCED_S and now_s - self._changed_s >= SETTLE_S
-
-    def _have_met(self) -> bool:
-        """Whether each node that answers knows of everybody who can hear it."""
-        for topic in map(self._node.resolve_topic_name, self._log.awaited):
-            offers = self._node.get_publishers_info_by_topic(topic)
-            known = self._subscribers.get(topic)
-            if not any(known == str(count_listeners(self._node, topic, o.topic_type, o.qos_profile)) for o in offers):
-                return False
-        return True
-
-    def _unmet(self) -> list[str]:
-        """Topics of the bag that somebody can hear who is not connected yet."""
-        offers = [(topic, self._bag.topics[topic], publisher) for topic, publisher in self._publishers.items()]
-        return [
-            topic
-            for topic, msgtype, publisher in offers
-            if publisher.get_subscription_count()
-            < count_listeners(self._node, publisher.topic_name, msgtype, publisher.qos_profile)
-        ]
-
-    def _is_heard_by_others(self, topic: str) -> bool:
-        node, awaited = self._node, map(self._node.resolve_topic_name, self._log.awaited)
-        answering = [info for answer in awaited for info in node.get_publishers_info_by_topic(answer)]
-        known = {(info.node_namespace, info.node_name) for info in answering}
-        listening = node.get_subscriptions_info_by_topic(self._publishers[topic].topic_name)
-        return any((info.node_namespace, info.node_name) not in known for info in listening)
-
-    def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        for status in message.status:
-            for item in status.values:
-                if item.key.startswith(SUBSCRIBERS):
-                    self._subscribers[item.key.removeprefix(SUBSCRIBERS)] = item.value
-
-    def _spin_for(self, seconds: float) -> None:
-        end_s = time.monotonic() + seconds
-        while (left_s := end_s - time.monotonic()) > 0:
-            rclpy.spin_once(self._node, timeout_sec=left_s)
-
-    def _spin_until(self, done: Callable[[], bool], timeout_s: float) -> bool:
-        end_s = time.monotonic() + timeout_s
-        while not done():
-            left_s = end_s - time.monotonic()
-            if left_s <= 0:
-                return False
-            rclpy.spin_once(self._node, timeout_sec=min(left_s, 0.1))
-        return True
+    def _are_connected(self) -> bool:
+        # Each asks the nodes again, so both are always asked.
+        complete = [self._connections.is_complete(topic) for topic in self._log.awaited]
+        return all([self._audience.is_discovered(), *complete])

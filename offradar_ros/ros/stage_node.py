@@ -21,6 +21,7 @@ from rclpy.subscription import Subscription
 from offradar_ros.config import Config
 from offradar_ros.errors import OffradarError, RefusedInput
 from offradar_ros.ros import parameters, qos
+from offradar_ros.ros.connections import serve_subscribers
 from offradar_ros.ros.diagnostics import NodeStatus
 
 MessageT = TypeVar('MessageT')
@@ -38,7 +39,7 @@ class StageNode(LifecycleNode):
 
     def __init__(self, name: str, **options: Any) -> None:
         super().__init__(name, **options)
-        self.config = parameters.declare(self, Config(), self.stages)
+        self.config = parameters.declare(self, Config(), self.stages, options.get('parameter_overrides') or ())
         self._autostart = self.declare_parameter(
             'autostart', True, ParameterDescriptor(description='configure and activate at start', read_only=True)
         ).value
@@ -50,6 +51,7 @@ class StageNode(LifecycleNode):
         self._latched: dict[str, Callable[[], None]] = {}
         self._failure: OffradarError | None = None
         self._last_logged_s: dict[str, float] = {}
+        serve_subscribers(self, self._outputs)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', qos.RESULTS)
         # Diagnostics must go on while a paused replay holds the ROS clock.
         self._report_timer = self.create_timer(1.0, self._report, clock=Clock(clock_type=ClockType.STEADY_TIME))
@@ -209,7 +211,4 @@ class StageNode(LifecycleNode):
             return
         if self.active:
             self.periodic()
-        # A replay in lockstep asks here whether the nodes have found one another.
-        for output in self._outputs:
-            self.status.facts[f'subscribers.{output.topic_name}'] = str(output.get_subscription_count())
         self._diagnostics.publish(self.status.message(self.now_ns()))

@@ -2,23 +2,34 @@
 
 from __future__ import annotations
 
+import collections
 import dataclasses
-from collections.abc import Iterable
+import enum
+import math
+import time
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros.config import Config
-from offradar_ros.errors import RefusedInput
+from offradar_ros.encoders.protocol import ModelInfo
+from offradar_ros.errors import MapError, RefusedInput
 from offradar_ros.geometry import GeoPoint, LocalFrame
-from offradar_ros.mapping.pending import PendingEmbeddings, Settled
+from offradar_ros.mapping.pending import PendingEmbeddings, Resolved
 from offradar_ros.mapping.session_report import SessionReport, UndoReport
 from offradar_ros.mapping.sessions import SessionMap
 from offradar_ros.types import Embedding, PlaceTable, Pose
 
 MAX_EXTENT_M = 100_000.0
 """A flat frame is no map beyond this."""
+MESSAGE_PLACES = 50_000
+"""A larger map does not fit a message: the query node reads the file instead."""
+POSITION_GAP_S = 0.5
+"""At the end of a session, no position is waited for that has not come this long after the one before."""
+BEFORE_MODEL = 64
+"""So many embeddings wait for their model: it is latched, and may arrive after them."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -36,22 +47,74 @@ class MapUpdate:
     problem: RefusedInput | None = None
 
 
-class MapStage:
-    """Embeddings and positions in, map updates out, each embedding once and in order of arrival."""
+class Form(enum.Enum):
+    """How the committed map is handed to who searches it."""
 
-    def __init__(self, config: Config, session_map: SessionMap) -> None:
+    WHOLE = 'whole'
+    FILE = 'file'
+    CHANGES = 'changes'
+
+
+@dataclasses.dataclass(frozen=True)
+class CommittedMap:
+    """The map as of the last ended session, as it is to be published.
+
+    Attributes:
+        form: WHOLE, every place; FILE, the map is too large for a message and is read from its file; or CHANGES, who
+            searches has read the file, and only what the last session changed is new.
+        table: the places to publish; none with FILE.
+    """
+
+    form: Form
+    table: PlaceTable
+
+
+class MapStage:
+    """Embeddings and positions in, map updates out, each embedding once and in order of arrival.
+
+    Args:
+        config: its `position` and `map`.
+        session_map: what is merged into.
+        clock: steady time in seconds, by which `map.autosave_s` and the gap between positions are measured.
+    """
+
+    def __init__(self, config: Config, session_map: SessionMap, clock: Callable[[], float] = time.monotonic) -> None:
         self.map = session_map
+        self._clock = clock
         self._pending = PendingEmbeddings(config.position)
+        self._before_model: collections.deque[Embedding] = collections.deque()
         self._frame = LocalFrame(session_map.origin) if session_map.origin else None
         self._restart_after_ns = round(config.position.restart_after_s * 1e9)
         self._wait_ns = round(config.position.wait_s * 1e9)
+        self._autosave_s = config.map.autosave_s if config.map.path else 0.0
         self._last_scan_ns = 0
+        self._position_s = -math.inf
+        self._saved_s = clock()
+        self._view_is_old = False
+        self._file_is_read = False
+        self._changed: PlaceTable | None = None
+
+    def adopt_model(self, info: ModelInfo) -> list[MapUpdate]:
+        """Map embeddings of this model from now on, those first that came before it.
+
+        RefusedInput: `wrong_model`, the map holds embeddings of another; `not_saved`, the file cannot be written.
+        """
+        known = self.map.model
+        try:
+            self.map.adopt_model(info)
+        except MapError as error:
+            other = known is not None and known.fingerprint != info.fingerprint
+            raise RefusedInput('wrong_model' if other else 'not_saved', str(error)) from error
+        waiting = list(self._before_model)
+        self._before_model.clear()
+        return [update for embedding in waiting for update in self.add_embedding(embedding)]
 
     def add_point(self, stamp: int, point: GeoPoint) -> list[MapUpdate]:
         """A geodetic position. The map's frame starts at the first one of the drive whose scan is mapped first.
 
         RefusedInput('far_position') for one further than `MAX_EXTENT_M` from where the frame starts, such as 0°, 0°.
         """
+        self._position_s = self._clock()
         frame = self._frame or LocalFrame(point)
         enu = self._enu(frame, point)
         if np.linalg.norm(enu) > MAX_EXTENT_M:
@@ -77,6 +140,7 @@ class MapStage:
 
     def add_pose(self, stamp: int, pose: Pose) -> list[MapUpdate]:
         """A pose in the map frame; RefusedInput if it is invalid or not newer than the last."""
+        self._position_s = self._clock()
         updates: list[MapUpdate] = []
         last_ns = self._pending.last_position_ns
         if last_ns is not None and last_ns - stamp > self._restart_after_ns:
@@ -85,12 +149,20 @@ class MapStage:
         return updates + self._merged(self._pending.add_position(stamp, pose))
 
     def add_embedding(self, embedding: Embedding) -> list[MapUpdate]:
-        """An embedding, merged as soon as its position is known."""
+        """An embedding of the running session, merged as soon as its model and position are known.
+
+        Without a session it is not mapped and not counted.
+        """
+        if self.map.running_session_id is None:
+            return []
         if not len(embedding.mean):
             problem = RefusedInput(
                 'invalid_embedding', f'scan {embedding.stamp_ns} ns could not be encoded: not mapped'
             )
             return [self._refused(embedding, problem)]
+        if self.map.model is None:
+            self._before_model.append(embedding)
+            return self._without_model(BEFORE_MODEL)
         updates: list[MapUpdate] = []
         if embedding.stamp_ns < self._last_scan_ns:
             # The recording starts again: nothing that still waits will get its position.
@@ -102,45 +174,114 @@ class MapStage:
         return updates + self._merged(self._pending.add_embedding(embedding))
 
     @property
-    def waiting(self) -> int:
-        """Embeddings whose position is not known yet."""
-        return len(self._pending)
+    def expects_positions(self) -> bool:
+        """Whether scans wait for positions that are still coming in: a session that ends now would drop them."""
+        return bool(len(self._pending)) and self._clock() - self._position_s < POSITION_GAP_S
 
     def flush(self) -> list[MapUpdate]:
-        """Settle what still waits: no later position will come for it."""
+        """Merge or drop every scan that still waits: no later position will come for it."""
         return self._merged(self._pending.flush())
 
+    def start_session(self, stamp_ns: int) -> str:
+        """Start a session at this stamp, or go on with a running one that has no scan yet; what was done.
+
+        MapError while another runs.
+        """
+        running = self.map.running_session_id
+        if running is not None and self.map.is_session_empty:
+            return f'session {running} runs and is empty: it goes on'
+        return f'session {self.map.start_session("", stamp_ns)} started'
+
+    def end_session(self) -> tuple[list[MapUpdate], SessionReport]:
+        """Merge or drop every scan that still waits, then commit the running session; MapError if it cannot be."""
+        updates = [*self._without_model(0), *self.flush()]
+        changed = self.map.running() if self._file_is_read else None
+        report = self.map.end_session()
+        self._changed = changed
+        return updates, report
+
     def undo_session(self) -> UndoReport:
-        """Take back the running session, with what still waits, or else the one that ended last."""
-        self._pending.forget_embeddings()
+        """Discard the running session, with the scans that still wait, or else the one that ended last."""
+        self._forget_waiting()
         return self.map.undo_session()
 
     def clear(self) -> Path | None:
-        """Empty the map, and forget what still waits; returns the copy that was kept."""
-        self._pending.forget_embeddings()
+        """Empty the map, and forget the scans that still wait; returns the copy that was kept."""
+        self._forget_waiting()
         return self.map.clear()
 
-    def end_session(self) -> tuple[list[MapUpdate], SessionReport]:
-        """Flush, then commit the running session."""
-        return self.flush(), self.map.end_session()
+    def save(self) -> None:
+        """Put what the running session did so far on disk; MapError if it cannot be, or the map has no file."""
+        self.map.save()
+        self._saved_s = self._clock()
 
-    def _merged(self, settled: Iterable[Settled]) -> list[MapUpdate]:
-        return [self._merge(item) for item in settled]
+    def autosave(self) -> None:
+        """Save the running session if `map.autosave_s` have passed since the last time; to be called often.
 
-    def _merge(self, settled: Settled) -> MapUpdate:
-        embedding = settled.embedding
-        if settled.pose is None:
+        RefusedInput('not_saved') if it cannot be written: the next attempt is `map.autosave_s` later.
+        """
+        if not self._autosave_s or self.map.running_session_id is None:
+            return
+        if self._clock() - self._saved_s < self._autosave_s:
+            return
+        try:
+            self.save()
+        except MapError as error:
+            self._saved_s = self._clock()
+            raise RefusedInput('not_saved', str(error)) from error
+
+    def committed(self) -> CommittedMap | None:
+        """What is to be published when a session has ended or the map has changed otherwise; None without a model."""
+        changed, self._changed = self._changed, None
+        if not self.map.model:
+            return None
+        is_large = len(self.map) > MESSAGE_PLACES
+        if is_large and self._file_is_read and changed is not None:
+            return CommittedMap(Form.CHANGES, changed)
+        self._file_is_read = is_large
+        if is_large:
+            return CommittedMap(Form.FILE, PlaceTable.from_places([], self.map.dimension))
+        return CommittedMap(Form.WHOLE, self.map.committed())
+
+    def changed_view(self) -> PlaceTable | None:
+        """Every place as it is now; None if nothing changed since the last call, or the map is too large to show."""
+        if not self._view_is_old or len(self.map) > MESSAGE_PLACES:
+            return None
+        self._view_is_old = False
+        return self.map.places()
+
+    def _forget_waiting(self) -> None:
+        self._before_model.clear()
+        self._pending.forget_embeddings()
+
+    def _without_model(self, kept: int) -> list[MapUpdate]:
+        """Give up the oldest embeddings without a model until `kept` are left."""
+        updates = []
+        while len(self._before_model) > kept:
+            embedding = self._before_model.popleft()
+            problem = RefusedInput('no_model', f'scan {embedding.stamp_ns} ns: its model is not known: not mapped')
+            updates.append(self._refused(embedding, problem))
+        return updates
+
+    def _merged(self, resolved: Iterable[Resolved]) -> list[MapUpdate]:
+        return [self._merge(item) for item in resolved]
+
+    def _merge(self, resolved: Resolved) -> MapUpdate:
+        embedding = resolved.embedding
+        if resolved.pose is None:
             problem = RefusedInput(
-                settled.cause, f'no position within reach of scan {embedding.stamp_ns} ns: not mapped'
+                resolved.cause, f'no position within reach of scan {embedding.stamp_ns} ns: not mapped'
             )
             return self._refused(embedding, problem)
         try:
             if self.map.origin is None and self._frame is not None and self.map.running_session_id is not None:
                 self.map.set_origin(self._frame.origin)
-            merge = self.map.merge(embedding, settled.pose)
+            merge = self.map.merge(embedding, resolved.pose)
         except RefusedInput as refused:
             return self._refused(embedding, refused)
-        return MapUpdate(embedding.stamp_ns, self.map.changed(merge))
+        changed = self.map.changed(merge)
+        self._view_is_old = self._view_is_old or len(changed) > 0
+        return MapUpdate(embedding.stamp_ns, changed)
 
     def _refused(self, embedding: Embedding, problem: RefusedInput) -> MapUpdate:
         self.map.note_dropped(problem.cause)

@@ -22,6 +22,7 @@ from offradar_ros.nodes.encoder_node import EncoderNode
 from offradar_ros.nodes.map_server_node import MapServerNode
 from offradar_ros.nodes.query_node import QueryNode
 from offradar_ros.ros import qos
+from offradar_ros.ros.connections import Connections
 from offradar_ros.ros.embedding_message import embedding_message, model_message
 from offradar_ros.ros.place_message import PlaceRows, descriptors_message
 from offradar_ros.ros.stage_node import StageNode
@@ -218,7 +219,9 @@ class Mapping:
         self.embed = observer.speaker(PointCloud2, 'embedding', qos.RESULTS)
         self.fix = observer.speaker(NavSatFix, 'gps/fix', qos.POSITIONS)
         self.updates = observer.hear(PointCloud2, 'map/updates', qos.UPDATES)
-        wait_until(lambda: observer.node.count_publishers('map/updates') == 1)
+        self.handled = observer.hear(Header, 'map_server/handled', qos.UPDATES)
+        connections = Connections(observer.node)
+        wait_until(lambda: all(connections.count(topic) for topic in ('map/updates', 'map_server/handled')))
         self.model(model_message(MODEL))
         wait_until(lambda: self.node._stage.map.model is not None)
 
@@ -282,12 +285,18 @@ def test_another_model_is_refused_once_the_map_has_places(mapping: Mapping) -> N
     assert mapping.node._stage.map.model == MODEL
 
 
-def test_every_embedding_is_acknowledged_with_its_stamp(mapping: Mapping) -> None:
-    for i in range(3):
-        mapping.embed(embedding_message(embedding((i + 1) * SECOND), 'radar'))
-    wait_until(lambda: len(mapping.updates) >= 3)
-    assert [message.header.stamp.sec for message in mapping.updates] == [1, 2, 3]
-    assert all(message.width == 0 for message in mapping.updates)
+def test_every_embedding_is_reported_as_handled_and_only_changes_are_updates(mapping: Mapping) -> None:
+    mapping.fix(fix(SECOND))
+    mapping.fix(fix(2 * SECOND))
+    for message in (
+        embedding_message(embedding(SECOND), 'radar'),
+        PointCloud2(header=header(2 * SECOND, 'radar'), height=1, width=5),
+        embedding_message(embedding(3 * SECOND), 'radar'),
+    ):
+        mapping.embed(message)
+    wait_until(lambda: len(mapping.handled) >= 3)
+    assert [message.stamp.sec for message in mapping.handled] == [1, 2, 3]
+    assert [(message.header.stamp.sec, message.width) for message in mapping.updates] == [(1, 1)]
 
 
 def test_odometry_serves_as_position(observer: Observer, start_node: Callable[..., StageNode]) -> None:
@@ -314,13 +323,14 @@ def test_a_model_that_arrives_after_the_first_scans_loses_none(
     node = start_node(MapServerNode)
     send_fix = observer.speaker(NavSatFix, 'gps/fix', qos.POSITIONS)
     embed = observer.speaker(PointCloud2, 'embedding', qos.RESULTS)
-    updates = observer.hear(PointCloud2, 'map/updates', qos.UPDATES)
-    wait_until(lambda: observer.node.count_publishers('map/updates') == 1)
+    handled = observer.hear(Header, 'map_server/handled', qos.UPDATES)
+    connections = Connections(observer.node)
+    wait_until(lambda: connections.count('map_server/handled'))
     send_fix(fix(10 * SECOND))
     send_fix(fix(11 * SECOND))
     for i in range(3):
         embed(embedding_message(embedding(10 * SECOND + i), 'radar'))
-    wait_until(lambda: len(updates) == 3)
+    wait_until(lambda: len(handled) == 3)
     observer.speaker(DiagnosticStatus, 'embedding/model', qos.LATCHED)(model_message(MODEL))
     wait_until(lambda: len(node._stage.map) == 1)
     assert node.status.drops == {}

@@ -28,7 +28,6 @@ from std_srvs.srv import Trigger
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.lab.live.node_processes import Stack, isolated_environment
 from offradar_ros.mapping.store import MapStore
-from offradar_ros.nodes import map_server_node
 from offradar_ros.nodes.encoder_node import EncoderNode
 from offradar_ros.nodes.map_server_node import MapServerNode
 from offradar_ros.nodes.query_node import QueryNode
@@ -37,6 +36,7 @@ from offradar_ros.ros.embedding_message import embedding_message, model_message
 from offradar_ros.ros.place_message import PlaceRows, descriptors_message
 from offradar_ros.ros.stage_node import StageNode
 from offradar_ros.ros.stamps import header
+from offradar_ros.stages import map as map_stage
 from offradar_ros.types import Embedding, Place, PlaceTable, Pose
 
 NODES = ['encoder_node', 'map_server_node', 'query_node']
@@ -313,7 +313,7 @@ def test_a_map_that_cannot_be_written_costs_neither_the_node_nor_the_session(
 def test_a_map_too_large_for_a_message_is_read_from_its_file(
     observer: Observer, start_node: Callable[..., StageNode], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(map_server_node, 'LATCHED_PLACES', 2)
+    monkeypatch.setattr(map_stage, 'MESSAGE_PLACES', 2)
     path = str(tmp_path / 'map.db')
     start_node(MapServerNode, {'map.path': path, 'map.start_session': False, 'map.match_distance_m': 1.0})
     query = start_node(QueryNode, {'query.map_path': path})

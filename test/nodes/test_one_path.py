@@ -63,7 +63,7 @@ def through_nodes(
     outcomes = observer.hear_outcomes()
     with stack(PARAMETERS | {'map.path': str(path)} | parameters) as nodes:
         nodes.wait_until_ready()
-        observer.wait_until_met()
+        observer.wait_until_connected()
         for bag, mapped in drives:
             replay(nodes, bag, *play, *(['--session'] if mapped else []))
         wait_until(lambda: len(outcomes) == SCANS * len(drives))

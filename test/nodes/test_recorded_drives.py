@@ -69,7 +69,7 @@ def test_the_message_of_a_live_driver_is_accepted_as_it_is(
     with stack() as nodes:
         nodes.wait_until_ready()
         # The map server, the query node and this one.
-        observer.wait_until_met(embedding=3)
+        observer.wait_until_connected(embedding=3)
         send = observer.speaker(Image, 'radar_data/b_scan_image', qos.SCANS)
         send(cdr)
         wait_until(lambda: embeddings and outcomes)

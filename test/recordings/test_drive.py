@@ -1,4 +1,4 @@
-"""The stages and the drive against plain expectations: each scan answered once, whatever comes in between."""
+"""A drive through the stages against plain expectations: each scan answered once, whatever comes in between."""
 
 from __future__ import annotations
 
@@ -15,10 +15,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.rosbag2 import StoragePlugin, Writer
 
-from offradar_ros.config import Config, MapConfig, RadarConfig, load_config
+from offradar_ros.config import Config, RadarConfig, load_config
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.encoders.registry import make_encoder
-from offradar_ros.errors import RefusedInput
 from offradar_ros.geometry import GeoPoint, LocalFrame, Trajectory
 from offradar_ros.mapping.sessions import SessionMap
 from offradar_ros.messages import point_from_fix, scan_from_image, stamp_ns
@@ -28,227 +27,10 @@ from offradar_ros.recordings.bags.writer import TYPES
 from offradar_ros.recordings.drive import drive, in_lockstep_order
 from offradar_ros.stages.encode import EncodeStage
 from offradar_ros.stages.map import MapStage, MapUpdate
-from offradar_ros.types import Embedding, Match, Outcome, PolarScan, Pose, Reason, Rejection
+from offradar_ros.types import Embedding, Match, Outcome, Reason, Rejection
 
 SECOND = 10**9
 MODEL = ModelInfo('stub', 'ab' * 32, 2, {})
-
-
-class StubEncoder:
-    """Two numbers of the power; refuses a black scan."""
-
-    info = MODEL
-    runs_on = 'cpu'
-
-    def encode(self, scan: PolarScan) -> Embedding:
-        if not scan.power.any():
-            raise RefusedInput('no_signal', 'black')
-        mean = np.array([scan.power.mean(), scan.power.std()], np.float32)
-        return Embedding(scan.stamp_ns, mean, np.ones(2, np.float32), MODEL.fingerprint)
-
-
-def scan_of(stamp: int, level: int = 9) -> PolarScan:
-    return PolarScan(stamp, np.full((8, 4), level, np.uint8), np.arange(8) * (math.tau / 8), 1.0)
-
-
-# EncodeStage
-
-Sent = list[tuple[int, str]]
-
-
-@given(st.lists(st.tuples(st.integers(0, 40), st.sampled_from(['good', 'black', 'unreadable'])), max_size=30))
-@settings(max_examples=150, deadline=None)
-def test_every_scan_but_the_last_again_has_one_answer(sent: Sent) -> None:
-    """Stamps in steps of 0.1 s; a jump back of over 1 s starts again."""
-    stage = EncodeStage(StubEncoder(), restart_after_s=1.0)
-    newest: int | None = None
-    for tenths, kind in sent:
-        stamp = tenths * SECOND // 10
-
-        def decode(stamp: int = stamp, kind: str = kind) -> PolarScan:
-            if kind == 'unreadable':
-                raise RefusedInput('wrong_encoding', 'bgr8')
-            return scan_of(stamp, 0 if kind == 'black' else 9)
-
-        encoded = stage.encode(stamp, decode)
-        if newest is not None and newest - 10 <= tenths <= newest:
-            assert (encoded.embedding is None) == (tenths == newest)
-            assert encoded.embedding is None or not len(encoded.embedding.mean)
-            assert encoded.problem is not None
-            assert encoded.problem.cause == ('repeated_stamp' if tenths == newest else 'stamp_backwards')
-            continue
-        assert encoded.embedding is not None
-        assert (encoded.embedding.stamp_ns, encoded.embedding.model) == (stamp, MODEL.fingerprint)
-        assert encoded.restarted == (newest is not None and tenths < newest)
-        assert len(encoded.embedding.mean) == (2 if kind == 'good' else 0)
-        cause = {'good': None, 'black': 'no_signal', 'unreadable': 'wrong_encoding'}[kind]
-        assert (encoded.problem and encoded.problem.cause) == cause
-        newest = tenths
-
-
-def test_what_is_not_the_scans_fault_is_not_hidden() -> None:
-    def decode() -> PolarScan:
-        raise ZeroDivisionError
-
-    with pytest.raises(ZeroDivisionError):
-        EncodeStage(StubEncoder(), 1.0).encode(1, decode)
-
-
-# MapStage
-
-
-@pytest.fixture
-def session_map() -> Iterator[SessionMap]:
-    with SessionMap(MapConfig(match_distance_m=1.0)) as session_map:
-        session_map.adopt_model(MODEL)
-        session_map.start_session('test', 0)
-        yield session_map
-
-
-@pytest.fixture
-def stage(session_map: SessionMap) -> MapStage:
-    return MapStage(Config(), session_map)
-
-
-def embedding(seconds: float, model: str = MODEL.fingerprint, dimension: int = 2) -> Embedding:
-    values = np.ones(dimension, np.float32)
-    return Embedding(round(seconds * SECOND), values, values, model)
-
-
-def at(seconds: float) -> tuple[int, Pose]:
-    """A vehicle at 10 m/s eastwards."""
-    return round(seconds * SECOND), Pose(10.0 * seconds, 2.0)
-
-
-def told(updates: Sequence[MapUpdate]) -> list[tuple[float, float | str]]:
-    """Stamp of each update, and x of the place that it changed or why it was refused."""
-    return [
-        (u.stamp_ns / SECOND, u.problem.cause if u.problem else float(u.changed.positions_m[0, 0])) for u in updates
-    ]
-
-
-def test_a_scan_waits_for_the_position_after_it(stage: MapStage) -> None:
-    assert told(stage.add_pose(*at(1.0))) == []
-    assert told(stage.add_embedding(embedding(1.25))) == []
-    assert told(stage.add_embedding(embedding(1.75))) == []
-    assert told(stage.add_pose(*at(1.5))) == [(1.25, 12.5)]
-    assert told(stage.add_pose(*at(2.0))) == [(1.75, 17.5)]
-    assert told(stage.add_embedding(embedding(2.0))) == [(2.0, 20.0)]
-
-
-@given(st.lists(st.integers(1, 60), min_size=1, max_size=12, unique=True), st.randoms(use_true_random=False))
-@settings(max_examples=60, deadline=None)
-def test_each_scan_is_settled_once_and_in_order_however_positions_come(tenths: list[int], random: Any) -> None:
-    with SessionMap(MapConfig(match_distance_m=0.01)) as session_map:
-        session_map.adopt_model(MODEL)
-        session_map.start_session('test', 0)
-        stage = MapStage(Config(), session_map)
-        scans = [('scan', t / 10) for t in sorted(tenths)]
-        positions = [('position', t / 4) for t in range(30)]
-        updates: list[MapUpdate] = []
-        while scans or positions:
-            kind, seconds = (scans if scans and (not positions or random.random() < 0.5) else positions).pop(0)
-            updates += stage.add_embedding(embedding(seconds)) if kind == 'scan' else stage.add_pose(*at(seconds))
-        updates += stage.flush()
-        found = told(updates)
-    assert [seconds for seconds, _ in found] == [t / 10 for t in sorted(tenths)]
-    assert [x for _, x in found] == pytest.approx([float(t) for t in sorted(tenths)])
-
-
-def test_a_small_step_back_of_positions_is_refused_and_forgotten(stage: MapStage) -> None:
-    stage.add_pose(*at(1.0))
-    for seconds, cause in ((1.0, 'repeated_position_stamp'), (0.5, 'position_stamp_backwards')):
-        with pytest.raises(RefusedInput) as refused:
-            stage.add_pose(round(seconds * SECOND), Pose(1000.0, 1000.0))
-        assert refused.value.cause == cause
-    stage.add_embedding(embedding(1.25))
-    assert told(stage.add_pose(*at(1.5))) == [(1.25, 12.5)]
-
-
-def test_a_jump_back_of_positions_starts_again(stage: MapStage) -> None:
-    stage.add_pose(*at(100.0))
-    stage.add_embedding(embedding(100.25))
-    # The scan that still waited cannot be placed any more, and no line joins the two recordings.
-    assert told(stage.add_pose(*at(50.0))) == [(100.25, 'no_position')]
-    assert told(stage.add_embedding(embedding(50.25))) == []
-    assert told(stage.add_pose(*at(50.5))) == [(50.25, 502.5)]
-
-
-def test_a_jump_back_of_scans_gives_up_those_that_wait(stage: MapStage) -> None:
-    stage.add_pose(*at(100.0))
-    stage.add_embedding(embedding(100.25))
-    assert told(stage.add_embedding(embedding(50.0))) == [(100.25, 'no_position')]
-    # Its own positions may still come: those of the earlier run say nothing of it.
-    stage.add_pose(*at(49.75))
-    assert told(stage.add_pose(*at(50.25))) == [(50.0, 500.0)]
-
-
-def test_no_line_joins_positions_across_a_gap(stage: MapStage) -> None:
-    for seconds in (1.0, 1.5, 9.5, 10.0):
-        stage.add_pose(*at(seconds))
-    found = [told(stage.add_embedding(embedding(seconds))) for seconds in (0.5, 1.25, 5.0, 9.5, 9.75)]
-    assert [update for (update,) in found] == [
-        (0.5, 'no_position'),
-        (1.25, 12.5),
-        (5.0, 'no_position'),
-        (9.5, 95.0),
-        (9.75, 97.5),
-    ]
-
-
-def test_a_scan_whose_position_never_comes_is_dropped_in_time(stage: MapStage) -> None:
-    stage.add_embedding(embedding(1.0))
-    assert told(stage.add_embedding(embedding(11.0))) == []
-    assert told(stage.add_embedding(embedding(11.5))) == [(1.0, 'no_position')]
-    assert told(stage.flush()) == [(11.0, 'no_position'), (11.5, 'no_position')]
-    assert told(stage.flush()) == []
-
-
-def test_positions_of_the_earth_start_at_the_first_one_ever(session_map: SessionMap) -> None:
-    origin = GeoPoint(51.75, -1.25, 70.0)
-    east = LocalFrame(origin).to_geodetic(np.array([[0.0, 0.0, 0.0], [50.0, 0.0, 0.0]]))
-    stage = MapStage(Config(), session_map)
-    stage.add_point(0, GeoPoint(*east[0]))
-    stage.add_point(SECOND, GeoPoint(*east[1]))
-    assert told(stage.add_embedding(embedding(1.0))) == [(1.0, pytest.approx(50.0, abs=1e-6))]
-    # A later drive starts elsewhere, in the same frame.
-    later = MapStage(Config(), session_map)
-    later.add_point(5 * SECOND, GeoPoint(*east[1]))
-    surer = dataclasses.replace(embedding(5.0), variance=np.full(2, 0.5, np.float32))
-    assert told(later.add_embedding(surer)) == [(5.0, pytest.approx(50.0, abs=1e-6))]
-    assert session_map.origin == GeoPoint(*east[0])
-
-
-def test_a_report_accounts_for_every_embedding(stage: MapStage, session_map: SessionMap) -> None:
-    for seconds in np.arange(0.0, 3.0, 0.5):
-        stage.add_pose(*at(float(seconds)))
-    sent = [
-        embedding(0.0),
-        embedding(0.01),
-        dataclasses.replace(embedding(0.02), variance=np.full(2, 0.5, np.float32)),
-        embedding(1.0, dimension=0),
-        embedding(1.1, dimension=3),
-        embedding(1.2, model='cd' * 32),
-        dataclasses.replace(embedding(1.3), mean=np.array([np.nan, 1.0], np.float32)),
-        embedding(2.0),
-        embedding(9.0),
-    ]
-    updates = [update for item in sent for update in stage.add_embedding(item)]
-    last, report = stage.end_session()
-    assert Counter(u.stamp_ns for u in [*updates, *last]) == Counter(e.stamp_ns for e in sent)
-    assert (report.inserted, report.replaced, report.kept) == (2, 1, 1)
-    assert dict(report.dropped) == {'invalid_embedding': 3, 'wrong_model': 1, 'no_position': 1}
-    assert report.inserted + report.replaced + report.kept + sum(report.dropped.values()) == len(sent)
-    assert len(session_map) == report.places_after == 2
-
-
-def test_without_a_session_nothing_is_mapped() -> None:
-    with SessionMap(MapConfig()) as session_map:
-        session_map.adopt_model(MODEL)
-        stage = MapStage(Config(), session_map)
-        stage.add_pose(*at(1.0))
-        assert told(stage.add_embedding(embedding(1.0))) == [(1.0, 'no_session')]
-        assert len(session_map) == 0
 
 
 # in_lockstep_order
@@ -583,30 +365,3 @@ def test_progress_counts_to_the_number_of_scans(street_bag: Callable[..., Path])
         encoder = make_encoder(CONFIG.encoder)
         drive(bag, CONFIG, encoder, session_map, progress=lambda done, total: seen.append((done, total)))
     assert seen == [(1, 4), (2, 4), (3, 4), (4, 4)]
-
-
-def test_the_frame_starts_where_the_first_mapped_drive_is() -> None:
-    """A receiver that starts at 0°, 0° with a fix, as some do, neither fixes the origin nor is ever mapped at."""
-    stage = MapStage(CONFIG, SessionMap(CONFIG.map))
-    stage.map.adopt_model(MODEL)
-    here = GeoPoint(51.75, -1.25, 70.0)
-    stage.add_point(SECOND, GeoPoint(0.0, 0.0, 0.0))
-    assert stage.map.origin is None
-    stage.add_point(2 * SECOND, here)
-    stage.map.start_session('one', 0)
-    stage.add_point(3 * SECOND, here)
-    stage.add_embedding(embedding(2.5))
-    assert stage.map.origin == here
-    assert len(stage.map) == 1
-    with pytest.raises(RefusedInput, match=r"km from the map's origin: expected at most 100 km") as refusal:
-        stage.add_point(4 * SECOND, GeoPoint(0.0, 0.0, 0.0))
-    assert refusal.value.cause == 'far_position'
-
-
-def test_what_waits_is_undone_with_its_session(stage: MapStage) -> None:
-    stage.add_pose(*at(1.0))
-    stage.add_embedding(embedding(1.5))
-    stage.undo_session()
-    stage.map.start_session('next', 0)
-    assert stage.add_pose(*at(2.0)) == []
-    assert len(stage.map) == 0

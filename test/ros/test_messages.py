@@ -30,7 +30,6 @@ from offradar_ros.ros.place_message import (
     descriptors_message,
     descriptors_record,
     map_message,
-    receipt_message,
 )
 from offradar_ros.types import Candidate, Embedding, Match, Place, PlaceTable, Pose, Reason, Rejection
 
@@ -114,11 +113,6 @@ def test_the_map_view_shows_uncertainty_as_intensity() -> None:
     points = from_cloud(sent(map_message(places, STAMP_NS)), ['x', 'y', 'z', 'intensity'], 'map')
     np.testing.assert_array_equal(points['intensity'], places.uncertainties)
     np.testing.assert_allclose(points['x'], places.positions_m[:, 0], rtol=1e-6)
-
-
-def test_a_receipt_has_a_stamp_and_no_points() -> None:
-    message = sent(receipt_message(STAMP_NS))
-    assert (message.width, message.header.stamp.nanosec) == (0, STAMP_NS % 10**9)
 
 
 CANDIDATES = (

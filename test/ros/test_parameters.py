@@ -25,14 +25,18 @@ def context() -> Iterator[rclpy.context.Context]:
     rclpy.shutdown(context=context)
 
 
-def node(context: rclpy.context.Context, **overrides: object) -> Node:
-    given = [Parameter(name.replace('__', '.'), value=value) for name, value in overrides.items()]
-    return Node('test', context=context, parameter_overrides=given, enable_rosout=False)
+def given(overrides: dict[str, object]) -> list[Parameter]:
+    return [Parameter(name.replace('__', '.'), value=value) for name, value in overrides.items()]
+
+
+def declared(context: rclpy.context.Context, **overrides: object) -> tuple[Node, Config]:
+    node = Node('test', context=context, parameter_overrides=given(overrides), enable_rosout=False)
+    return node, declare(node, Config(), STAGES, given(overrides))
 
 
 def test_every_parameter_is_declared_with_its_default_and_description(context: rclpy.context.Context) -> None:
-    declaring = node(context)
-    assert declare(declaring, Config(), STAGES) == Config()
+    declaring, config = declared(context)
+    assert config == Config()
     for leaf in parameters(Config()):
         assert declaring.get_parameter(leaf.name).value == leaf.value
         described = declaring.describe_parameter(leaf.name)
@@ -41,7 +45,7 @@ def test_every_parameter_is_declared_with_its_default_and_description(context: r
 
 
 def test_overrides_are_taken(context: rclpy.context.Context) -> None:
-    config = declare(node(context, map__match_distance_m=12.5, query__level=3), Config(), STAGES)
+    _, config = declared(context, map__match_distance_m=12.5, query__level=3)
     assert (config.map.match_distance_m, config.query.level) == (12.5, 3)
 
 
@@ -57,8 +61,19 @@ def test_overrides_are_taken(context: rclpy.context.Context) -> None:
 )
 def test_an_invalid_override_is_one_line(context: rclpy.context.Context, name: str, value: object, said: str) -> None:
     with pytest.raises(ConfigError, match=said) as error:
-        declare(node(context, **{name: value}), Config(), STAGES)
+        declared(context, **{name: value})
     assert '\n' not in str(error.value)
+
+
+def test_arguments_are_taken_and_checked_like_overrides(context: rclpy.context.Context) -> None:
+    def node(*arguments: str) -> Node:
+        return Node('test', context=context, cli_args=['--ros-args', *arguments], enable_rosout=False)
+
+    assert declare(node('-p', 'query.level:=3'), Config(), STAGES).query.level == 3
+    with pytest.raises(ConfigError, match=r'query\.top_k: expected at least 1, got 0'):
+        declare(node('-p', 'query.top_k:=0'), Config(), STAGES)
+    with pytest.raises(ConfigError, match=r'query\.topk is unknown: did you mean query\.top_k\?'):
+        declare(node('-p', 'query.topk:=3'), Config(), STAGES)
 
 
 def test_changes_are_validated_before_they_apply() -> None:

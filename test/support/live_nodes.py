@@ -18,6 +18,7 @@ from sensor_msgs.msg import PointCloud2
 
 from offradar_ros.lab.live.node_processes import Stack
 from offradar_ros.ros import qos
+from offradar_ros.ros.connections import Connections
 from offradar_ros.ros.outcome_message import match_record, rejection_record
 from offradar_ros.types import Match, Outcome
 
@@ -74,22 +75,14 @@ class Observer:
         )
         return outcomes
 
-    def wait_until_met(self, **subscribers: int) -> None:
-        """Wait until the nodes know that somebody hears their answers, and so many `subscribers` of other topics.
+    def wait_until_connected(self, **subscribers: int) -> None:
+        """Wait until the nodes are connected to one subscriber of their answers, and to so many of other topics.
 
-        Before that, what they say is lost, whatever this side knows of them.
+        Before that, what they publish is lost, whatever this side knows of them.
         """
-        heard = self.hear(DiagnosticArray, '/diagnostics')
+        connections = Connections(self.node)
         wanted = {'matches': 1, 'rejections': 1, **subscribers}
-
-        def met() -> bool:
-            told = [{i.key: i.value for i in status.values} for message in heard for status in message.status]
-            return all(
-                any(int(values.get(f'subscribers./{topic}', 0)) >= count for values in told)
-                for topic, count in wanted.items()
-            )
-
-        wait_until(met)
+        wait_until(lambda: all(connections.count(topic) >= count for topic, count in wanted.items()))
 
     def speaker(self, kind: type, topic: str, profile: QoSProfile) -> Callable[[Any], None]:
         """A function that publishes, ready once something listens."""

@@ -21,12 +21,14 @@ from offradar_ros.lab.demo.drives import Bars, Drive
 from offradar_ros.lab.live.node_processes import Stack
 from offradar_ros.recordings.bags.reader import Bag, scan_topic
 from offradar_ros.ros import qos
-from offradar_ros.ros.answers import REPLIES
+from offradar_ros.ros.answer_log import REPLIES
+from offradar_ros.ros.connections import Connections
 from offradar_ros.ros.outcome_message import match_record, rejection_record
 from offradar_ros.types import Outcome
 
 REPLAY_TIMEOUT_S = 240.0
-MEET_S = 15.0
+CONNECT_S = 15.0
+POLL_S = 0.1
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,7 +47,7 @@ def drive_live(drives: list[Drive], folder: Path, params: Path, domain_id: int, 
     parameters = {'map.path': folder / 'map.db', 'map.start_session': False}
     with Stack(folder / 'logs', domain_id, parameters, [params]) as nodes, _listening(domain_id) as listener:
         nodes.wait_until_ready()
-        listener.wait_until_met()
+        listener.wait_until_connected()
         return [_replayed(drive, nodes, listener.outcomes, bars) for drive in drives]
 
 
@@ -58,11 +60,11 @@ def _replayed(drive: Drive, nodes: Stack, outcomes: list[Outcome], bars: Bars) -
         total = bag.counts[scan_topic(bag)]
     try:
         with bars(f'{"mapping" if drive.mapped else "querying"} {drive.name}') as progress:
-            for _ in range(round(REPLAY_TIMEOUT_S * 10)):
+            for _ in range(round(REPLAY_TIMEOUT_S / POLL_S)):
                 progress(len(outcomes), total)
                 if process.process.poll() is not None:
                     break
-                threading.Event().wait(0.1)
+                threading.Event().wait(POLL_S)
             if process.wait(1.0):
                 raise OffradarError(f'replay of {drive.name} failed: {process.last_words()}')
             progress(len(outcomes), total)
@@ -79,29 +81,24 @@ class _Listener:
     def __init__(self, context: Context) -> None:
         self.node = Node('listener', context=context)
         self.outcomes: list[Outcome] = []
-        self._met: set[str] = set()
-        self._all_met = threading.Event()
+        self._connections = Connections(self.node)
         # Deeper than the results' own queue: in lockstep they come faster than a busy process takes them.
         self.node.create_subscription(PointCloud2, 'matches', self._on_match, qos.UPDATES)
         self.node.create_subscription(DiagnosticArray, 'rejections', self._on_rejection, qos.UPDATES)
-        self.node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, qos.RESULTS)
 
-    def wait_until_met(self) -> None:
-        """Wait until the query node knows of this one, so that not even its first answer is missed."""
-        if not self._all_met.wait(MEET_S):
-            raise OffradarError(f'the query node has not found the demonstration within {MEET_S:g} s')
+    def wait_until_connected(self) -> None:
+        """Wait until the query node is connected to this one, so that not even its first answer is missed."""
+        for _ in range(round(CONNECT_S / POLL_S)):
+            if all(self._connections.count(topic) > 0 for topic in REPLIES):
+                return
+            threading.Event().wait(POLL_S)
+        raise OffradarError(f'the query node is not connected to the demonstration after {CONNECT_S:g} s')
 
     def _on_match(self, message: PointCloud2) -> None:
         self.outcomes.append(match_record(message, 'matches'))
 
     def _on_rejection(self, message: DiagnosticArray) -> None:
         self.outcomes.append(rejection_record(message, 'rejections'))
-
-    def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        values = {item.key: item.value for status in message.status for item in status.values}
-        self._met |= {topic for topic in REPLIES if values.get(f'subscribers./{topic}', '0') != '0'}
-        if len(self._met) == len(REPLIES):
-            self._all_met.set()
 
 
 @contextmanager

@@ -1,4 +1,4 @@
-"""What running nodes answer to the scans of a replay, by stamp."""
+"""What running nodes answer to the scans of a replay: received by stamp, and counted."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Header
 
 from offradar_ros.errors import RefusedInput
 from offradar_ros.messages import header_stamp_ns, stamp_ns
@@ -20,7 +21,10 @@ from offradar_ros.ros.outcome_message import rejection_record
 REPLIES = ('matches', 'rejections')
 """One of the two answers each embedding."""
 
-TOPICS = ('embedding', *REPLIES, 'map/updates')
+HANDLED = 'map_server/handled'
+"""The stamp of each scan that the map server has dealt with, published only while somebody listens."""
+
+TOPICS = ('embedding', *REPLIES, HANDLED)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,29 +64,29 @@ class AnswerLog:
 
     def __init__(self, node: Node) -> None:
         self._node = node
-        self._heard: dict[str, Counter[int]] = {topic: Counter() for topic in TOPICS}
+        self._received: dict[str, Counter[int]] = {topic: Counter() for topic in TOPICS}
         self._reasons: dict[int, str] = {}
         self.awaited: tuple[str, ...] = ()
-        for topic in ('embedding', 'matches', 'map/updates'):
+        for topic, kind in (('embedding', PointCloud2), ('matches', PointCloud2), (HANDLED, Header)):
             note = functools.partial(self._note, topic)
-            node.create_subscription(PointCloud2, topic, note, qos.UPDATES, raw=True)
+            node.create_subscription(kind, topic, note, qos.UPDATES, raw=True)
         node.create_subscription(DiagnosticArray, 'rejections', self._note_rejection, qos.UPDATES)
 
     def _note(self, topic: str, cdr: bytes) -> None:
-        self._heard[topic][header_stamp_ns(cdr)] += 1
+        self._received[topic][header_stamp_ns(cdr)] += 1
 
     def _note_rejection(self, message: DiagnosticArray) -> None:
         stamp = stamp_ns(message.header.stamp)
-        self._heard['rejections'][stamp] += 1
+        self._received['rejections'][stamp] += 1
         try:
             self._reasons[stamp] = rejection_record(message, 'rejections').reason.value
         except RefusedInput as problem:
             self._reasons[stamp] = problem.cause
 
     def clear(self) -> None:
-        """Forget what was heard."""
-        for heard in self._heard.values():
-            heard.clear()
+        """Forget what was received."""
+        for received in self._received.values():
+            received.clear()
         self._reasons.clear()
 
     def present(self) -> tuple[str, ...]:
@@ -91,24 +95,24 @@ class AnswerLog:
 
     def missing(self, stamp: int) -> tuple[str, ...]:
         """The awaited topics on which nothing has come for a scan."""
-        silent = tuple(topic for topic in self.awaited if stamp not in self._heard[topic])
-        replied = any(stamp in self._heard[topic] for topic in REPLIES)
+        silent = tuple(topic for topic in self.awaited if stamp not in self._received[topic])
+        replied = any(stamp in self._received[topic] for topic in REPLIES)
         return tuple(topic for topic in silent if not (replied and topic in REPLIES))
 
     @property
     def total(self) -> int:
-        """Messages heard."""
-        return sum(heard.total() for heard in self._heard.values())
+        """Number of messages received."""
+        return sum(received.total() for received in self._received.values())
 
     def answers(self, sent: list[int], latencies_s: list[float]) -> Answers:
         """Counts over the sent stamps."""
         stamps = set(sent)
-        replies = self._heard['matches'] + self._heard['rejections']
-        counted = replies if any(topic in REPLIES for topic in self.awaited) else self._heard['embedding']
+        replies = self._received['matches'] + self._received['rejections']
+        counted = replies if any(topic in REPLIES for topic in self.awaited) else self._received['embedding']
         fields: dict[str, Any] = {
-            'embeddings': sum(self._heard['embedding'][stamp] for stamp in stamps),
-            'matches': sum(self._heard['matches'][stamp] for stamp in stamps),
-            'rejections': sum(self._heard['rejections'][stamp] for stamp in stamps),
+            'embeddings': sum(self._received['embedding'][stamp] for stamp in stamps),
+            'matches': sum(self._received['matches'][stamp] for stamp in stamps),
+            'rejections': sum(self._received['rejections'][stamp] for stamp in stamps),
             'unanswered': sum(counted[stamp] == 0 for stamp in stamps),
             'answered_twice': sum(counted[stamp] > 1 for stamp in stamps),
         }

@@ -1,0 +1,65 @@
+"""Who receives the messages that a replay publishes."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Mapping
+
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+
+from offradar_ros.recordings.bags.topics import FIX_TYPE, ODOMETRY_TYPE
+from offradar_ros.ros.connections import count_reachable
+
+ANNOUNCED_S = 3.5
+"""Every node announces itself every three seconds: by then, those whose first announcement was lost are known too."""
+UNCHANGED_S = 1.0
+"""No new node or subscription for so long, and all are taken to be known."""
+
+
+class Audience:
+    """The subscriptions of the topics that a bag is played on, as far as this node has discovered them.
+
+    Args:
+        node: the node that plays.
+        publishers: by the names that the topics have in the bag.
+        msgtypes: types of these topics, as ``package/msg/Name``.
+        scan_topic: that of the scans.
+    """
+
+    def __init__(
+        self, node: Node, publishers: Mapping[str, Publisher], msgtypes: Mapping[str, str], scan_topic: str
+    ) -> None:
+        self._node, self._publishers, self._msgtypes = node, publishers, msgtypes
+        self._scan_topic = scan_topic
+        self._known: list[object] = []
+        self._started_s = self._changed_s = time.monotonic()
+
+    def is_discovered(self) -> bool:
+        """Whether all who listen are known by now: at once where a bag has no topics but those that our nodes read."""
+        others = [topic for topic in self._publishers if topic != self._scan_topic]
+        if all(self._msgtypes[topic] in (FIX_TYPE, ODOMETRY_TYPE) for topic in others):
+            return True
+        counts = [self._node.count_subscribers(publisher.topic_name) for publisher in self._publishers.values()]
+        known = [*sorted(self._node.get_node_names_and_namespaces()), *counts]
+        now_s = time.monotonic()
+        if known != self._known:
+            self._known, self._changed_s = known, now_s
+        return now_s - self._started_s >= ANNOUNCED_S and now_s - self._changed_s >= UNCHANGED_S
+
+    def unconnected(self) -> list[str]:
+        """Topics of the bag that have a subscription which can be reached and is not connected yet."""
+        return [
+            topic
+            for topic, publisher in self._publishers.items()
+            if publisher.get_subscription_count()
+            < count_reachable(self._node, publisher.topic_name, self._msgtypes[topic], publisher.qos_profile)
+        ]
+
+    def has_others(self, topic: str, answers: Iterable[str]) -> bool:
+        """Whether a node reads the topic that publishes none of the topics `answers`."""
+        names = [self._node.resolve_topic_name(answer) for answer in answers]
+        answering = [info for name in names for info in self._node.get_publishers_info_by_topic(name)]
+        known = {(info.node_namespace, info.node_name) for info in answering}
+        listening = self._node.get_subscriptions_info_by_topic(self._publishers[topic].topic_name)
+        return any((info.node_namespace, info.node_name) not in known for info in listening)

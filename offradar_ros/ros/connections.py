@@ -1,0 +1,107 @@
+"""Which publishers and subscriptions are connected: as this node has discovered it, and as the publisher's node says.
+
+Two nodes find one another in two steps, one on each side. A subscriber may know of a publisher that does not know of it
+yet, and what is published until then is lost. Only the publisher's node can tell, so each node of ours answers the
+service ``~/subscribers``. Nobody calls it but who must not lose a message: a replay in lockstep, a test.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import time
+from collections.abc import Sequence
+
+from rclpy.client import Client
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
+from rclpy.task import Future
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+from std_srvs.srv import Trigger
+
+SERVICE = 'subscribers'
+ASK_S = 0.05
+"""Time between two questions to one node."""
+LOST_S = 1.0
+"""An answer that takes longer is lost: it was sent before the two had found one another."""
+UNKNOWN = '_NODE_NAME_UNKNOWN_'
+"""What the graph calls a node of which only the topics are known so far."""
+
+
+def serve_subscribers(node: Node, outputs: Sequence[Publisher]) -> None:
+    """Let `node` answer ``~/subscribers``: a JSON object of how many subscriptions each output is connected to."""
+
+    def answer(_request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success = True
+        response.message = json.dumps({output.topic_name: output.get_subscription_count() for output in outputs})
+        return response
+
+    node.create_service(Trigger, f'~/{SERVICE}', answer)
+
+
+def count_reachable(node: Node, topic: str, msgtype: str, offered: QoSProfile) -> int:
+    """How many subscriptions of the resolved name `topic` a publisher of this type and quality of service can reach.
+
+    Those of another type, or that ask for more than is offered, are never connected to it.
+    """
+    return sum(
+        subscription.topic_type == msgtype
+        and qos_check_compatible(offered, subscription.qos_profile)[0] != QoSCompatibility.ERROR
+        for subscription in node.get_subscriptions_info_by_topic(topic)
+    )
+
+
+class Connections:
+    """How many subscriptions the nodes that publish a topic say they are connected to.
+
+    Nothing here waits: each call asks the nodes again, and returns what they said to the calls before it. Call it until
+    it says what you wait for, while an executor spins `node`.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._clients: dict[str, Client] = {}
+        self._calls: dict[str, Future] = {}
+        self._asked_s: dict[str, float] = {}
+        self._counts: dict[str, dict[str, int]] = {}
+
+    def count(self, topic: str) -> int:
+        """The highest number that a publisher of the topic reports; 0 while none has answered."""
+        name = self._node.resolve_topic_name(topic)
+        return max((self._reported(offer, name) or 0 for offer in self._offers(name)), default=0)
+
+    def is_complete(self, topic: str) -> bool:
+        """Whether a publisher of the topic is connected to every subscription that it can reach."""
+        name = self._node.resolve_topic_name(topic)
+        return any(
+            self._reported(offer, name) == count_reachable(self._node, name, offer.topic_type, offer.qos_profile)
+            for offer in self._offers(name)
+        )
+
+    def _offers(self, name: str) -> list[TopicEndpointInfo]:
+        offers: list[TopicEndpointInfo] = self._node.get_publishers_info_by_topic(name)
+        return [offer for offer in offers if offer.node_name != UNKNOWN]
+
+    def _reported(self, offer: TopicEndpointInfo, name: str) -> int | None:
+        server = f'{offer.node_namespace.rstrip("/")}/{offer.node_name}'
+        self._ask(server)
+        return self._counts.get(server, {}).get(name)
+
+    def _ask(self, server: str) -> None:
+        if server not in self._clients:
+            self._clients[server] = self._node.create_client(Trigger, f'{server}/{SERVICE}')
+        client, now_s = self._clients[server], time.monotonic()
+        asked_s, call = self._asked_s.get(server, -LOST_S), self._calls.get(server)
+        if call is not None and call.done():
+            # Another's service of this name may answer anything.
+            with contextlib.suppress(ValueError, TypeError, AttributeError):
+                self._counts[server] = {k: int(v) for k, v in json.loads(call.result().message).items()}
+        elif call is not None and now_s - asked_s >= LOST_S:
+            client.remove_pending_request(call)
+        elif call is not None:
+            return
+        self._calls.pop(server, None)
+        if now_s - asked_s >= ASK_S and client.service_is_ready():
+            self._asked_s[server] = now_s
+            self._calls[server] = client.call_async(Trigger.Request())

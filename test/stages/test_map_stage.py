@@ -1,0 +1,406 @@
+"""The map stage: each embedding is mapped or refused once, whatever comes in between, by a clock of the test's own."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from offradar_ros.config import Config, MapConfig
+from offradar_ros.encoders.protocol import ModelInfo
+from offradar_ros.errors import MapError, RefusedInput
+from offradar_ros.geometry import GeoPoint, LocalFrame
+from offradar_ros.mapping.sessions import SessionMap
+from offradar_ros.mapping.store import MapStore
+from offradar_ros.stages import map as map_stage
+from offradar_ros.stages.map import Form, MapStage, MapUpdate
+from offradar_ros.types import Embedding, Pose
+
+SECOND = 10**9
+MODEL = ModelInfo('stub', 'ab' * 32, 2, {})
+
+
+@pytest.fixture
+def session_map() -> Iterator[SessionMap]:
+    with SessionMap(MapConfig(match_distance_m=1.0)) as session_map:
+        session_map.adopt_model(MODEL)
+        session_map.start_session('test', 0)
+        yield session_map
+
+
+@pytest.fixture
+def stage(session_map: SessionMap) -> MapStage:
+    return MapStage(Config(), session_map)
+
+
+def embedding(seconds: float, model: str = MODEL.fingerprint, dimension: int = 2) -> Embedding:
+    values = np.ones(dimension, np.float32)
+    return Embedding(round(seconds * SECOND), values, values, model)
+
+
+def at(seconds: float) -> tuple[int, Pose]:
+    """A vehicle at 10 m/s eastwards."""
+    return round(seconds * SECOND), Pose(10.0 * seconds, 2.0)
+
+
+def brief(updates: Sequence[MapUpdate]) -> list[tuple[float, float | str]]:
+    """Stamp of each update, and x of the place that it changed or why it was refused."""
+    return [
+        (u.stamp_ns / SECOND, u.problem.cause if u.problem else float(u.changed.positions_m[0, 0])) for u in updates
+    ]
+
+
+def test_a_scan_waits_for_the_position_after_it(stage: MapStage) -> None:
+    assert brief(stage.add_pose(*at(1.0))) == []
+    assert brief(stage.add_embedding(embedding(1.25))) == []
+    assert brief(stage.add_embedding(embedding(1.75))) == []
+    assert brief(stage.add_pose(*at(1.5))) == [(1.25, 12.5)]
+    assert brief(stage.add_pose(*at(2.0))) == [(1.75, 17.5)]
+    assert brief(stage.add_embedding(embedding(2.0))) == [(2.0, 20.0)]
+
+
+@given(st.lists(st.integers(1, 60), min_size=1, max_size=12, unique=True), st.randoms(use_true_random=False))
+@settings(max_examples=60, deadline=None)
+def test_each_scan_is_resolved_once_and_in_order_however_positions_come(tenths: list[int], random: Any) -> None:
+    with SessionMap(MapConfig(match_distance_m=0.01)) as session_map:
+        session_map.adopt_model(MODEL)
+        session_map.start_session('test', 0)
+        stage = MapStage(Config(), session_map)
+        scans = [('scan', t / 10) for t in sorted(tenths)]
+        positions = [('position', t / 4) for t in range(30)]
+        updates: list[MapUpdate] = []
+        while scans or positions:
+            kind, seconds = (scans if scans and (not positions or random.random() < 0.5) else positions).pop(0)
+            updates += stage.add_embedding(embedding(seconds)) if kind == 'scan' else stage.add_pose(*at(seconds))
+        updates += stage.flush()
+        found = brief(updates)
+    assert [seconds for seconds, _ in found] == [t / 10 for t in sorted(tenths)]
+    assert [x for _, x in found] == pytest.approx([float(t) for t in sorted(tenths)])
+
+
+def test_a_small_step_back_of_positions_is_refused_and_forgotten(stage: MapStage) -> None:
+    stage.add_pose(*at(1.0))
+    for seconds, cause in ((1.0, 'repeated_position_stamp'), (0.5, 'position_stamp_backwards')):
+        with pytest.raises(RefusedInput) as refused:
+            stage.add_pose(round(seconds * SECOND), Pose(1000.0, 1000.0))
+        assert refused.value.cause == cause
+    stage.add_embedding(embedding(1.25))
+    assert brief(stage.add_pose(*at(1.5))) == [(1.25, 12.5)]
+
+
+def test_a_jump_back_of_positions_starts_again(stage: MapStage) -> None:
+    stage.add_pose(*at(100.0))
+    stage.add_embedding(embedding(100.25))
+    # The scan that still waited cannot be placed any more, and no line joins the two recordings.
+    assert brief(stage.add_pose(*at(50.0))) == [(100.25, 'no_position')]
+    assert brief(stage.add_embedding(embedding(50.25))) == []
+    assert brief(stage.add_pose(*at(50.5))) == [(50.25, 502.5)]
+
+
+def test_a_jump_back_of_scans_gives_up_those_that_wait(stage: MapStage) -> None:
+    stage.add_pose(*at(100.0))
+    stage.add_embedding(embedding(100.25))
+    assert brief(stage.add_embedding(embedding(50.0))) == [(100.25, 'no_position')]
+    # Its own positions may still come: those of the earlier run say nothing of it.
+    stage.add_pose(*at(49.75))
+    assert brief(stage.add_pose(*at(50.25))) == [(50.0, 500.0)]
+
+
+def test_no_line_joins_positions_across_a_gap(stage: MapStage) -> None:
+    for seconds in (1.0, 1.5, 9.5, 10.0):
+        stage.add_pose(*at(seconds))
+    found = [brief(stage.add_embedding(embedding(seconds))) for seconds in (0.5, 1.25, 5.0, 9.5, 9.75)]
+    assert [update for (update,) in found] == [
+        (0.5, 'no_position'),
+        (1.25, 12.5),
+        (5.0, 'no_position'),
+        (9.5, 95.0),
+        (9.75, 97.5),
+    ]
+
+
+def test_a_scan_whose_position_never_comes_is_dropped_in_time(stage: MapStage) -> None:
+    stage.add_embedding(embedding(1.0))
+    assert brief(stage.add_embedding(embedding(11.0))) == []
+    assert brief(stage.add_embedding(embedding(11.5))) == [(1.0, 'no_position')]
+    assert brief(stage.flush()) == [(11.0, 'no_position'), (11.5, 'no_position')]
+    assert brief(stage.flush()) == []
+
+
+def test_positions_of_the_earth_start_at_the_first_one_ever(session_map: SessionMap) -> None:
+    origin = GeoPoint(51.75, -1.25, 70.0)
+    east = LocalFrame(origin).to_geodetic(np.array([[0.0, 0.0, 0.0], [50.0, 0.0, 0.0]]))
+    stage = MapStage(Config(), session_map)
+    stage.add_point(0, GeoPoint(*east[0]))
+    stage.add_point(SECOND, GeoPoint(*east[1]))
+    assert brief(stage.add_embedding(embedding(1.0))) == [(1.0, pytest.approx(50.0, abs=1e-6))]
+    # A later drive starts elsewhere, in the same frame.
+    later = MapStage(Config(), session_map)
+    later.add_point(5 * SECOND, GeoPoint(*east[1]))
+    surer = dataclasses.replace(embedding(5.0), variance=np.full(2, 0.5, np.float32))
+    assert brief(later.add_embedding(surer)) == [(5.0, pytest.approx(50.0, abs=1e-6))]
+    assert session_map.origin == GeoPoint(*east[0])
+
+
+def test_a_report_accounts_for_every_embedding(stage: MapStage, session_map: SessionMap) -> None:
+    for seconds in np.arange(0.0, 3.0, 0.5):
+        stage.add_pose(*at(float(seconds)))
+    sent = [
+        embedding(0.0),
+        embedding(0.01),
+        dataclasses.replace(embedding(0.02), variance=np.full(2, 0.5, np.float32)),
+        embedding(1.0, dimension=0),
+        embedding(1.1, dimension=3),
+        embedding(1.2, model='cd' * 32),
+        dataclasses.replace(embedding(1.3), mean=np.array([np.nan, 1.0], np.float32)),
+        embedding(2.0),
+        embedding(9.0),
+    ]
+    updates = [update for item in sent for update in stage.add_embedding(item)]
+    last, report = stage.end_session()
+    assert Counter(u.stamp_ns for u in [*updates, *last]) == Counter(e.stamp_ns for e in sent)
+    assert (report.inserted, report.replaced, report.kept) == (2, 1, 1)
+    assert dict(report.dropped) == {'invalid_embedding': 3, 'wrong_model': 1, 'no_position': 1}
+    assert report.inserted + report.replaced + report.kept + sum(report.dropped.values()) == len(sent)
+    assert len(session_map) == report.places_after == 2
+
+
+def test_without_a_session_nothing_is_mapped() -> None:
+    with SessionMap(MapConfig()) as session_map:
+        session_map.adopt_model(MODEL)
+        stage = MapStage(Config(), session_map)
+        stage.add_pose(*at(1.0))
+        assert stage.add_embedding(embedding(1.0)) == []
+        assert stage.add_embedding(embedding(2.0, dimension=0)) == []
+        session_map.start_session('later', 0)
+        assert stage.add_pose(*at(3.0)) == []
+        assert len(session_map) == 0
+
+
+def test_the_frame_starts_where_the_first_mapped_drive_is() -> None:
+    """A receiver that starts at 0°, 0° with a fix, as some do, neither fixes the origin nor is ever mapped at."""
+    stage = MapStage(Config(), SessionMap(MapConfig()))
+    stage.map.adopt_model(MODEL)
+    here = GeoPoint(51.75, -1.25, 70.0)
+    stage.add_point(SECOND, GeoPoint(0.0, 0.0, 0.0))
+    assert stage.map.origin is None
+    stage.add_point(2 * SECOND, here)
+    stage.map.start_session('one', 0)
+    stage.add_point(3 * SECOND, here)
+    stage.add_embedding(embedding(2.5))
+    assert stage.map.origin == here
+    assert len(stage.map) == 1
+    with pytest.raises(RefusedInput, match=r"km from the map's origin: expected at most 100 km") as refusal:
+        stage.add_point(4 * SECOND, GeoPoint(0.0, 0.0, 0.0))
+    assert refusal.value.cause == 'far_position'
+
+
+def test_what_waits_is_undone_with_its_session(stage: MapStage) -> None:
+    stage.add_pose(*at(1.0))
+    stage.add_embedding(embedding(1.5))
+    stage.undo_session()
+    stage.map.start_session('next', 0)
+    assert stage.add_pose(*at(2.0)) == []
+    assert len(stage.map) == 0
+
+
+class Clock:
+    """A steady clock that goes on when the test says so."""
+
+    def __init__(self) -> None:
+        self.seconds = 1000.0
+
+    def __call__(self) -> float:
+        return self.seconds
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.fixture
+def stored(tmp_path: Path, clock: Clock) -> Iterator[MapStage]:
+    """A stage on a map in a file, whose model is not known yet, with a session."""
+    config = Config(map=MapConfig(path=str(tmp_path / 'map.db'), match_distance_m=1.0, autosave_s=10.0))
+    with SessionMap(config.map) as session_map:
+        session_map.start_session('test', 0)
+        yield MapStage(config, session_map, clock)
+
+
+def test_scans_wait_for_their_model(stored: MapStage) -> None:
+    for seconds in (1.0, 2.0, 3.0):
+        stored.add_pose(*at(seconds))
+    assert stored.add_embedding(embedding(1.5)) == []
+    assert stored.add_embedding(embedding(2.5)) == []
+    assert brief(stored.adopt_model(MODEL)) == [(1.5, 15.0), (2.5, 25.0)]
+    assert stored.adopt_model(MODEL) == []
+
+
+def test_no_more_scans_wait_for_a_model_than_there_is_room_for(
+    stored: MapStage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(map_stage, 'BEFORE_MODEL', 2)
+    updates = [update for s in (1.0, 2.0, 3.0, 4.0) for update in stored.add_embedding(embedding(s))]
+    assert brief(updates) == [(1.0, 'no_model'), (2.0, 'no_model')]
+    last, report = stored.end_session()
+    assert brief(last) == [(3.0, 'no_model'), (4.0, 'no_model')]
+    assert dict(report.dropped) == {'no_model': 4}
+    stored.map.start_session('next', 0)
+    assert stored.adopt_model(MODEL) == []
+
+
+@pytest.mark.parametrize('forget', [MapStage.undo_session, MapStage.clear])
+def test_scans_that_wait_for_a_model_are_forgotten_with_their_session(
+    stored: MapStage, forget: Callable[[MapStage], object]
+) -> None:
+    stored.add_pose(*at(1.0))
+    stored.add_embedding(embedding(1.0))
+    forget(stored)
+    assert stored.adopt_model(MODEL) == []
+
+
+def test_a_model_that_is_not_the_maps_is_refused(stage: MapStage) -> None:
+    stage.add_pose(*at(1.0))
+    stage.add_embedding(embedding(1.0))
+    with pytest.raises(RefusedInput) as refused:
+        stage.adopt_model(ModelInfo('stub', 'cd' * 32, 2, {}))
+    assert refused.value.cause == 'wrong_model'
+    assert stage.map.model == MODEL
+
+
+def test_positions_are_expected_while_they_come_and_a_scan_waits(session_map: SessionMap, clock: Clock) -> None:
+    stage = MapStage(Config(), session_map, clock)
+    stage.add_pose(*at(1.0))
+    assert not stage.expects_positions
+    stage.add_embedding(embedding(1.5))
+    assert stage.expects_positions
+    clock.seconds += 0.9 * map_stage.POSITION_GAP_S
+    stage.add_pose(*at(1.25))
+    clock.seconds += 0.9 * map_stage.POSITION_GAP_S
+    assert stage.expects_positions
+    clock.seconds += 0.2 * map_stage.POSITION_GAP_S
+    assert not stage.expects_positions
+    stage.add_pose(*at(2.0))
+    assert not stage.expects_positions
+
+
+def test_a_running_session_is_saved_now_and_then(stored: MapStage, clock: Clock, tmp_path: Path) -> None:
+    def on_disk() -> int:
+        return len(MapStore.open_read_only(tmp_path / 'map.db').places)
+
+    stored.adopt_model(MODEL)
+    stored.add_pose(*at(1.0))
+    stored.add_pose(*at(2.0))
+    stored.add_embedding(embedding(1.0))
+    clock.seconds += 9.9
+    stored.autosave()
+    assert on_disk() == 0
+    clock.seconds += 0.2
+    stored.autosave()
+    assert on_disk() == 1
+    stored.add_embedding(embedding(2.0))
+    stored.autosave()
+    assert on_disk() == 1
+    stored.save()
+    assert on_disk() == 2
+
+
+def test_a_file_that_cannot_be_written_is_reported_once_in_the_period(
+    stored: MapStage, clock: Clock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def locked() -> None:
+        raise MapError('map.db: locked')
+
+    monkeypatch.setattr(stored.map, 'save', locked)
+    for _ in range(2):
+        clock.seconds += 10.0
+        with pytest.raises(RefusedInput, match=r'map\.db: locked') as refused:
+            stored.autosave()
+        assert refused.value.cause == 'not_saved'
+        stored.autosave()
+
+
+def test_a_map_in_memory_is_not_saved(stage: MapStage) -> None:
+    stage.autosave()
+    with pytest.raises(MapError, match=r'map\.path is empty'):
+        stage.save()
+
+
+def test_a_session_without_scans_goes_on(stage: MapStage) -> None:
+    assert stage.start_session(0) == 'session 1 runs and is empty: it goes on'
+    stage.add_pose(*at(1.0))
+    stage.add_embedding(embedding(1.0))
+    with pytest.raises(MapError, match='runs: end it or undo it first'):
+        stage.start_session(0)
+    stage.end_session()
+    assert stage.start_session(0) == 'session 2 started'
+
+
+def mapped(stage: MapStage, *seconds: float) -> None:
+    """One session of scans where the vehicle was at these times."""
+    stage.start_session(0)
+    for each in seconds:
+        stage.add_pose(*at(each))
+        stage.add_embedding(embedding(each))
+    stage.end_session()
+
+
+def test_a_map_without_a_model_is_not_published(stored: MapStage) -> None:
+    assert stored.committed() is None
+    stored.adopt_model(MODEL)
+    committed = stored.committed()
+    assert committed is not None
+    assert (committed.form, len(committed.table)) == (Form.WHOLE, 0)
+
+
+def test_a_large_map_is_read_from_its_file_once_and_followed_by_changes(
+    stage: MapStage, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(map_stage, 'MESSAGE_PLACES', 3)
+
+    def published() -> tuple[Form, int]:
+        committed = stage.committed()
+        assert committed is not None
+        return committed.form, len(committed.table)
+
+    mapped(stage, 1.0, 2.0)
+    assert published() == (Form.WHOLE, 2)
+    mapped(stage, 3.0, 4.0)
+    assert published() == (Form.FILE, 0)
+    mapped(stage, 5.0)
+    assert published() == (Form.CHANGES, 1)
+    mapped(stage, 6.0, 7.0)
+    assert published() == (Form.CHANGES, 2)
+    # What was undone is not among the changes: the file is read again.
+    stage.undo_session()
+    assert published() == (Form.FILE, 0)
+    stage.clear()
+    assert published() == (Form.WHOLE, 0)
+    mapped(stage, 8.0, 9.0, 10.0, 11.0)
+    assert published() == (Form.FILE, 0)
+
+
+def test_the_view_is_taken_when_places_changed(stage: MapStage, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert stage.changed_view() is None
+    stage.add_pose(*at(1.0))
+    stage.add_embedding(embedding(1.0))
+    view = stage.changed_view()
+    assert view is not None
+    assert len(view) == 1
+    assert stage.changed_view() is None
+    # A scan of the same place, no more certain, changes nothing.
+    stage.add_pose(*at(1.01))
+    stage.add_embedding(embedding(1.01))
+    assert stage.changed_view() is None
+    monkeypatch.setattr(map_stage, 'MESSAGE_PLACES', 1)
+    stage.add_pose(*at(5.0))
+    stage.add_embedding(embedding(5.0))
+    assert stage.changed_view() is None
