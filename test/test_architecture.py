@@ -14,7 +14,7 @@ from __future__ import annotations
 import ast
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -68,6 +68,9 @@ LAZY = {
 BACKENDS = {'encoders.onnx_backend', 'encoders.torch_backend'}
 """The modules that import a runtime of learned encoders when they are imported."""
 HEAVY = ('rclpy', 'torch', 'onnxruntime', 'onnx', 'matplotlib', 'scipy')
+VEHICLE = ('nodes.encoder_node', 'nodes.map_server_node', 'nodes.query_node')
+"""What runs on the vehicle."""
+OFF_THE_VEHICLE = ('recordings', 'calibration', 'cli', 'lab')
 VAGUE = {'util', 'utils', 'common', 'helper', 'helpers', 'manager', 'managers', 'misc'}
 
 
@@ -136,6 +139,20 @@ def violations(root: Path) -> list[str]:
     return sorted(wrong)
 
 
+def reached(root: Path, starts: Iterable[str]) -> set[str]:
+    """The modules that some import, directly or not, inside functions too, and the packages that hold them."""
+    imports: dict[str, set[str]] = {}
+    for each in imports_of(root):
+        imports.setdefault(each.module, set()).add(each.imported)
+    found, waiting = set[str](), list(starts)
+    while waiting:
+        module = waiting.pop()
+        if module not in found:
+            found.add(module)
+            waiting += [*imports.get(module, ()), module.rpartition('.')[0]]
+    return found
+
+
 def loaded_by(modules: list[str], path: Path) -> list[str]:
     """Which of `HEAVY` a fresh interpreter has loaded after importing `modules`, with `path` before all others."""
     code = f'import sys; sys.path.insert(0, {str(path)!r}); import {", ".join(modules)}; print(*sys.modules)'
@@ -180,6 +197,12 @@ def test_core_and_command_line_load_nothing_heavy() -> None:
 def test_the_vehicle_needs_only_the_onnx_runtime() -> None:
     pytest.importorskip('onnxruntime')
     assert loaded_by([f'{PACKAGE}.encoders.onnx_backend'], PROJECT) == ['onnxruntime']
+
+
+def test_the_vehicle_reaches_nothing_of_recordings_commands_and_laboratory() -> None:
+    modules = reached(PROJECT / PACKAGE, VEHICLE)
+    assert 'stages.query' in modules
+    assert sorted(module for module in modules if unit(module) in OFF_THE_VEHICLE) == []
 
 
 def test_files_are_named_after_what_they_hold() -> None:
@@ -239,6 +262,20 @@ def test_a_heavy_import_is_found(tmp_path: Path) -> None:
     assert light_modules(root) == [f'{PACKAGE}.{name}' for name in ('cli.map', 'errors', 'messages', 'stages')]
     assert loaded_by([f'{PACKAGE}.messages'], tmp_path) == ['rclpy']
     assert loaded_by([f'{PACKAGE}.errors'], tmp_path) == []
+
+
+def test_what_is_reached_by_way_of_others_is_found(tmp_path: Path) -> None:
+    sources = {
+        'nodes__query': 'from offradar_ros.ros.qos import SCANS',
+        'ros__qos': 'def f():\n    import offradar_ros.recordings.bags.reader',
+        'recordings____init__': 'import offradar_ros.errors',
+        'recordings__bags__reader': '',
+        'lab__demo__run': 'import offradar_ros.nodes.query',
+    }
+    found = reached(package(tmp_path, **sources), ['nodes.query'])
+    assert {'nodes.query', 'ros.qos', 'recordings.bags.reader'} <= found
+    assert {'recordings', 'errors'} <= found
+    assert 'lab.demo.run' not in found
 
 
 def test_a_vague_name_is_found(tmp_path: Path) -> None:
