@@ -17,9 +17,11 @@ from numpy.typing import NDArray
 from offradar_ros.cli.progress import progress_bar
 from offradar_ros.encoders.networks.files import load_network
 from offradar_ros.encoders.networks.variational import VariationalNetwork, uncertainty
+from offradar_ros.lab.drives.cache import cached_drives
+from offradar_ros.lab.drives.drive import Drive
+from offradar_ros.lab.drives.range_reduction import Reduction
 from offradar_ros.lab.evaluation.metrics.auroc import auroc
 from offradar_ros.lab.evaluation.metrics.spearman import spearman
-from offradar_ros.lab.training.cache import CachedDrive, Reduction, cached_drives
 from offradar_ros.lab.training.config import DataConfig, RefinementConfig, TrainingConfig, ValidationConfig
 from offradar_ros.lab.training.config_file import read_config
 from offradar_ros.lab.training.refinement import (
@@ -72,19 +74,20 @@ def main() -> None:
     print(judged.row('as configured, over worlds that the network was trained on', same))
 
 
-def _drives(config: TrainingConfig, data: DataConfig | ValidationConfig, cache: Path, text: str) -> list[CachedDrive]:
+def _drives(config: TrainingConfig, data: DataConfig | ValidationConfig, cache: Path, text: str) -> list[Drive]:
     with progress_bar(text) as progress:
+        reduction = Reduction.for_image(config.network)
         return cached_drives(
-            cache, simulated_drives(data), Reduction.for_image(config.network), config.threads, progress
+            simulated_drives(data), cache, reduction=reduction, processes=config.threads, progress=progress
         )
 
 
-def _features(network: VariationalNetwork, drives: Sequence[CachedDrive]) -> list[torch.Tensor]:
+def _features(network: VariationalNetwork, drives: Sequence[Drive]) -> list[torch.Tensor]:
     with progress_bar('encoding') as progress:
         return feature_maps(network, drives, progress=progress)
 
 
-def _lessons(network: VariationalNetwork, drives: Sequence[CachedDrive]) -> Lessons:
+def _lessons(network: VariationalNetwork, drives: Sequence[Drive]) -> Lessons:
     return lessons(network, drives, _features(network, drives))
 
 
@@ -97,7 +100,7 @@ def _refined(network: VariationalNetwork, taught: Lessons, config: RefinementCon
 class _Judged:
     """Drives that nothing was trained on, searched for once: no second stage changes what is found."""
 
-    def __init__(self, network: VariationalNetwork, drives: Sequence[CachedDrive]) -> None:
+    def __init__(self, network: VariationalNetwork, drives: Sequence[Drive]) -> None:
         self._features = _features(network, drives)
         self._first = np.cumsum([0, *(len(flat) for flat in self._features)])
         self._severities = np.concatenate([drive.severities for drive in drives])

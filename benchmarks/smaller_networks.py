@@ -20,15 +20,15 @@ from offradar_ros.encoders.export.calibration_scans import SCANS, CalibrationSca
 from offradar_ros.encoders.export.onnx_export import Smaller, export_onnx
 from offradar_ros.encoders.onnx_backend import OnnxEncoder
 from offradar_ros.encoders.weights import read_header
+from offradar_ros.lab.drives.cache import cached_drives
+from offradar_ros.lab.drives.drive import Drive
 from offradar_ros.lab.evaluation.answers import Pair, Rules, answers_from
-from offradar_ros.lab.evaluation.drives import CityDrive, drives_of
 from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive, embedded
-from offradar_ros.lab.evaluation.evaluated_drive import EvaluatedDrive
 from offradar_ros.lab.evaluation.metrics.recall_at_n import recall_at_n
 from offradar_ros.lab.evaluation.metrics.spearman import spearman
 from offradar_ros.lab.evaluation.protocol import VALIDATION, Protocol
 from offradar_ros.lab.evaluation.protocol_file import read_protocol
-from offradar_ros.lab.evaluation.scan_cache import cached_drives
+from offradar_ros.lab.evaluation.simulated_drives import city_drive, simulated_drives
 from offradar_ros.recordings.source import open_source
 from offradar_ros.sequence import RadarSequence
 from offradar_ros.types import PolarScan
@@ -119,31 +119,23 @@ def main() -> None:
 
 def _drives(
     protocol: Protocol, cache: Path, recorded: Sequence[Path] | None
-) -> tuple[list[EvaluatedDrive], list[RadarSequence]]:
+) -> tuple[list[Drive], list[RadarSequence]]:
     """The drives to measure on, and those to fit to, of other cities."""
-    measured = [drive for drive in drives_of(protocol, None) if drive.group != VALIDATION]
+    measured = [drive.source for drive in simulated_drives(protocol, None) if drive.group != VALIDATION]
+    lane, spacing_m, degraded = protocol.lanes[0], protocol.drive_spacing_m, protocol.degraded
     fitted = [
-        CityDrive(
-            'calibration',
-            seed,
-            0,
-            protocol.lanes[0],
-            'drawn',
-            CALIBRATION_SCANS,
-            protocol.drive_spacing_m,
-            protocol.degraded,
-        )
+        city_drive(seed, 0, lane, 'drawn', CALIBRATION_SCANS, spacing_m, degraded)
         for seed in ([] if recorded else CALIBRATION_CITIES)
     ]
     with progress_bar('simulating drives') as progress:
-        found = cached_drives([*measured, *fitted], cache / 'scans', progress)
+        found = cached_drives([*measured, *fitted], cache / 'scans', progress=progress)
     others: list[RadarSequence] = [open_source(path, 'auto', RadarConfig()) for path in recorded or ()]
     return found[: len(measured)], [*found[len(measured) :], *others]
 
 
 def _measured(
     weights: Path,
-    drives: list[EvaluatedDrive],
+    drives: list[Drive],
     scans: CalibrationScans,
     protocol: Protocol,
     arguments: argparse.Namespace,
@@ -188,9 +180,7 @@ def _exported(weights: Path, variant: str, scans: CalibrationScans, cache: Path)
     return path
 
 
-def _answered(
-    encoder: OnnxEncoder, drives: list[EvaluatedDrive], protocol: Protocol, cache: Path, variant: str
-) -> Answered:
+def _answered(encoder: OnnxEncoder, drives: list[Drive], protocol: Protocol, cache: Path, variant: str) -> Answered:
     made = []
     for drive in drives:
         with progress_bar(f'{variant}: {drive.name}') as progress:

@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from offradar_ros.cli.progress import progress_bar
-from offradar_ros.lab.evaluation.drives import drives_of
 from offradar_ros.lab.evaluation.methods import open_method
 from offradar_ros.lab.evaluation.protocol_file import read_protocol
 from offradar_ros.lab.evaluation.results import assemble
 from offradar_ros.lab.evaluation.runner import measure, opened_worlds
+from offradar_ros.lab.evaluation.simulated_drives import simulated_drives
 
 REJECTIONS = (0.0, 0.1, 0.2, 0.3, 0.5)
 
@@ -26,7 +26,7 @@ def main() -> None:
     parser.add_argument('--threads', type=int, default=0)
     arguments = parser.parse_args()
     protocol, cache = read_protocol(arguments.protocol), arguments.cache
-    worlds = opened_worlds(list(drives_of(protocol, arguments.real_worlds)), [], cache, progress_bar)
+    worlds = opened_worlds(list(simulated_drives(protocol, arguments.real_worlds)), [], cache, progress_bar)
     measured = []
     for text in arguments.variants:
         spacing_m = protocol.map_spacings_m[0]

@@ -60,8 +60,8 @@ LAZY = {
     ('lab.cli.card', 'encoders.weights'),
     ('lab.cli.demo', 'lab.demo.run'),
     ('lab.cli.train', 'lab.training.config_file'),
+    ('lab.cli.train', 'lab.training.recorded_drives'),
     ('lab.cli.train', 'lab.training.run'),
-    ('lab.cli.train', 'lab.training.split_drives'),
     ('lab.evaluation.methods', 'encoders.onnx_backend'),
     ('lab.evaluation.methods', 'encoders.weights'),
 }

@@ -35,8 +35,8 @@ def train(
         raise ConfigError(f'--device: expected one of {", ".join(DEVICES)}, got {device!r}')
     try:
         from offradar_ros.lab.training.config_file import read_config  # noqa: PLC0415
+        from offradar_ros.lab.training.recorded_drives import training_sequences  # noqa: PLC0415
         from offradar_ros.lab.training.run import RunOptions, run  # noqa: PLC0415
-        from offradar_ros.lab.training.split_drives import training_sequences  # noqa: PLC0415
     except ModuleNotFoundError as error:
         if error.name not in ('torch', 'safetensors'):
             raise

@@ -9,7 +9,7 @@ import numpy as np
 
 from offradar_ros.encoders.protocol import Encoder
 from offradar_ros.errors import RefusedInput
-from offradar_ros.lab.evaluation.evaluated_drive import EvaluatedDrive
+from offradar_ros.lab.drives.drive import Drive
 from offradar_ros.retrieval.place_index import PlaceIndex
 from offradar_ros.types import Embedding, Place, PlaceTable, Pose
 
@@ -17,7 +17,7 @@ SCANS = 20
 WARM_UP = 3
 
 
-def measure_cost(encoder: Encoder, drive: EvaluatedDrive, places: int) -> dict[str, float]:
+def measure_cost(encoder: Encoder, drive: Drive, places: int) -> dict[str, float]:
     """Medians over some scans of a drive, one by one as a node encodes them, decoding left out.
 
     `encode_ms`, and `search_ms` of the ten nearest in a map of so many `places`; `bytes_a_place` of its descriptor;

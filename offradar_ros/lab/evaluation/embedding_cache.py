@@ -20,7 +20,7 @@ from offradar_ros.encoders.encode import encode_all
 from offradar_ros.encoders.image_encoder import ImageEncoder
 from offradar_ros.encoders.protocol import Encoder
 from offradar_ros.errors import DataError, RefusedInput
-from offradar_ros.lab.evaluation.evaluated_drive import EvaluatedDrive
+from offradar_ros.lab.drives.drive import Drive
 from offradar_ros.processes import Progress
 from offradar_ros.types import Embedding
 
@@ -35,7 +35,7 @@ LONG = 4096
 class EmbeddedDrive:
     """A drive and what an encoder made of it: `means` (N, d) float32, `uncertainties` (N,) float64."""
 
-    drive: EvaluatedDrive
+    drive: Drive
     means: NDArray[np.float32]
     uncertainties: NDArray[np.float64]
 
@@ -45,7 +45,7 @@ class EmbeddedDrive:
         return np.isfinite(self.uncertainties)
 
 
-def embedded(encoder: Encoder, drive: EvaluatedDrive, folder: Path, progress: Progress) -> EmbeddedDrive:
+def embedded(encoder: Encoder, drive: Drive, folder: Path, progress: Progress) -> EmbeddedDrive:
     """The drive's embeddings, from `folder` or made and kept there; a long drive's block by block."""
     place = folder / encoder.info.fingerprint[:16]
     kept = _load(drive, place, drive.key)
@@ -69,7 +69,7 @@ def embedded(encoder: Encoder, drive: EvaluatedDrive, folder: Path, progress: Pr
     return _load(drive, place, drive.key) or made
 
 
-def _block(encoder: Encoder, drive: EvaluatedDrive, start: int, place: Path, progress: Progress) -> EmbeddedDrive:
+def _block(encoder: Encoder, drive: Drive, start: int, place: Path, progress: Progress) -> EmbeddedDrive:
     part = _part_of(drive, start)
     kept = _load(part, place, _block_key(drive, start))
     if kept is None:
@@ -80,7 +80,7 @@ def _block(encoder: Encoder, drive: EvaluatedDrive, start: int, place: Path, pro
     return kept
 
 
-def _part_of(drive: EvaluatedDrive, start: int) -> EvaluatedDrive:
+def _part_of(drive: Drive, start: int) -> Drive:
     rows = slice(start, start + BLOCK)
     return dataclasses.replace(
         drive,
@@ -93,7 +93,7 @@ def _part_of(drive: EvaluatedDrive, start: int) -> EvaluatedDrive:
     )
 
 
-def _block_key(drive: EvaluatedDrive, start: int) -> str:
+def _block_key(drive: Drive, start: int) -> str:
     return f'{drive.key}.from_{start}'
 
 
@@ -101,7 +101,7 @@ def _paths(place: Path, key: str) -> tuple[Path, Path]:
     return place / f'{key}.means.npy', place / f'{key}.uncertainty.npy'
 
 
-def _load(drive: EvaluatedDrive, place: Path, key: str) -> EmbeddedDrive | None:
+def _load(drive: Drive, place: Path, key: str) -> EmbeddedDrive | None:
     means_path, uncertainty_path = _paths(place, key)
     if not uncertainty_path.is_file():
         return None
@@ -118,7 +118,7 @@ def _keep(made: EmbeddedDrive, place: Path, key: str) -> None:
     _write(uncertainty_path, made.uncertainties)
 
 
-def encode(encoder: Encoder, drive: EvaluatedDrive, progress: Progress) -> EmbeddedDrive:
+def encode(encoder: Encoder, drive: Drive, progress: Progress) -> EmbeddedDrive:
     """Every scan of a drive; those that the encoder refuses, or gives anything but finite numbers for, are unusable."""
     if isinstance(encoder, ImageEncoder):
         means, variances = encode_all(encoder, drive, progress)
@@ -130,9 +130,7 @@ def encode(encoder: Encoder, drive: EvaluatedDrive, progress: Progress) -> Embed
     return EmbeddedDrive(drive, means, uncertainties)
 
 
-def _at_once(
-    encoder: Encoder, drive: EvaluatedDrive, progress: Progress
-) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+def _at_once(encoder: Encoder, drive: Drive, progress: Progress) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
     """A scan a core: encoders without a network have no batches."""
     means = np.full((len(drive), encoder.info.dimension), np.nan, np.float32)
     uncertainties = np.full(len(drive), np.nan)

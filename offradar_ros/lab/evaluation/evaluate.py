@@ -12,7 +12,6 @@ import numpy as np
 
 from offradar_ros.config import EncoderConfig
 from offradar_ros.errors import ConfigError, DataError
-from offradar_ros.lab.evaluation.drives import drives_of
 from offradar_ros.lab.evaluation.extremes import draw_extremes
 from offradar_ros.lab.evaluation.failures import draw_failures
 from offradar_ros.lab.evaluation.figures import draw_rejection_curves, draw_severity
@@ -40,6 +39,7 @@ from offradar_ros.lab.evaluation.runner import (
     opened_worlds,
     searched,
 )
+from offradar_ros.lab.evaluation.simulated_drives import simulated_drives
 from offradar_ros.lab.evaluation.summary import Json
 from offradar_ros.lab.evaluation.targets import recorded_targets, targets
 from offradar_ros.lab.evaluation.thresholds import NOT_DEPLOYED, Deployed
@@ -164,10 +164,10 @@ def open_worlds(protocol: Protocol, options: Options) -> tuple[Worlds, list[str]
 
     ConfigError where nothing can be searched, DataError where no drives that are searched ever meet.
     """
-    simulated = list(drives_of(protocol, options.real_worlds))
+    simulated = list(simulated_drives(protocol, options.real_worlds))
     recorded = recorded_drives(protocol, options.recorded)
-    lacking = [*_skipped_streets(protocol, options.real_worlds), *recorded.lacking]
-    if all(drive.group == VALIDATION for drive in (*simulated, *recorded.drives)):
+    lacking = [*_skipped_streets(protocol, options.real_worlds), *recorded.notes]
+    if {VALIDATION} >= {*(planned.group for planned in simulated), *(drive.group for drive in recorded.drives)}:
         _require_searches({}, protocol, lacking)
     _told(options, lacking)
     worlds = opened_worlds(simulated, recorded.drives, options.cache, options.bar, options.processes)

@@ -10,8 +10,8 @@ import numpy as np
 
 from offradar_ros.config import CartesianConfig
 from offradar_ros.encoders.rings import ring_power
+from offradar_ros.lab.drives.drive import Drive
 from offradar_ros.lab.evaluation.answers import Answers
-from offradar_ros.lab.evaluation.evaluated_drive import EvaluatedDrive
 from offradar_ros.lab.evaluation.figures import new_figure
 from offradar_ros.lab.evaluation.runner import Worlds, drives_of_pair
 from offradar_ros.radar.cartesian import PolarToCartesian
@@ -27,7 +27,7 @@ _RINGS = 128
 
 class _Extreme(NamedTuple):
     uncertainty: float
-    drive: EvaluatedDrive
+    drive: Drive
     row: int
 
 

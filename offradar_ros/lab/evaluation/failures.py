@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from offradar_ros.errors import RefusedInput
+from offradar_ros.lab.drives.drive import Drive
 from offradar_ros.lab.evaluation.answers import Answers
-from offradar_ros.lab.evaluation.evaluated_drive import EvaluatedDrive
 from offradar_ros.lab.evaluation.extremes import images_of
 from offradar_ros.lab.evaluation.figures import new_figure
 from offradar_ros.lab.evaluation.runner import Worlds, drives_of_pair
@@ -78,7 +78,7 @@ def _alike(one: _Failure, other: _Failure, worlds: Worlds) -> bool:
     return bool(np.hypot(*(places[0] - places[1])) < APART_M)
 
 
-def _show(axis: Any, drive: EvaluatedDrive, row: int, title: str, to_image: PolarToCartesian) -> None:
+def _show(axis: Any, drive: Drive, row: int, title: str, to_image: PolarToCartesian) -> None:
     axis.set_axis_off()
     axis.set_title(title, fontsize='x-small')
     if drive.kinds[row]:

@@ -20,7 +20,7 @@ from offradar_ros.encoders.rad_vlad_codebook import load_codebook
 from offradar_ros.encoders.rad_vlad_fit import fit_rad_vlad
 from offradar_ros.encoders.registry import make_encoder
 from offradar_ros.errors import ConfigError, DataError, RefusedInput
-from offradar_ros.lab.evaluation.evaluated_drive import EvaluatedDrive
+from offradar_ros.lab.drives.drive import Drive
 from offradar_ros.recordings.spacing import subsample_by_distance
 from offradar_ros.types import PolarScan
 
@@ -45,7 +45,7 @@ class Method(Protocol):
     fitted: bool
     """Whether each map has an encoder of its own."""
 
-    def encoder_for(self, mapped: EvaluatedDrive) -> Encoder:
+    def encoder_for(self, mapped: Drive) -> Encoder:
         """The encoder for the map made of this drive, and for what searches it."""
 
 
@@ -57,7 +57,7 @@ class OneEncoder:
     def __init__(self, name: str, encoder: Encoder, weights: str = '') -> None:
         self.name, self.weights, self._encoder = name, weights, encoder
 
-    def encoder_for(self, mapped: EvaluatedDrive) -> Encoder:
+    def encoder_for(self, mapped: Drive) -> Encoder:
         """As in `Method`."""
         del mapped
         return self._encoder
@@ -71,7 +71,7 @@ class RadVladOfMap:
     def __init__(self, folder: Path, seed: int, spacing_m: float) -> None:
         self._folder, self._seed, self._spacing_m = folder, seed, spacing_m
 
-    def encoder_for(self, mapped: EvaluatedDrive) -> Encoder:
+    def encoder_for(self, mapped: Drive) -> Encoder:
         """As in `Method`."""
         path = self._folder / f'{mapped.key}_{self._seed}_{self._spacing_m:g}.safetensors'
         if not path.is_file():
@@ -86,7 +86,7 @@ class RadVladOfMap:
         return RadVladEncoder(load_codebook(path))
 
 
-def _readable(drive: EvaluatedDrive, rows: Iterable[int]) -> Iterator[PolarScan]:
+def _readable(drive: Drive, rows: Iterable[int]) -> Iterator[PolarScan]:
     for row in rows:
         with contextlib.suppress(RefusedInput):
             yield drive.scan(row)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from offradar_ros.lab.evaluation.evaluated_drive import EvaluatedDrive
+from offradar_ros.lab.drives.drive import Drive
 
 _BLOCK = 512
 
@@ -19,7 +19,7 @@ def distances_m(some: NDArray[np.float64], others: NDArray[np.float64]) -> NDArr
     return np.asarray(np.sqrt(east, out=east))
 
 
-def nearest_m(one: EvaluatedDrive, other: EvaluatedDrive) -> float:
+def nearest_m(one: Drive, other: Drive) -> float:
     """Metres between the two scans of two drives that are nearest to each other."""
     blocks = range(0, len(one), _BLOCK)
     return min(float(distances_m(one.poses[start : start + _BLOCK, :2], other.poses[:, :2]).min()) for start in blocks)

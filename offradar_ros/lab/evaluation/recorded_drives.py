@@ -1,31 +1,33 @@
-"""Recorded traversals as drives of an evaluation: opened, put into one frame, and thinned as the protocol says."""
+"""The recorded drives of a protocol: opened, put into one frame, and subsampled as the protocol says."""
 
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from offradar_ros.config import PositionConfig, RadarConfig
-from offradar_ros.errors import DataError, RefusedInput
-from offradar_ros.lab.evaluation.evaluated_drive import EvaluatedDrive
+from offradar_ros.lab.drives.drive import Drive
+from offradar_ros.lab.drives.recorded import drive_of_scans, part_of_split, recorded_drive
 from offradar_ros.lab.evaluation.protocol import VALIDATION, Group, Protocol, Recorded
-from offradar_ros.recordings.datasets.splits import Split, read_split
-from offradar_ros.recordings.road import PositionedDrive, open_road, read_or_refuse
+from offradar_ros.recordings.datasets.splits import read_split
+from offradar_ros.recordings.road import open_road
 from offradar_ros.recordings.source import open_source
 from offradar_ros.sequence import RadarSequence
 
 
 class Recordings(NamedTuple):
-    """What was opened, and what of the protocol was not there."""
+    """Attributes: what of a protocol was opened.
 
-    drives: list[EvaluatedDrive]
-    lacking: list[str]
+    drives: all of its recorded drives.
+    notes: what is missing or was left out, one line each.
+    """
+
+    drives: list[Drive]
+    notes: list[str]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,25 +54,25 @@ class RecordedSource:
 def recorded_drives(protocol: Protocol, source: RecordedSource) -> Recordings:
     """Drives of every recorded road of the protocol, and of its validation sequences; DataError for unusable ones.
 
-    Folders that are missing are told of; a road needs two drives, of which one is mapped and another searched for.
+    Missing folders are noted; a road needs two drives, of which one is mapped and another searched for.
     """
-    drives: list[EvaluatedDrive] = []
-    lacking: list[str] = []
+    drives: list[Drive] = []
+    notes: list[str] = []
     for group in protocol.groups:
         for road in group.recorded:
             named = list(_named(road))
             found = [part for part in named if source.path(part.name).exists()]
             missing = [part.name for part in named if part not in found]
             if missing:
-                lacking.append(f'{road.name}: not found: {", ".join(missing)}{_where(source)}')
+                notes.append(f'{road.name}: not found: {", ".join(missing)}{_where(source)}')
             if _enough(found, protocol):
-                drives += _opened(group, road, found, protocol, source, lacking)
+                drives += _opened(group, road, found, protocol, source, notes)
     for name in protocol.validation.sequences:
         if source.path(name).exists():
             drives.append(_validation(name, protocol, source))
         else:
-            lacking.append(f'{name}: not found{_where(source)}: no validation on it')
-    return Recordings(drives, lacking)
+            notes.append(f'{name}: not found{_where(source)}: no validation on it')
+    return Recordings(drives, notes)
 
 
 class _Part(NamedTuple):
@@ -98,79 +100,24 @@ def _enough(parts: Sequence[_Part], protocol: Protocol) -> bool:
 
 
 def _opened(
-    group: Group,
-    road: Recorded,
-    parts: Sequence[_Part],
-    protocol: Protocol,
-    source: RecordedSource,
-    lacking: list[str],
-) -> Iterator[EvaluatedDrive]:
+    group: Group, road: Recorded, parts: Sequence[_Part], protocol: Protocol, source: RecordedSource, notes: list[str]
+) -> Iterator[Drive]:
     split = read_split(road.split) if road.split else None
     paths = [source.path(part.name) for part in parts]
     opened = open_road(paths, source.layout, source.radar, source.position, name=road.name)
-    lacking += opened.notes
+    notes += opened.notes
     for index, (part, whole) in enumerate(zip(parts, opened.drives, strict=True)):
-        drive = _tested(split, whole).subsampled(protocol.drive_spacing_m)
-        if not len(drive):
-            lacking.append(f'{whole.sequence.name}: no scan is in the test region of {road.split}: left out')
+        tested = part_of_split(whole, split, tested=True) if split else whole
+        if not len(tested):
+            notes.append(f'{whole.sequence.name}: no scan is in the test region of {road.split}: left out')
             continue
-        made = _drive(group.name, road.name, index, drive.sequence, drive.rows, drive.poses, drive.driven_m, part)
-        yield dataclasses.replace(made, title=drive.name)
+        drive = recorded_drive(tested.subsampled(protocol.drive_spacing_m), road.name)
+        yield dataclasses.replace(drive, group=group.name, index=index, mapped=part.mapped, queried=part.queried)
 
 
-def _tested(split: Split | None, drive: PositionedDrive) -> PositionedDrive:
-    if split is None or not split.region:
-        return drive
-    if drive.points_lla is None:
-        raise DataError(
-            f'{drive.path}: expected positions in degrees, for the test region, got metres of a frame of its own'
-        )
-    return drive.only(split.tested(drive.points_lla))
-
-
-def _validation(name: str, protocol: Protocol, source: RecordedSource) -> EvaluatedDrive:
+def _validation(name: str, protocol: Protocol, source: RecordedSource) -> Drive:
     """So many scans, evenly spread; where they were taken does not matter."""
     sequence = source.open(name)
     rows = np.unique(np.linspace(0, len(sequence) - 1, protocol.validation.scans).round().astype(np.intp))
-    unknown = np.full((len(rows), 3), np.nan)
-    return _drive(VALIDATION, name, 0, sequence, rows, unknown, np.zeros(len(rows)), _Part(name, False, False))
-
-
-def _drive(
-    group: str,
-    world: str,
-    index: int,
-    sequence: RadarSequence,
-    rows: NDArray[np.intp],
-    poses: NDArray[np.float64],
-    driven_m: NDArray[np.float64],
-    part: _Part,
-) -> EvaluatedDrive:
-    return EvaluatedDrive(
-        group=group,
-        world=world,
-        index=index,
-        key=f'{sequence.name}_{_digest(sequence, rows)}',
-        stamps_ns=sequence.stamps_ns[rows],
-        poses=poses,
-        driven_m=driven_m,
-        kinds=np.full(len(rows), ''),
-        severities=np.full(len(rows), np.nan),
-        read_scan=lambda row: read_or_refuse(sequence, int(rows[row])),
-        mapped=part.mapped,
-        queried=part.queried,
-        layout=sequence.layout,
-    )
-
-
-def _digest(sequence: RadarSequence, rows: NDArray[np.intp]) -> str:
-    """Of the stamps, and of the first scan that can be read: how the radar is read is in it too."""
-    digest = hashlib.sha256(sequence.stamps_ns[rows].tobytes())
-    for row in rows.tolist():
-        try:
-            scan = sequence.scan(row)
-        except (DataError, RefusedInput):
-            continue
-        digest.update(scan.power.tobytes() + scan.azimuths_rad.tobytes() + repr(scan.range_resolution_m).encode())
-        break
-    return digest.hexdigest()[:16]
+    drive = drive_of_scans(sequence, rows, f'{name}_1', name)
+    return dataclasses.replace(drive, group=VALIDATION, mapped=False, queried=False)

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from offradar_ros import __version__
 from offradar_ros.encoders.model_files import write_atomically
 from offradar_ros.errors import DataError
+from offradar_ros.lab.drives.drive import Drive
 from offradar_ros.lab.evaluation.answers import Answers
-from offradar_ros.lab.evaluation.evaluated_drive import EvaluatedDrive
 from offradar_ros.lab.evaluation.introspection import summarise_ablation
 from offradar_ros.lab.evaluation.protocol import ALL, VALIDATION, Protocol
 from offradar_ros.lab.evaluation.runner import Measured, Worlds, drives_of_pair
@@ -90,7 +90,7 @@ def assemble(
     }
 
 
-def _drive(drive: EvaluatedDrive) -> Json:
+def _drive(drive: Drive) -> Json:
     roles = ' and '.join(word for word, so in (('mapped', drive.mapped), ('searched', drive.queried)) if so)
     roles = 'validation' if drive.group == VALIDATION else roles
     way_m = float(drive.driven_m[-1] - drive.driven_m[0])

@@ -14,15 +14,15 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 
 from offradar_ros.encoders.protocol import Encoder, ModelInfo
+from offradar_ros.lab.drives.cache import cached_drives
+from offradar_ros.lab.drives.drive import Drive
 from offradar_ros.lab.evaluation.answers import Answers, Pair, Rules, answers_from
 from offradar_ros.lab.evaluation.cost import measure_cost
-from offradar_ros.lab.evaluation.drives import SimulatedDrive
 from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive, embedded
-from offradar_ros.lab.evaluation.evaluated_drive import EvaluatedDrive
 from offradar_ros.lab.evaluation.maintenance import Ablation, ablate, merges
 from offradar_ros.lab.evaluation.methods import Method
 from offradar_ros.lab.evaluation.protocol import VALIDATION, Protocol
-from offradar_ros.lab.evaluation.scan_cache import cached_drives
+from offradar_ros.lab.evaluation.simulated_drives import PlannedDrive
 from offradar_ros.lab.evaluation.thresholds import NOT_DEPLOYED, Deployed, Thresholds, thresholds_from
 
 ItemT = TypeVar('ItemT')
@@ -31,7 +31,7 @@ FoundT = TypeVar('FoundT')
 Bar = Callable[[str], AbstractContextManager[Callable[[int, int], None]]]
 """Opens a progress bar of this text, told of what is done and of how much there is."""
 
-Worlds = dict[tuple[str, str], list[EvaluatedDrive]]
+Worlds = dict[tuple[str, str], list[Drive]]
 """Drives by group and world."""
 
 
@@ -61,24 +61,27 @@ class Measured:
 
 
 def opened_worlds(
-    simulated: Sequence[SimulatedDrive],
-    recorded: Sequence[EvaluatedDrive],
+    simulated: Sequence[PlannedDrive],
+    recorded: Sequence[Drive],
     cache: Path,
     bar: Bar,
     processes: int = 0,
 ) -> Worlds:
     """Every drive with its scans; simulated ones are rendered now or were earlier."""
-    found: list[EvaluatedDrive] = []
+    found: list[Drive] = []
     if simulated:
         with bar('simulating drives') as progress:
-            found = cached_drives(simulated, cache / 'scans', progress, processes)
+            sources = [planned.source for planned in simulated]
+            made = cached_drives(sources, cache / 'scans', processes=processes, progress=progress)
+        pairs = zip(simulated, made, strict=True)
+        found = [dataclasses.replace(drive, group=planned.group, index=planned.index) for planned, drive in pairs]
     worlds: Worlds = {}
     for drive in (*found, *recorded):
         worlds.setdefault((drive.group, drive.world), []).append(drive)
     return worlds
 
 
-def drives_of_pair(pair: Pair, worlds: Worlds) -> tuple[EvaluatedDrive, EvaluatedDrive]:
+def drives_of_pair(pair: Pair, worlds: Worlds) -> tuple[Drive, Drive]:
     """The drive that was mapped, and the one that was searched for."""
     by_index = {drive.index: drive for drive in worlds[pair.group, pair.world]}
     return by_index[pair.map_index], by_index[pair.query_index]
@@ -128,7 +131,7 @@ def measure(
     )
 
 
-def searched(mapped: EvaluatedDrive, query: EvaluatedDrive, protocol: Protocol) -> bool:
+def searched(mapped: Drive, query: Drive, protocol: Protocol) -> bool:
     """Whether one drive's scans are searched for in the map of another, or of its own."""
     return mapped.mapped and query.queried and (mapped is not query or protocol.exclusion_s > 0.0)
 
@@ -155,7 +158,7 @@ def encode_all(method: Method, worlds: Worlds, protocol: Protocol, cache: Path, 
     return Encodings(method.name, len({drive.key for _, drive in pairs}), done, refused)
 
 
-def _encoded(method: Method, worlds: Worlds, protocol: Protocol) -> Iterator[tuple[EvaluatedDrive, EvaluatedDrive]]:
+def _encoded(method: Method, worlds: Worlds, protocol: Protocol) -> Iterator[tuple[Drive, Drive]]:
     """Whose map's encoder is used, and for which drive."""
     for (group, _), drives in worlds.items():
         if not method.fitted:
@@ -171,16 +174,14 @@ class _Embedder:
     def __init__(self, folder: Path, progress: Callable[[int, int], None], total: int) -> None:
         self._folder, self._progress, self._total, self._done = folder, progress, total, 0
 
-    def __call__(self, encoder: Encoder, drive: EvaluatedDrive) -> EmbeddedDrive:
+    def __call__(self, encoder: Encoder, drive: Drive) -> EmbeddedDrive:
         made = embedded(encoder, drive, self._folder, lambda done, _: self._progress(self._done + done, self._total))
         self._done += len(drive)
         self._progress(self._done, self._total)
         return made
 
 
-def _search_fitted(
-    method: Method, drives: Sequence[EvaluatedDrive], embed: _Embedder, protocol: Protocol
-) -> Iterator[Answers]:
+def _search_fitted(method: Method, drives: Sequence[Drive], embed: _Embedder, protocol: Protocol) -> Iterator[Answers]:
     for mapped in drives:
         if not mapped.mapped:
             continue

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros.errors import DataError
-from offradar_ros.lab.training.cache import CachedDrive
+from offradar_ros.lab.drives.drive import Drive
 from offradar_ros.lab.training.config import BatchConfig
 
 
@@ -27,22 +27,23 @@ class Batch(NamedTuple):
 class BatchSampler:
     """Batch `step` of a seed is the same whenever it is asked for: a run goes on at any step without more state."""
 
-    def __init__(self, drives: Sequence[CachedDrive], config: BatchConfig, seed: int, rank: int = 0) -> None:
+    def __init__(self, drives: Sequence[Drive], config: BatchConfig, seed: int, rank: int = 0) -> None:
         """`rank` says which of several processes this is; each draws batches of its own. DataError for no scans."""
         if not drives:
             raise DataError('nothing to train on: expected data.worlds, data.sequences or data.split')
         self.config = config
         self._seed = [seed, rank]
-        lengths = [len(drive.power) for drive in drives]
+        lengths = [len(drive) for drive in drives]
         worlds = {world: number for number, world in enumerate(dict.fromkeys(drive.world for drive in drives))}
         self.drives = tuple(drives)
         self.drive_of: NDArray[np.int64] = np.repeat(np.arange(len(drives)), lengths)
         self.row_of: NDArray[np.int64] = np.concatenate([np.arange(length) for length in lengths])
         self.world_of: NDArray[np.int64] = np.repeat([worlds[drive.world] for drive in drives], lengths)
         self.positions_m: NDArray[np.float64] = np.concatenate([drive.poses[:, :2] for drive in drives])
-        self.severities: NDArray[np.float32] = np.concatenate([drive.severities for drive in drives])
-        self.kinds = tuple(kind for drive in drives for kind in drive.kinds)
+        self.severities: NDArray[np.float32] = np.concatenate([drive.severities for drive in drives]).astype(np.float32)
+        self.kinds = tuple(str(kind) for drive in drives for kind in drive.kinds)
         self._is_degraded = np.array([kind != '' for kind in self.kinds])
+        self._azimuths = np.array([len(drive.scan(0).azimuths_rad) for drive in drives])
         self._members = [np.flatnonzero(self.world_of == number) for number in range(len(worlds))]
 
     def batch(self, step: int) -> Batch:
@@ -117,5 +118,4 @@ class BatchSampler:
     def _spins(self, scans: NDArray[np.int64], rng: np.random.Generator) -> NDArray[np.int64]:
         if not self.config.spin:
             return np.zeros(len(scans), np.int64)
-        azimuths = np.array([self.drives[drive].power.shape[1] for drive in self.drive_of[scans]])
-        return rng.integers(azimuths)
+        return rng.integers(self._azimuths[self.drive_of[scans]])

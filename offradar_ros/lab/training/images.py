@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from offradar_ros.encoders.network_config import NetworkConfig
 from offradar_ros.encoders.network_image import make_image
+from offradar_ros.lab.drives.drive import Drive
 from offradar_ros.lab.training.batches import Batch, BatchSampler
-from offradar_ros.lab.training.cache import CachedDrive
+from offradar_ros.radar.spinning import spin
 from offradar_ros.types import PolarScan
 
 
@@ -88,17 +89,17 @@ def image_batches(
 def _image(sampler: BatchSampler, to_image: ImageMaker, batch: Batch, view: int) -> NDArray[np.uint8]:
     scan = batch.scans[view]
     drive = sampler.drives[sampler.drive_of[scan]]
-    return to_image(drive.scan(int(sampler.row_of[scan]), int(batch.spins[view])))
+    return to_image(spin(drive.scan(int(sampler.row_of[scan])), int(batch.spins[view])))
 
 
-def images_of(drive: CachedDrive, config: NetworkConfig, threads: int = 0) -> NDArray[np.uint8]:
+def images_of(drive: Drive, config: NetworkConfig, threads: int = 0) -> NDArray[np.uint8]:
     """(N, H, W) uint8 images of every scan of a drive, as they were driven."""
     to_image = ImageMaker(config)
     with (
         _one_thread_an_image(),
         concurrent.futures.ThreadPoolExecutor(threads or len(os.sched_getaffinity(0))) as pool,
     ):
-        return np.stack(list(pool.map(lambda row: to_image(drive.scan(row)), range(len(drive.power)))))
+        return np.stack(list(pool.map(lambda row: to_image(drive.scan(row)), range(len(drive)))))
 
 
 @contextlib.contextmanager

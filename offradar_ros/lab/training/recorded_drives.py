@@ -1,72 +1,75 @@
-"""Recorded drives as training data."""
+"""Recorded drives that a configuration names, one by one or by a split."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
-import numpy as np
-
-from offradar_ros.config import PositionConfig
-from offradar_ros.errors import DataError
-from offradar_ros.geometry import GeoPoint, LocalFrame
-from offradar_ros.lab.training.drive import OpenDrive
-from offradar_ros.recordings.datasets.splits import Split
-from offradar_ros.recordings.road import PositionedDrive, positioned, shared_frames, start_of
-from offradar_ros.recordings.source import open_source
+from offradar_ros.errors import ConfigError, DataError
+from offradar_ros.lab.drives.recorded import RecordedDrive
+from offradar_ros.lab.training.config import DataConfig, ValidationConfig
+from offradar_ros.recordings.datasets.splits import Split, read_split
+from offradar_ros.recordings.road import shared_frames, start_of
+from offradar_ros.recordings.source import is_recording
 
 
-@dataclasses.dataclass(frozen=True)
-class RecordedDrive:
-    """A bag or data-set folder; `origin` of the world's frame in degrees and metres, None where positions are metric.
+class TrainingSequences(NamedTuple):
+    """Attributes: what of a split can be trained on here.
 
-    Scans that `split` keeps from training are left out.
+    split: the split.
+    found: bags or folders of its training sequences.
+    missing: names of those that are not there, or hold no scans.
     """
 
-    name: str
-    path: str
-    spacing_m: float
-    world: str
-    origin: tuple[float, float, float] | None
-    split: Split | None = None
-
-    def open(self) -> OpenDrive:
-        """The first scan with a position in each stretch of `spacing_m` metres driven."""
-        path = Path(self.path)
-        frame = LocalFrame(GeoPoint(*self.origin)) if self.origin else None
-        drive = positioned(open_source(path), path, frame, PositionConfig().max_gap_s)
-        drive = self._trainable(drive).subsampled(self.spacing_m)
-        count = len(drive)
-        if not count:
-            raise DataError(f'{path}: no scan has a position outside the test region: training needs them')
-        return OpenDrive(drive.sequence, drive.rows, drive.poses, ('',) * count, np.full(count, np.nan, np.float32))
-
-    def _trainable(self, drive: PositionedDrive) -> PositionedDrive:
-        if self.split is None or not self.split.region:
-            return drive
-        if drive.points_lla is None:
-            raise DataError(
-                f'{self.path}: expected latitudes and longitudes, as split {self.split.name} has a test region'
-            )
-        return drive.only(self.split.trainable(drive.points_lla))
+    split: Split
+    found: list[Path]
+    missing: list[str]
 
 
-def recorded_drives(paths: Sequence[str], spacing_m: float, split: Split | None = None) -> list[RecordedDrive]:
-    """A drive for each bag or folder, without the scans that `split` keeps from training.
+def training_sequences(config: DataConfig) -> TrainingSequences | None:
+    """What `config` names; None without a split. ConfigError for an unknown one, DataError where nothing is there."""
+    if not config.split:
+        if config.root:
+            raise ConfigError(f'key data.split: expected the split whose sequences are in data.root, {config.root}')
+        return None
+    split = read_split(config.split)
+    if not config.root:
+        raise ConfigError(f'key data.root: expected the folder that holds the sequences of split {split.name}')
+    root = Path(config.root)
+    if not root.is_dir():
+        raise DataError(f'{root}: no such folder: expected the sequences of split {split.name} in it (data.root)')
+    found = [root / name for name in split.train if is_recording(root / name)]
+    missing = [name for name in split.train if root / name not in found]
+    if not found:
+        raise DataError(f'{root}: none of the {len(missing)} training sequences of split {split.name} is there')
+    return TrainingSequences(split, found, missing)
 
-    Drives whose positions are geodetic share a world with those that start within 50 km; one with positions in a frame
-    of its own is a world by itself. DataError for one without positions.
+
+def recorded_drives(config: DataConfig | ValidationConfig) -> list[RecordedDrive]:
+    """The drives of `config`; those of a split without the scans in its test region or its buffer.
+
+    Drives that start within 50 km of each other share a world; one with positions in a frame of its own is a world by
+    itself. DataError for a drive without positions.
     """
-    starts = [start_of(Path(path)) for path in paths]
+    drives = _drives([Path(path) for path in config.sequences], config.sequence_spacing_m)
+    sequences = training_sequences(config) if isinstance(config, DataConfig) else None
+    if sequences:
+        drives += _drives(sequences.found, config.sequence_spacing_m, sequences.split)
+    return drives
+
+
+def _drives(paths: Sequence[Path], spacing_m: float, split: Split | None = None) -> list[RecordedDrive]:
+    starts = [start_of(path) for path in paths]
     return [
         RecordedDrive(
-            start.name,
-            str(start.path),
-            spacing_m,
-            str(first.path),
-            dataclasses.astuple(first.origin) if first.origin else None,
-            split,
+            name=start.name,
+            path=str(start.path),
+            world=str(first.path),
+            origin=dataclasses.astuple(first.origin) if first.origin else None,
+            spacing_m=spacing_m,
+            split=split,
         )
         for start, first in zip(starts, shared_frames(starts), strict=True)
     ]

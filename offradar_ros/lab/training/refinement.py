@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from offradar_ros.encoders.networks.files import save_network
 from offradar_ros.encoders.networks.variational import VariationalNetwork, uncertainty
 from offradar_ros.errors import DataError, ModelError
-from offradar_ros.lab.training.cache import CachedDrive
+from offradar_ros.lab.drives.drive import Drive
 from offradar_ros.lab.training.config import RefinementConfig, TrainingConfig
 from offradar_ros.lab.training.images import images_of
 from offradar_ros.lab.training.loop import BEST
@@ -53,7 +53,7 @@ class Lessons(NamedTuple):
 
 def feature_maps(
     network: VariationalNetwork,
-    drives: Sequence[CachedDrive],
+    drives: Sequence[Drive],
     threads: int = 0,
     progress: Progress | None = None,
     check: Callable[[], None] | None = None,
@@ -78,7 +78,7 @@ def feature_maps(
     return found
 
 
-def lessons(network: VariationalNetwork, drives: Sequence[CachedDrive], features: Sequence[torch.Tensor]) -> Lessons:
+def lessons(network: VariationalNetwork, drives: Sequence[Drive], features: Sequence[torch.Tensor]) -> Lessons:
     """Search for every scan in every other drive through its world, mapped every 5 m and every 15 m.
 
     `features` are the drives' by `feature_maps`. DataError where no drive meets another.
@@ -95,7 +95,7 @@ def lessons(network: VariationalNetwork, drives: Sequence[CachedDrive], features
     searched = np.flatnonzero(times)
     if not len(searched):
         raise DataError('refinement: no scan has a place of another drive within the tolerance')
-    severities = np.concatenate([drive.severities for drive in drives])
+    severities = np.concatenate([drive.severities for drive in drives]).astype(np.float32)
     asked = np.split(times > 0.0, first[1:-1])
     return Lessons(
         torch.cat([flat[torch.from_numpy(rows)] for flat, rows in zip(features, asked, strict=True)]),

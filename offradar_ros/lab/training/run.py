@@ -25,19 +25,19 @@ from offradar_ros.encoders.network_config import NetworkConfig
 from offradar_ros.encoders.networks.files import load_network
 from offradar_ros.encoders.networks.variational import VariationalNetwork
 from offradar_ros.errors import ConfigError, DataError
+from offradar_ros.lab.drives.cache import cached_drives
+from offradar_ros.lab.drives.drive import Drive, DriveSource
+from offradar_ros.lab.drives.range_reduction import Reduction
 from offradar_ros.lab.training.baselines.rad_vlad_codebook import fit_centres
 from offradar_ros.lab.training.batches import BatchSampler
-from offradar_ros.lab.training.cache import CachedDrive, Reduction, cached_drives
 from offradar_ros.lab.training.checkpoint import read_progress
 from offradar_ros.lab.training.config import DataConfig, RefinementConfig, TrainingConfig, ValidationConfig
-from offradar_ros.lab.training.drive import Drive
 from offradar_ros.lab.training.loop import BEST, CHECKPOINT, LAST, Loop
 from offradar_ros.lab.training.objectives import NEED_TEACHER, make_objective
 from offradar_ros.lab.training.parallel import Group, joined_group
 from offradar_ros.lab.training.recorded_drives import recorded_drives
 from offradar_ros.lab.training.refinement import feature_maps, lessons, refine
 from offradar_ros.lab.training.simulated_drives import simulated_drives
-from offradar_ros.lab.training.split_drives import split_drives
 from offradar_ros.lab.training.validation import validation_drives
 from offradar_ros.processes import Progress
 from offradar_ros.records import unstructure, write_record
@@ -128,8 +128,8 @@ def _teacher(
     out: Path,
     options: RunOptions,
     group: Group,
-    data: Sequence[CachedDrive],
-    judged: Sequence[CachedDrive],
+    data: Sequence[Drive],
+    judged: Sequence[Drive],
     deadline_s: float,
 ) -> nn.Module | RunResult:
     """The teacher, trained here, or how far its own run came if that was stopped."""
@@ -144,8 +144,8 @@ def _train(
     out: Path,
     options: RunOptions,
     group: Group,
-    data: Sequence[CachedDrive],
-    judged: Sequence[CachedDrive],
+    data: Sequence[Drive],
+    judged: Sequence[Drive],
     deadline_s: float,
     teacher: nn.Module | None = None,
 ) -> RunResult:
@@ -176,7 +176,7 @@ def _refined(config: TrainingConfig, out: Path, options: RunOptions, group: Grou
         raise ConfigError(f'key refinement.steps: expected 0, as {what} has no second stage')
     if (out / CHECKPOINT).is_file():
         raise ConfigError(f'{out}: its run was started without a second stage: expected refinement.steps of 0')
-    worlds = [drive.world for drive in _drives(refinement.data)]
+    worlds = [drive.world for drive in _sources(refinement.data)]
     if len(set(worlds)) == len(worlds):
         raise ConfigError('key refinement.data: expected two drives or more through at least one world')
     weights = Path(refinement.weights)
@@ -233,8 +233,8 @@ def _completed(values: Mapping[str, Any], default: dict[str, Any]) -> dict[str, 
 
 def _cached(
     network: NetworkConfig, config: DataConfig | ValidationConfig, options: RunOptions, group: Group, text: str
-) -> list[CachedDrive]:
-    drives = _drives(config)
+) -> list[Drive]:
+    sources = _sources(config)
     reduction = Reduction.for_image(network)
     if group.rank == 0:
         with _shown(options, text) as progress:
@@ -245,14 +245,13 @@ def _cached(
                 if options.check:
                     options.check()
 
-            cached_drives(options.cache, drives, reduction, progress=tell)
+            cached_drives(sources, options.cache, reduction=reduction, progress=tell)
     group.first_says((0.0,))
-    return cached_drives(options.cache, drives, reduction)
+    return cached_drives(sources, options.cache, reduction=reduction)
 
 
-def _drives(config: DataConfig | ValidationConfig) -> list[Drive]:
-    named = recorded_drives(config.sequences, config.sequence_spacing_m)
-    return [*simulated_drives(config), *named, *(split_drives(config) if isinstance(config, DataConfig) else ())]
+def _sources(config: DataConfig | ValidationConfig) -> list[DriveSource]:
+    return [*simulated_drives(config), *recorded_drives(config)]
 
 
 @contextlib.contextmanager
@@ -264,7 +263,7 @@ def _shown(options: RunOptions, text: str) -> Iterator[Progress | None]:
         yield progress
 
 
-def _describe(config: TrainingConfig, out: Path, group: Group, network: nn.Module, data: Sequence[CachedDrive]) -> None:
+def _describe(config: TrainingConfig, out: Path, group: Group, network: nn.Module, data: Sequence[Drive]) -> None:
     """Write what the run is made from; a resumed run adds a line of where it went on."""
     out.mkdir(parents=True, exist_ok=True)
     write_record(out / 'config.yaml', config)
@@ -282,8 +281,8 @@ def _describe(config: TrainingConfig, out: Path, group: Group, network: nn.Modul
         'processes': group.size,
         'command': sys.argv,
         'parameters': sum(parameter.numel() for parameter in network.parameters()),
-        'scans': sum(len(drive.power) for drive in data),
-        'degraded_scans': sum(kind != '' for drive in data for kind in drive.kinds),
+        'scans': sum(len(drive) for drive in data),
+        'degraded_scans': sum(int(np.count_nonzero(drive.kinds != '')) for drive in data),
         'drives': len(data),
     }
     with (out / 'run.jsonl').open('a', encoding='utf-8') as file:

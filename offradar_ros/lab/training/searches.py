@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from offradar_ros.lab.training.cache import CachedDrive
+from offradar_ros.lab.drives.drive import Drive
 from offradar_ros.recordings.spacing import subsample_by_distance
 
 TOLERANCE_M = 25.0
@@ -32,9 +32,7 @@ class Search(NamedTuple):
     margins: NDArray[np.float64]
 
 
-def searches(
-    drives: Sequence[CachedDrive], descriptors: Sequence[NDArray[np.floating]], spacing_m: float
-) -> list[Search]:
+def searches(drives: Sequence[Drive], descriptors: Sequence[NDArray[np.floating]], spacing_m: float) -> list[Search]:
     """All ordered pairs of drives of one world; descriptors (N, d) of each, and one scan mapped in `spacing_m`."""
     return [
         _search(driven, drives[mapped], descriptors[mapped], drives[driven], descriptors[driven], spacing_m)
@@ -46,9 +44,9 @@ def searches(
 
 def _search(
     number: int,
-    mapped: CachedDrive,
+    mapped: Drive,
     map_descriptors: NDArray[np.floating],
-    driven: CachedDrive,
+    driven: Drive,
     descriptors: NDArray[np.floating],
     spacing_m: float,
 ) -> Search:

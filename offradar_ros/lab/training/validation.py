@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from offradar_ros.encoders.network_config import NetworkConfig
 from offradar_ros.errors import DataError
+from offradar_ros.lab.drives.drive import Drive
 from offradar_ros.lab.evaluation.metrics.auroc import auroc
 from offradar_ros.lab.evaluation.metrics.spearman import spearman
-from offradar_ros.lab.training.cache import CachedDrive
 from offradar_ros.lab.training.config import ValidationConfig
 from offradar_ros.lab.training.images import images_of
 from offradar_ros.lab.training.objective import EmbeddingNetwork
@@ -25,13 +25,11 @@ _IMAGES_AT_ONCE = 64
 class ValidationDrive(NamedTuple):
     """Attributes: a cached drive and (N, H, W) uint8 images of its scans."""
 
-    drive: CachedDrive
+    drive: Drive
     images: NDArray[np.uint8]
 
 
-def validation_drives(
-    drives: Sequence[CachedDrive], network: NetworkConfig, threads: int = 0
-) -> tuple[ValidationDrive, ...]:
+def validation_drives(drives: Sequence[Drive], network: NetworkConfig, threads: int = 0) -> tuple[ValidationDrive, ...]:
     """The drives with their images; DataError where no two are of one world."""
     worlds = [drive.world for drive in drives]
     if len(set(worlds)) == len(worlds):

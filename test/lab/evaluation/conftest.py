@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from offradar_ros.lab.drives.drive import Drive
 from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive
-from offradar_ros.lab.evaluation.evaluated_drive import EvaluatedDrive
 from offradar_ros.lab.evaluation.protocol import Group, Lane, Protocol, Validation
 from offradar_ros.types import PolarScan
 
@@ -26,7 +26,8 @@ def street_drive(index: int, count: int, *, seed: int = 0, spoiled: float = 0.4,
     poses = np.column_stack([driven_m, np.full(count, 1.0 * index), np.zeros(count)])
     power = np.random.default_rng(index).integers(0, 90, (count, 40, 64), np.uint8)
     azimuths_rad = np.arange(40) / 40 * 2 * np.pi
-    drive = EvaluatedDrive(
+    drive = Drive(
+        name=f'street_{index + 1}',
         group='streets',
         world='street',
         index=index,

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
@@ -15,93 +13,15 @@ from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.encoders.ring_key import RingKeyEncoder
 from offradar_ros.errors import ConfigError, DataError, RefusedInput
 from offradar_ros.lab.evaluation import embedding_cache
-from offradar_ros.lab.evaluation.drives import CityDrive, StreetDrive, drives_of
 from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive, embedded, encode
-from offradar_ros.lab.evaluation.evaluated_drive import EvaluatedDrive
 from offradar_ros.lab.evaluation.methods import open_method
-from offradar_ros.lab.evaluation.protocol import Group, Lane, Protocol, RealStreets, Validation
-from offradar_ros.lab.evaluation.scan_cache import cached_drives
+from offradar_ros.lab.evaluation.protocol import Validation
 from offradar_ros.lab.evaluation.thresholds import thresholds_from
 from offradar_ros.types import Embedding, PolarScan
 
 
 def quiet(done: int, total: int) -> None:
     del done, total
-
-
-CITY = CityDrive('g', 2_999_999, 0, Lane(), 'drawn', scans=5, spacing_m=5.0, degraded=0.4)
-
-
-@pytest.fixture(scope='module')
-def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return tmp_path_factory.mktemp('scans')
-
-
-@pytest.fixture(scope='module')
-def city(folder: Path) -> EvaluatedDrive:
-    return cached_drives([CITY], folder, quiet, processes=1)[0]
-
-
-def test_a_cached_drive_is_the_simulated_one(city: EvaluatedDrive) -> None:
-    sequence, indices, driven_m = CITY.simulate()
-    assert len(city) == len(indices) == 5
-    np.testing.assert_allclose(np.diff(driven_m).mean(), 5.0, atol=1.0)
-    for row, index in enumerate(indices.tolist()):
-        scan, kept = sequence.scan(index), city.scan(row)
-        np.testing.assert_array_equal(kept.power, scan.power)
-        np.testing.assert_array_equal(kept.azimuths_rad, scan.azimuths_rad)
-        assert (kept.stamp_ns, kept.range_resolution_m) == (scan.stamp_ns, scan.range_resolution_m)
-        fault = sequence.degradations[index]
-        assert city.kinds[row] == (fault.kind.value if fault else '')
-        assert city.severities[row] == (fault.severity if fault else 0.0)
-    np.testing.assert_array_equal(city.poses, sequence.poses[indices])
-
-
-def test_a_drive_is_rendered_once_whatever_its_group(city: EvaluatedDrive, folder: Path) -> None:
-    before = sorted(folder.iterdir())
-    again = cached_drives([dataclasses.replace(CITY, group='another')], folder, pytest.fail)[0]
-    assert again.group == 'another'
-    np.testing.assert_array_equal(again.scan(2).power, city.scan(2).power)
-    assert sorted(folder.iterdir()) == before
-
-
-def test_a_damaged_drive_is_named(city: EvaluatedDrive, tmp_path: Path, folder: Path) -> None:
-    for file in folder.iterdir():
-        (tmp_path / file.name).write_bytes(file.read_bytes()[:200])
-    with pytest.raises(DataError, match='damaged simulated drive'):
-        cached_drives([CITY], tmp_path, quiet)
-
-
-def test_streets_are_driven_as_recorded(tmp_path: Path) -> None:
-    image = np.full((200, 400), 254, np.uint8)
-    image[90:96, 20:380] = 0
-    cv2.imwrite(str(tmp_path / 'm.png'), image)
-    (tmp_path / 'm.yaml').write_text('image: m.png\nresolution: 0.5\norigin: [-100, -50, 0]\n')
-    for name, y_m in (('a.tum', -10.0), ('b.tum', -12.0)):
-        lines = [f'{0.25 * k} {-80 + 2.0 * k} {y_m} 0 0 0 0 1' for k in range(60)]
-        (tmp_path / name).write_text('\n'.join(lines))
-    street = RealStreets('toy', 'm.yaml', ('a.tum', 'b.tum'), 7, (0.0, -10.0), 20.0)
-    drive = StreetDrive('g', street, 1, 'nominal', 5.0, 0.0, str(tmp_path))
-    made = drive.simulate()
-    poses = made.sequence.poses[made.indices]
-    assert np.hypot(poses[:, 0], poses[:, 1] + 10.0).max() <= 20.0
-    np.testing.assert_allclose(poses[:, 1], -12.0, atol=0.5)
-    assert 7 <= len(poses) <= 9
-    digest = drive.source_digest()
-    (tmp_path / 'b.tum').write_text('\n'.join(lines[:40]))
-    assert drive.source_digest() != digest
-    with pytest.raises(DataError, match=r'c\.tum: cannot be read'):
-        dataclasses.replace(drive, street=dataclasses.replace(street, traversals=('a.tum', 'c.tum'))).source_digest()
-
-
-def test_streets_are_left_out_without_their_folder(tmp_path: Path) -> None:
-    street = RealStreets('toy', 'm.yaml', ('a.tum', 'b.tum'), 7)
-    group = Group('g', 'G', 'drawn', cities=(3, 4), streets=(street,))
-    protocol = Protocol('p', 'P', (group,), (Lane(), Lane(1.0)), Validation((9,), scans=7))
-    without = list(drives_of(protocol, None))
-    assert [d.world for d in without] == ['city_3'] * 2 + ['city_4'] * 2 + ['city_9']
-    assert [d.world for d in drives_of(protocol, tmp_path)][4:6] == ['toy', 'toy']
-    assert (without[-1].group, without[-1].scans, without[-1].degraded) == ('validation', 7, 0.0)
 
 
 class Odd:

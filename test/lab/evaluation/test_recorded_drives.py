@@ -11,8 +11,8 @@ import pytest
 
 from offradar_ros.errors import ConfigError, DataError, RefusedInput
 from offradar_ros.geometry import GeoPoint, LocalFrame, geodetic_to_utm
+from offradar_ros.lab.drives.drive import Drive
 from offradar_ros.lab.evaluation.evaluate import Options, encode_drives, evaluate
-from offradar_ros.lab.evaluation.evaluated_drive import EvaluatedDrive
 from offradar_ros.lab.evaluation.protocol import Group, Protocol, Recorded, Validation
 from offradar_ros.lab.evaluation.recorded_drives import RecordedSource, recorded_drives
 from offradar_ros.recordings.bags.oxford_folder import write_oxford
@@ -37,7 +37,7 @@ def data(tmp_path_factory: pytest.TempPathFactory, street: Callable[..., object]
     return root
 
 
-def opened(data: Path, protocol: Protocol) -> list[EvaluatedDrive]:
+def opened(data: Path, protocol: Protocol) -> list[Drive]:
     return recorded_drives(protocol, RecordedSource(data)).drives
 
 
@@ -85,7 +85,7 @@ def test_only_the_test_region_of_a_split_counts(data: Path, tmp_path: Path) -> N
     (tmp_path / 's.yaml').write_text(json.dumps(split))
     found = recorded_drives(protocol_of(Recorded('r', split=str(tmp_path / 's.yaml'))), RecordedSource(data))
     assert found.drives == []
-    assert [text.split(' of ')[0] for text in found.lacking] == [
+    assert [text.split(' of ')[0] for text in found.notes] == [
         f'{n}: no scan is in the test region' for n in ('d0', 'd1')
     ]
 
@@ -94,7 +94,7 @@ def test_what_is_missing_is_told_and_the_rest_goes_on(data: Path) -> None:
     protocol = protocol_of(Recorded('r', sequences=('d0', 'gone', 'd2')), validation=Validation(sequences=('lost',)))
     found = recorded_drives(protocol, RecordedSource(data))
     assert [drive.name for drive in found.drives] == ['d0', 'd2']
-    assert found.lacking == [f'r: not found: gone in {data}', f'lost: not found in {data}: no validation on it']
+    assert found.notes == [f'r: not found: gone in {data}', f'lost: not found in {data}: no validation on it']
     alone = recorded_drives(protocol_of(Recorded('r', sequences=('d0', 'gone'))), RecordedSource(data))
     assert alone.drives == []
     within = protocol_of(Recorded('r', sequences=('d0', 'gone')), exclusion_s=2.0)

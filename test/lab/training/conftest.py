@@ -8,10 +8,33 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from offradar_ros.lab.training.cache import CachedDrive
+from offradar_ros.lab.drives.drive import Drive
+from offradar_ros.types import PolarScan
 
 AZIMUTHS = 48
 BINS = 64
+
+
+def drive_of(
+    name: str,
+    world: str,
+    power: NDArray[np.uint8],
+    poses: NDArray[np.float64],
+    kinds: NDArray[np.str_],
+    severities: NDArray[np.float64],
+) -> Drive:
+    azimuths_rad = np.arange(power.shape[1]) * (2 * np.pi / power.shape[1])
+    return Drive(
+        name=name,
+        world=world,
+        key=name,
+        stamps_ns=np.arange(len(power), dtype=np.int64),
+        poses=poses,
+        driven_m=np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(poses[:, :2], axis=0).T))]),
+        kinds=kinds,
+        severities=severities,
+        read_scan=lambda row: PolarScan(row, power[row], azimuths_rad, 1.0),
+    )
 
 
 def pattern_drive(
@@ -22,7 +45,7 @@ def pattern_drive(
     world: str = 'w',
     degraded: tuple[int, ...] = (),
     speckle: float = 8.0,
-) -> CachedDrive:
+) -> Drive:
     """One scan a place, at x = spacing · place; places look alike only to themselves, whatever the drive."""
     noise = np.random.default_rng([*name.encode()])
     power = np.empty((places, AZIMUTHS, BINS), np.uint8)
@@ -32,40 +55,23 @@ def pattern_drive(
             pattern *= 0.1
         power[place] = np.minimum(pattern + noise.gamma(1.0, speckle, pattern.shape), 255)
     poses = np.column_stack([spacing_m * np.arange(places), np.full(places, lane_m), np.zeros(places)])
-    return CachedDrive(
-        name=name,
-        world=world,
-        power=power,
-        azimuths_rad=np.arange(AZIMUTHS) * (2 * np.pi / AZIMUTHS),
-        range_resolution_m=1.0,
-        range_offset_m=0.0,
-        poses=poses,
-        kinds=tuple('flooded' if place in degraded else '' for place in range(places)),
-        severities=np.array([0.9 * (place in degraded) for place in range(places)], np.float32),
-    )
+    faults = np.isin(np.arange(places), degraded)
+    return drive_of(name, world, power, poses, np.where(faults, 'flooded', ''), 0.9 * faults)
 
 
 @pytest.fixture(scope='session')
-def make_drive() -> Callable[..., CachedDrive]:
+def make_drive() -> Callable[..., Drive]:
     return pattern_drive
 
 
-def line_drive(name: str, world: str, positions_m: NDArray[np.float64], degraded: NDArray[np.bool_]) -> CachedDrive:
+def line_drive(name: str, world: str, positions_m: NDArray[np.float64], degraded: NDArray[np.bool_]) -> Drive:
     """A drive of which only positions and faults matter."""
     count = len(positions_m)
-    return CachedDrive(
-        name=name,
-        world=world,
-        power=np.ones((count, 8, 4), np.uint8),
-        azimuths_rad=np.arange(8) * (np.pi / 4),
-        range_resolution_m=1.0,
-        range_offset_m=0.0,
-        poses=np.column_stack([positions_m, np.zeros(count)]),
-        kinds=tuple('blocked' if fault else '' for fault in degraded),
-        severities=degraded.astype(np.float32),
-    )
+    poses = np.column_stack([positions_m, np.zeros(count)])
+    kinds = np.where(degraded, 'blocked', '')
+    return drive_of(name, world, np.ones((count, 8, 4), np.uint8), poses, kinds, degraded.astype(np.float64))
 
 
 @pytest.fixture(scope='session')
-def make_line() -> Callable[..., CachedDrive]:
+def make_line() -> Callable[..., Drive]:
     return line_drive

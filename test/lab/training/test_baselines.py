@@ -18,14 +18,15 @@ from offradar_ros.encoders.networks.bc_radar import BcRadarNetwork  # noqa: E402
 from offradar_ros.encoders.networks.vae import VaeNetwork  # noqa: E402
 from offradar_ros.encoders.registry import make_encoder  # noqa: E402
 from offradar_ros.errors import ConfigError, ModelError  # noqa: E402
+from offradar_ros.lab.drives.drive import Drive  # noqa: E402
 from offradar_ros.lab.training.baselines.common_contrast import common_contrast  # noqa: E402
 from offradar_ros.lab.training.baselines.distillation import distillation, gaussian_distillation  # noqa: E402
 from offradar_ros.lab.training.baselines.rad_vlad_codebook import fit_centres  # noqa: E402
-from offradar_ros.lab.training.cache import CachedDrive  # noqa: E402
 from offradar_ros.lab.training.config import ContrastConfig, LossConfig, TeacherConfig, TrainingConfig  # noqa: E402
 from offradar_ros.lab.training.config_file import read_config  # noqa: E402
 from offradar_ros.lab.training.objective import Objective, Views  # noqa: E402
 from offradar_ros.lab.training.objectives import make_objective  # noqa: E402
+from offradar_ros.radar.spinning import spin  # noqa: E402
 
 CONFIGURATIONS = Path(__file__).resolve().parents[3] / 'params' / 'train'
 BASELINES = ('bc_radar', 'vae', 'mc_dropout', 'stun')
@@ -248,7 +249,7 @@ def test_shipped_configurations_give_every_method_the_same_scans_batches_and_net
     assert (centres.fit, centres.data, centres.network.image) == ('rad_vlad', ours.data, ours.network.image)
 
 
-def test_centres_of_rad_vlad_are_fitted_to_the_drives(tmp_path: Path, make_drive: Callable[..., CachedDrive]) -> None:
+def test_centres_of_rad_vlad_are_fitted_to_the_drives(tmp_path: Path, make_drive: Callable[..., Drive]) -> None:
     config = dataclasses.replace(training('bc_radar'), fit='rad_vlad')
     drives = [make_drive('there'), make_drive('back', world='v')]
     path = fit_centres(config, drives, tmp_path)
@@ -256,7 +257,7 @@ def test_centres_of_rad_vlad_are_fitted_to_the_drives(tmp_path: Path, make_drive
     assert encoder.info.dimension == 64 * 257
     assert float(encoder.info.metadata['max_range_m']) == config.network.reach_m == 128.0
     means = [np.array([encoder.encode(drive.scan(row)).mean for row in range(8)]) for drive in drives]
-    again = np.array([encoder.encode(make_drive('again').scan(row, spin=5)).mean for row in range(8)])
+    again = np.array([encoder.encode(spin(make_drive('again').scan(row), 5)).mean for row in range(8)])
     distances = np.linalg.norm(again[:, None] - np.concatenate(means)[None], axis=2)
     assert distances.argmin(axis=1).tolist() == list(range(8))
     assert read_config(tmp_path / 'config.yaml') == config

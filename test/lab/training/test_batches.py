@@ -13,14 +13,14 @@ from hypothesis import strategies as st
 pytest.importorskip('torch')
 
 from offradar_ros.errors import DataError
+from offradar_ros.lab.drives.drive import Drive
 from offradar_ros.lab.training.batches import BatchSampler
-from offradar_ros.lab.training.cache import CachedDrive
 from offradar_ros.lab.training.config import BatchConfig
 
-MakeLine = Callable[..., CachedDrive]
+MakeLine = Callable[..., Drive]
 
 
-def worlds(make_line: MakeLine, seed: int = 0) -> list[CachedDrive]:
+def worlds(make_line: MakeLine, seed: int = 0) -> list[Drive]:
     """Three worlds of two drives each, wandering about 600 m, a third of the scans degraded."""
     rng = np.random.default_rng(seed)
     drives = []

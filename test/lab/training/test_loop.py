@@ -17,8 +17,8 @@ torch = pytest.importorskip('torch')
 from offradar_ros.encoders.network_config import NetworkConfig  # noqa: E402
 from offradar_ros.encoders.networks.files import load_network  # noqa: E402
 from offradar_ros.errors import ModelError  # noqa: E402
+from offradar_ros.lab.drives.drive import Drive  # noqa: E402
 from offradar_ros.lab.training.batches import BatchSampler  # noqa: E402
-from offradar_ros.lab.training.cache import CachedDrive  # noqa: E402
 from offradar_ros.lab.training.checkpoint import read_progress  # noqa: E402
 from offradar_ros.lab.training.config import (  # noqa: E402
     BatchConfig,
@@ -34,7 +34,7 @@ from offradar_ros.lab.training.parallel import Group  # noqa: E402
 from offradar_ros.lab.training.run_log import read_log  # noqa: E402
 from offradar_ros.lab.training.validation import validate, validation_drives  # noqa: E402
 
-MakeDrive = Callable[..., CachedDrive]
+MakeDrive = Callable[..., Drive]
 
 CONFIG = TrainingConfig(
     network=NetworkConfig(backbone='compact', dimension=16, azimuths=24, range_bins=16, resolution_m=4.0),

@@ -15,15 +15,15 @@ from offradar_ros.encoders.network_config import NetworkConfig  # noqa: E402
 from offradar_ros.encoders.networks.files import load_network  # noqa: E402
 from offradar_ros.encoders.networks.variational import VariationalNetwork  # noqa: E402
 from offradar_ros.errors import DataError  # noqa: E402
+from offradar_ros.lab.drives.drive import Drive  # noqa: E402
 from offradar_ros.lab.evaluation.metrics.auroc import auroc  # noqa: E402
-from offradar_ros.lab.training.cache import CachedDrive  # noqa: E402
 from offradar_ros.lab.training.config import RefinementConfig, TrainingConfig  # noqa: E402
 from offradar_ros.lab.training.images import images_of  # noqa: E402
 from offradar_ros.lab.training.refinement import Lessons, feature_maps, lessons, refine  # noqa: E402
 from offradar_ros.lab.training.run_log import read_log  # noqa: E402
 from offradar_ros.lab.training.validation import ValidationDrive, validation_drives  # noqa: E402
 
-MakeDrive = Callable[..., CachedDrive]
+MakeDrive = Callable[..., Drive]
 
 CONFIG = TrainingConfig(
     network=NetworkConfig(backbone='compact', dimension=16, azimuths=24, range_bins=16, resolution_m=4.0),
@@ -34,7 +34,7 @@ CONFIG = TrainingConfig(
 
 
 @pytest.fixture(scope='module')
-def drives(make_drive: MakeDrive) -> list[CachedDrive]:
+def drives(make_drive: MakeDrive) -> list[Drive]:
     """Three drives of which one has scans that are found nowhere, and one through a world of its own."""
     return [
         make_drive('a'),
@@ -51,12 +51,12 @@ def network() -> VariationalNetwork:
 
 
 @pytest.fixture(scope='module')
-def taught(network: VariationalNetwork, drives: list[CachedDrive]) -> Lessons:
+def taught(network: VariationalNetwork, drives: list[Drive]) -> Lessons:
     return lessons(network, drives, feature_maps(network, drives, 1))
 
 
 @pytest.fixture(scope='module')
-def judged(drives: list[CachedDrive]) -> tuple[ValidationDrive, ...]:
+def judged(drives: list[Drive]) -> tuple[ValidationDrive, ...]:
     return validation_drives(drives[:3], CONFIG.network, 1)
 
 
@@ -69,7 +69,7 @@ def refined(taught: Lessons, judged: tuple[ValidationDrive, ...], out: Path, **c
 
 
 def test_lessons_say_which_scans_are_not_found(
-    network: VariationalNetwork, drives: list[CachedDrive], taught: Lessons
+    network: VariationalNetwork, drives: list[Drive], taught: Lessons
 ) -> None:
     with torch.inference_mode():
         descriptors = [network.embed(torch.from_numpy(images_of(drive, CONFIG.network)))[0] for drive in drives[:3]]
@@ -120,7 +120,7 @@ def test_the_better_weights_are_kept(taught: Lessons, judged: tuple[ValidationDr
         assert f'second stage, step {step}: score' in load_network(out / 'best.safetensors')[1].description
 
 
-def test_drives_that_never_meet_teach_nothing(network: VariationalNetwork, drives: list[CachedDrive]) -> None:
+def test_drives_that_never_meet_teach_nothing(network: VariationalNetwork, drives: list[Drive]) -> None:
     alone = [drives[0], drives[3]]
     with pytest.raises(DataError, match='refinement: no scan has a place of another drive'):
         lessons(network, alone, feature_maps(network, alone, 1))

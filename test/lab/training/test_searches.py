@@ -7,13 +7,13 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from offradar_ros.lab.training.cache import CachedDrive
+from offradar_ros.lab.drives.drive import Drive
 from offradar_ros.lab.training.searches import NO_OTHER_PLACE, TOLERANCE_M, searches
 
-MakeLine = Callable[..., CachedDrive]
+MakeLine = Callable[..., Drive]
 
 
-def line(make_line: MakeLine, name: str, world: str, x_m: list[float], left_m: float = 0.0) -> CachedDrive:
+def line(make_line: MakeLine, name: str, world: str, x_m: list[float], left_m: float = 0.0) -> Drive:
     positions = np.column_stack([x_m, np.full(len(x_m), left_m)])
     return make_line(name, world, positions, np.zeros(len(x_m), np.bool_))
 

@@ -23,10 +23,11 @@ from offradar_ros.config import EncoderConfig
 from offradar_ros.encoders.registry import make_encoder
 from offradar_ros.encoders.weights import read_header
 from offradar_ros.errors import ConfigError, DataError, ModelError
+from offradar_ros.lab.training.config import DataConfig
 from offradar_ros.lab.training.config_file import read_config
 from offradar_ros.lab.training.run import RunOptions, run
 from offradar_ros.lab.training.run_log import read_log
-from offradar_ros.lab.training.simulated_drives import SimulatedDrive
+from offradar_ros.lab.training.simulated_drives import city_drive
 
 PROJECT = Path(__file__).resolve().parents[3]
 SMOKE = PROJECT / 'params' / 'train' / 'smoke.yaml'
@@ -74,7 +75,7 @@ def test_a_run_leaves_weights_that_encode_and_all_that_made_them(tmp_path: Path,
     assert (said['scans'], said['drives'], said['processes']) == (20, 2, 1)
     assert said['torch'] and said['numpy'] and '--config' in said['command']
     encoder = make_encoder(EncoderConfig('variational', str(tmp_path / 'out' / 'best.safetensors')))
-    scan = SimulatedDrive(3, 0, 1, 5.0, 0.0, 'nominal', 0.0).open().sequence.scan(0)
+    scan = city_drive(3, 0, DataConfig(scans=1, degraded=0.0, physics='nominal')).open().scan(0)
     embedding = encoder.encode(scan)
     assert embedding.mean.shape == embedding.variance.shape == (16,)
     assert 0.0 < embedding.uncertainty < 100.0

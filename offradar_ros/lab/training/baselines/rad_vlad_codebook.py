@@ -9,7 +9,7 @@ import numpy as np
 
 from offradar_ros.encoders.rad_vlad_fit import fit_rad_vlad
 from offradar_ros.encoders.rad_vlad_rows import RowSettings
-from offradar_ros.lab.training.cache import CachedDrive
+from offradar_ros.lab.drives.drive import Drive
 from offradar_ros.lab.training.config import TrainingConfig
 from offradar_ros.records import write_record
 
@@ -17,14 +17,14 @@ SCANS = 2000
 CENTRES_FILE = 'rad_vlad.safetensors'
 
 
-def fit_centres(config: TrainingConfig, drives: Sequence[CachedDrive], out: Path) -> Path:
+def fit_centres(config: TrainingConfig, drives: Sequence[Drive], out: Path) -> Path:
     """Write the configuration and the centres of spectra as far as the network's image reaches; returns their file.
 
     Of at most `SCANS` scans, drawn by `config.seed`. DataError where there are too few, ModelError for a folder that
     cannot be written.
     """
     rng = np.random.default_rng(config.seed)
-    rows = [(drive, row) for drive in drives for row in range(len(drive.power))]
+    rows = [(drive, row) for drive in drives for row in range(len(drive))]
     chosen = rng.permutation(len(rows))[:SCANS]
     codebook = fit_rad_vlad(
         (rows[index][0].scan(rows[index][1]) for index in chosen),

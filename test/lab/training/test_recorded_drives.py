@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from offradar_ros.cli.main import app
 from offradar_ros.errors import ConfigError, DataError
 from offradar_ros.lab.training.config import DataConfig
 from offradar_ros.lab.training.config_file import read_config
-from offradar_ros.lab.training.split_drives import split_drives, training_sequences
+from offradar_ros.lab.training.recorded_drives import recorded_drives, training_sequences
 from offradar_ros.recordings.bags.oxford_folder import write_oxford
 from offradar_ros.recordings.bags.writer import write_bag
 
@@ -44,23 +45,23 @@ buffer_m: 2.2
     return DataConfig(split=str(tmp_path / 'street.yaml'), root=str(tmp_path / 'data'), sequence_spacing_m=0.0)
 
 
-def test_scans_of_the_region_and_its_buffer_are_left_out(data_set: DataConfig) -> None:
-    drives = split_drives(data_set)
+def test_scans_of_the_region_and_its_buffer_are_left_out(data_set: DataConfig, street: Callable[..., Any]) -> None:
+    drives = recorded_drives(data_set)
     assert [drive.name for drive in drives] == ['monday', 'tuesday']
     assert len({drive.world for drive in drives}) == 1
     for lane_m, drive in enumerate(drives):
         east_m = 1.25 * np.arange(24)
         expected = np.flatnonzero(np.hypot(east_m - 15.0, lane_m) > 5.2)
         assert 0 < len(expected) < 24
-        assert drive.open().indices.tolist() == expected.tolist()
+        np.testing.assert_array_equal(drive.open().stamps_ns, street().stamps_ns[expected])
 
 
 def test_sequences_of_a_split_may_be_bags(data_set: DataConfig, street: Callable[..., object]) -> None:
     root = Path(data_set.root)
     write_bag(street(name='sunday', lane_m=1.0), root / 'sunday')
-    monday, tuesday, sunday = split_drives(data_set)
+    monday, tuesday, sunday = recorded_drives(data_set)
     assert len({drive.world for drive in (monday, tuesday, sunday)}) == 1
-    assert sunday.open().indices.tolist() == tuesday.open().indices.tolist()
+    np.testing.assert_array_equal(sunday.open().stamps_ns, tuesday.open().stamps_ns)
 
 
 def test_missing_sequences_are_named(data_set: DataConfig) -> None:
@@ -72,7 +73,7 @@ def test_missing_sequences_are_named(data_set: DataConfig) -> None:
 
 def test_without_a_split_there_is_nothing_to_find() -> None:
     assert training_sequences(DataConfig()) is None
-    assert split_drives(DataConfig()) == []
+    assert recorded_drives(DataConfig()) == []
 
 
 def test_what_cannot_be_trained_on_is_one_line(data_set: DataConfig, tmp_path: Path) -> None:
@@ -92,7 +93,7 @@ def test_a_sequence_within_the_region_is_an_error(data_set: DataConfig) -> None:
     split = Path(data_set.split)
     split.write_text(split.read_text().replace('radius_m: 3.0', 'radius_m: 300.0'))
     with pytest.raises(DataError, match='monday: no scan has a position outside the test region'):
-        split_drives(data_set)[0].open()
+        recorded_drives(data_set)[0].open()
 
 
 def test_a_run_learns_from_the_split_and_says_what_is_missing(data_set: DataConfig, tmp_path: Path) -> None:
@@ -107,7 +108,7 @@ def test_a_run_learns_from_the_split_and_says_what_is_missing(data_set: DataConf
     assert done.output.count('sunday') == 1
     said = json.loads((out / 'run.jsonl').read_text().splitlines()[0])
     assert said['drives'] == 2
-    assert said['scans'] == sum(len(drive.open().indices) for drive in split_drives(data_set))
+    assert said['scans'] == sum(len(drive.open()) for drive in recorded_drives(data_set))
 
 
 def test_a_run_learns_from_bags(street_bag: Callable[..., Path], tmp_path: Path) -> None:

@@ -1,0 +1,149 @@
+"""Drives on disk: rendered or read once, then as fast as the disk gives them.
+
+``KEY.npy`` holds (N, A, R) uint8 power, reduced along range or not, and is mapped, not read; ``KEY.json``, written
+last, what is known of each scan. KEY is the drive's name and a hash of everything that the scans depend on: a drive
+whose settings are unchanged is never made twice.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from offradar_ros import __version__
+from offradar_ros.errors import DataError, RefusedInput
+from offradar_ros.lab.drives.drive import Drive, DriveSource
+from offradar_ros.lab.drives.range_reduction import Reduction, at_azimuths
+from offradar_ros.processes import Progress, shared_out
+from offradar_ros.types import PolarScan
+
+
+def cached_drives(
+    sources: Sequence[DriveSource],
+    folder: Path,
+    *,
+    reduction: Reduction | None = None,
+    processes: int = 0,
+    progress: Progress | None = None,
+) -> list[Drive]:
+    """The drives, in their order; those not in `folder` yet are made, by `processes` (0: one a core).
+
+    Without a reduction power is kept as it is. Scans that cannot be read are left out, and those of another size than
+    the first. `progress` is given the number of drives made and of those to make. DataError for a drive that cannot be
+    read or a folder that cannot be written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for partial in folder.glob('*.partial.*'):
+            if not Path('/proc', partial.name.split('.')[-3]).exists():
+                partial.unlink(missing_ok=True)
+        paths = [_path(folder, source, reduction) for source in sources]
+        missing = {path: source for source, path in zip(sources, paths, strict=True) if not path.is_file()}
+        shared_out(_make, [(source, path, reduction) for path, source in missing.items()], processes, progress)
+        return [_read(path) for path in paths]
+    except OSError as error:
+        raise DataError(f'{folder}: the cache cannot be written or read ({error.strerror or error})') from error
+
+
+def _path(folder: Path, source: DriveSource, reduction: Reduction | None) -> Path:
+    digest = hashlib.sha256(json.dumps(_settings(source, reduction), sort_keys=True).encode()).hexdigest()
+    return folder / f'{source.name}-{digest[:16]}.json'
+
+
+def _settings(source: DriveSource, reduction: Reduction | None) -> dict[str, Any]:
+    return {
+        'offradar_ros': __version__,
+        'kind': type(source).__name__,
+        'drive': source.settings(),
+        'reduction': reduction and dataclasses.asdict(reduction),
+    }
+
+
+def _make(source: DriveSource, path: Path, reduction: Reduction | None) -> None:
+    """Write one drive's files."""
+    drive = source.open()
+    partial = path.with_suffix(f'.{os.getpid()}.partial.npy')
+    rows: list[int] = []
+    power: np.memmap[Any, np.dtype[np.uint8]] | None = None
+    first: PolarScan | None = None
+    for row in range(len(drive)):
+        try:
+            scan = drive.scan(row)
+        except (DataError, RefusedInput):
+            continue
+        scan = at_azimuths(scan, np.sort(scan.azimuths_rad) if first is None else first.azimuths_rad)
+        if reduction:
+            scan = reduction(scan)
+        if first is None or power is None:
+            first = scan
+            power = np.lib.format.open_memmap(partial, 'w+', np.uint8, (len(drive), *scan.power.shape))
+        elif not _alike(scan, first):
+            continue
+        power[len(rows)] = scan.power
+        rows.append(row)
+    if first is None or power is None:
+        raise DataError(f'{source.name}: no scan of it can be read')
+    power.flush()
+    partial.replace(path.with_suffix('.npy'))
+    known = {
+        **_settings(source, reduction),
+        'name': drive.name,
+        'world': drive.world,
+        'layout': drive.layout,
+        'left_out': len(drive) - len(rows),
+        'azimuths_rad': first.azimuths_rad.tolist(),
+        'range_resolution_m': first.range_resolution_m,
+        'range_offset_m': first.range_offset_m,
+        'stamps_ns': drive.stamps_ns[rows].tolist(),
+        'poses': drive.poses[rows].tolist(),
+        'driven_m': drive.driven_m[rows].tolist(),
+        'kinds': drive.kinds[rows].tolist(),
+        'severities': drive.severities[rows].tolist(),
+    }
+    text = path.with_suffix(f'.{os.getpid()}.partial.json')
+    text.write_text(json.dumps(known), encoding='utf-8')
+    text.replace(path)
+
+
+def _alike(scan: PolarScan, first: PolarScan) -> bool:
+    return (
+        scan.power.shape == first.power.shape
+        and scan.range_resolution_m == first.range_resolution_m
+        and scan.range_offset_m == first.range_offset_m
+    )
+
+
+def _read(path: Path) -> Drive:
+    try:
+        known = json.loads(path.read_text(encoding='utf-8'))
+        power = np.load(path.with_suffix('.npy'), mmap_mode='r', allow_pickle=False)
+        azimuths_rad = np.array(known['azimuths_rad'], np.float64)
+        resolution_m, offset_m = float(known['range_resolution_m']), float(known['range_offset_m'])
+        stamps_ns = np.array(known['stamps_ns'], np.int64)
+        drive = Drive(
+            name=known['name'],
+            world=known['world'],
+            key=path.stem,
+            stamps_ns=stamps_ns,
+            poses=np.array(known['poses'], np.float64),
+            driven_m=np.array(known['driven_m'], np.float64),
+            kinds=np.array(known['kinds'], np.str_),
+            severities=np.array(known['severities'], np.float64),
+            read_scan=lambda row: PolarScan(
+                int(stamps_ns[row]), np.array(power[row]), azimuths_rad, resolution_m, offset_m
+            ),
+            layout=known['layout'],
+        )
+    except (OSError, ValueError, KeyError, TypeError, EOFError) as error:
+        raise DataError(f'{path}: damaged cached drive ({error}): remove it to make it again') from None
+    columns = (drive.poses, drive.driven_m, drive.kinds, drive.severities)
+    if any(len(column) != len(drive) for column in columns) or len(power) < len(drive):
+        raise DataError(f'{path}: its files do not belong together: remove it to make it again')
+    return drive

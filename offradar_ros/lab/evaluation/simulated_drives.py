@@ -1,0 +1,83 @@
+"""The simulated drives of a protocol."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Iterator
+from pathlib import Path
+
+from offradar_ros.lab.drives.simulated import SimulatedDrive, Street, physics_of
+from offradar_ros.lab.evaluation.protocol import VALIDATION, Lane, Protocol, RealStreets
+from offradar_ros.lab.simulation.sensor import TRAINING_SENSOR
+from offradar_ros.lab.simulation.session_plan import SessionPlan
+
+_LANE_SHARE = 1.2
+"""Lanes curve and speeds vary: so much more is driven than the scans' spacing asks for."""
+
+
+@dataclasses.dataclass(frozen=True)
+class PlannedDrive:
+    """A drive of a protocol.
+
+    Attributes:
+        group: whose figures it counts in.
+        index: which of its world's drives.
+        source: how to simulate it.
+    """
+
+    group: str
+    index: int
+    source: SimulatedDrive
+
+
+def simulated_drives(protocol: Protocol, real_worlds: Path | None) -> Iterator[PlannedDrive]:
+    """Every drive of every group, and the validation drives; those of streets only where a folder of them is given."""
+    spacing_m = protocol.drive_spacing_m
+    for group in protocol.groups:
+        physics, degraded = group.physics, protocol.degraded
+        for seed in group.cities:
+            for index, lane in enumerate(protocol.lanes):
+                drive = city_drive(seed, index, lane, physics, protocol.scans, spacing_m, degraded)
+                yield PlannedDrive(group.name, index, drive)
+        for street in group.streets if real_worlds else ():
+            for index in range(len(street.traversals)):
+                drive = street_drive(street, index, physics, spacing_m, degraded, str(real_worlds))
+                yield PlannedDrive(group.name, index, drive)
+    validation = protocol.validation
+    for seed in validation.cities:
+        drive = city_drive(seed, 0, protocol.lanes[0], validation.physics, validation.scans, spacing_m, 0.0)
+        yield PlannedDrive(VALIDATION, 0, drive)
+
+
+def city_drive(
+    seed: int, index: int, lane: Lane, physics: str, scans: int, spacing_m: float, degraded: float
+) -> SimulatedDrive:
+    """Drive `index` through the procedural city of `seed`, which is also that of the radar's physics."""
+    world = f'city_{seed}'
+    step_m = SessionPlan().speed_mps * TRAINING_SENSOR.rotation_s
+    plan = SessionPlan(
+        name=f'{world}_{index + 1}',
+        seed=1000 * seed + index,
+        scans=math.ceil(_LANE_SHARE * scans * spacing_m / step_m) + 1,
+        left_m=lane.left_m,
+        start_m=lane.start_m,
+        reverse=lane.reverse,
+        degraded=degraded,
+        physics=physics_of(physics, seed),
+    )
+    return SimulatedDrive(world, seed, plan, spacing_m=spacing_m, scans=scans)
+
+
+def street_drive(
+    street: RealStreets, index: int, physics: str, spacing_m: float, degraded: float, folder: str
+) -> SimulatedDrive:
+    """Recorded traversal `index` of a nav2 map; files are in `folder`."""
+    plan = SessionPlan(
+        name=f'{street.name}_{index + 1}',
+        seed=1000 * street.seed + index,
+        degraded=degraded,
+        physics=physics_of(physics, street.seed),
+    )
+    path = Street(folder, street.map, street.traversals[index], street.centre_m, street.radius_m)
+    return SimulatedDrive(street.name, street.seed, plan, spacing_m=spacing_m, street=path)

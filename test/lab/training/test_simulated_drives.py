@@ -1,0 +1,25 @@
+"""Simulated training drives: of one city, over the same streets."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from offradar_ros.lab.training.config import DataConfig
+from offradar_ros.lab.training.simulated_drives import simulated_drives
+
+
+def test_simulated_drives_of_a_world_meet_in_both_directions() -> None:
+    config = DataConfig(worlds=1, first_seed=5, drives=3, scans=40, spacing_m=6.0, degraded=0.25, bad_weather=0.0)
+    opened = [source.open() for source in simulated_drives(config)]
+    assert [len(drive) for drive in opened] == [40] * 3
+    spacing_m = np.linalg.norm(np.diff(opened[0].poses[:, :2], axis=0), axis=1)
+    assert spacing_m.mean() == pytest.approx(6.0, rel=0.35)
+    for other in opened[1:]:
+        away_m = np.linalg.norm(opened[0].poses[:, None, :2] - other.poses[None, :, :2], axis=-1).min(axis=1)
+        assert (away_m < 15.0).mean() > 0.7
+    turn = np.cos(opened[0].poses[20, 2] - opened[1].poses[20, 2])
+    assert turn > 0.5
+    back = np.linalg.norm(opened[2].poses[:, :2] - opened[0].poses[20, :2], axis=1).argmin()
+    assert np.cos(opened[0].poses[20, 2] - opened[2].poses[back, 2]) < -0.5
+    assert sum(kind != '' for kind in opened[0].kinds) == pytest.approx(10, abs=7)
