@@ -15,6 +15,8 @@ from __future__ import annotations
 import dataclasses
 import enum
 import math
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -53,6 +55,28 @@ class Merge:
     before: tuple[Place, ...] = ()
 
 
+class Merges(NamedTuple):
+    """Outcome of S scans that were merged in turn.
+
+    Attributes:
+        kinds: what became of each.
+        nearest: (S,) int64 id of the place nearest to each scan within D_t before it was merged, −1 where there is
+            none: the scans that have one are those that could replace something.
+    """
+
+    kinds: tuple[MergeKind, ...]
+    nearest: NDArray[np.int64]
+
+
+def _refuse_far(stamp_ns: int, position_m: Sequence[float]) -> None:
+    if not all(abs(value) <= FARTHEST_M for value in position_m):
+        raise RefusedInput(
+            'invalid_position',
+            f'position of the scan at {stamp_ns} ns: expected finite metres within ±{FARTHEST_M:g}, '
+            f'got {", ".join(map(str, position_m))}',
+        )
+
+
 class ParentMap:
     """The places, each with the most certain scan seen there. One thread at a time."""
 
@@ -71,39 +95,87 @@ class ParentMap:
         """
         scan = self._scan(embedding, pose, session_id)
         # Find matched scan index (lines 1 to 4).
-        matched = self._find_matched(pose)
-        if not len(matched):
-            return self._insert(scan) if self.config.insert_unmatched else Merge(MergeKind.KEPT)
-        uncertainties = self._get_uncertainty(matched)
+        matched = self._find_matched(pose.x_m, pose.y_m)
+        if not matched:
+            return Merge(MergeKind.INSERTED, (self._insert(scan),)) if self._inserts else Merge(MergeKind.KEPT)
         # Uncertainty comparison and replacement (lines 5 to 9).
-        compared = self._compared(uncertainties)
-        replaced = compared[scan.uncertainty < uncertainties[compared] - self.config.replace_margin]
-        return self._replace(matched[replaced], scan) if len(replaced) else Merge(MergeKind.KEPT)
+        replaced = self._less_certain(matched, float(scan.uncertainties[0]))
+        if not replaced:
+            return Merge(MergeKind.KEPT)
+        before = tuple(place_of(self.view, row) for row in replaced)
+        self._replace(replaced, scan)
+        return Merge(MergeKind.REPLACED, tuple(place.place_id for place in before), before)
 
-    def _scan(self, embedding: Embedding, pose: Pose, session_id: int) -> Place:
+    def merge_all(self, scans: PlaceTable, session_id: int) -> Merges:
+        """`merge` of many scans in turn, quicker: all are checked first, and what was replaced is not kept.
+
+        Args:
+            scans: (S, d) means, U, poses and stamps of the scans, in the order in which they are merged; their place
+                and session ids are of no account.
+            session_id: of all of them.
+
+        Raises RefusedInput as `merge` does, and leaves the map as it was, if any of the scans is unusable.
+        """
+        self._refuse_unusable(scans)
+        scans = dataclasses.replace(scans, session_ids=np.full(len(scans), session_id, np.int32))
+        kinds, nearest = [MergeKind.KEPT] * len(scans), np.full(len(scans), -1, np.int64)
+        positions_m, uncertainties = scans.positions_m[:, :2].tolist(), scans.uncertainties.tolist()
+        for index, ((x_m, y_m), uncertainty) in enumerate(zip(positions_m, uncertainties, strict=True)):
+            matched = self._find_matched(x_m, y_m)
+            if matched:
+                nearest[index] = self.view.place_ids[matched[0]]
+                replaced = self._less_certain(matched, uncertainty)
+                if replaced:
+                    self._replace(replaced, take_rows(scans, slice(index, index + 1)))
+                    kinds[index] = MergeKind.REPLACED
+            elif self._inserts:
+                self._insert(take_rows(scans, slice(index, index + 1)))
+                kinds[index] = MergeKind.INSERTED
+        return Merges(tuple(kinds), nearest)
+
+    @property
+    def _inserts(self) -> bool:
+        return self.config.insert_unmatched
+
+    def _scan(self, embedding: Embedding, pose: Pose, session_id: int) -> PlaceTable:
+        """The scan as a row, which has no place yet."""
         problem = embedding_problem(embedding)
         if problem is None and embedding.mean.size != self.dimension:
             problem = f'expected the dimension of the map, {self.dimension}, got {embedding.mean.size}'
         if problem:
             raise RefusedInput('invalid_embedding', f'embedding at {embedding.stamp_ns} ns: {problem}')
-        if not all(abs(v) <= FARTHEST_M for v in (pose.x_m, pose.y_m, pose.z_m)):
-            raise RefusedInput(
-                'invalid_position',
-                f'position of the scan at {embedding.stamp_ns} ns: expected finite metres within ±{FARTHEST_M:g}, '
-                f'got {pose.x_m}, {pose.y_m}, {pose.z_m}',
-            )
+        _refuse_far(embedding.stamp_ns, (pose.x_m, pose.y_m, pose.z_m))
         # U is kept in single precision; rounded before it is compared, a scan never replaces itself.
-        uncertainty = float(np.float32(embedding.uncertainty))
-        mean = np.asarray(embedding.mean, np.float32)
-        return Place(self.next_place_id, session_id, embedding.stamp_ns, pose, uncertainty, mean)
+        scan = Place(-1, session_id, embedding.stamp_ns, pose, embedding.uncertainty, embedding.mean)
+        return PlaceTable.from_places([scan], self.dimension)
 
-    def _find_matched(self, pose: Pose) -> NDArray[np.intp]:
+    def _refuse_unusable(self, scans: PlaceTable) -> None:
+        if scans.means.shape != (len(scans), self.dimension):
+            raise RefusedInput(
+                'invalid_embedding',
+                f'expected means of shape ({len(scans)}, {self.dimension}), as of the map, got {scans.means.shape}',
+            )
+        usable = np.isfinite(scans.means).all(axis=1) & np.isfinite(scans.uncertainties) & (scans.uncertainties >= 0.0)
+        if not usable.all():
+            stamp_ns = int(scans.stamps_ns[np.argmin(usable)])
+            raise RefusedInput(
+                'invalid_embedding', f'embedding at {stamp_ns} ns: expected a finite mean, and a finite U of 0 or more'
+            )
+        near = (np.abs(scans.positions_m) <= FARTHEST_M).all(axis=1)
+        if not near.all():
+            row = int(np.argmin(near))
+            _refuse_far(int(scans.stamps_ns[row]), scans.positions_m[row].tolist())
+
+    def _find_matched(self, x_m: float, y_m: float) -> list[int]:
         """Rows of the places within D_t, nearest first, the older first of equally near ones."""
-        rows = np.array(sorted(self._grid.near(pose.x_m, pose.y_m, self.config.match_distance_m)), np.intp)
-        offsets = self._match_positions(rows) - (pose.x_m, pose.y_m)
-        distances = np.hypot(offsets[:, 0], offsets[:, 1])
-        order = np.argsort(distances, kind='stable')
-        return rows[order[distances[order] < self.config.match_distance_m]]
+        rows = self._grid.near(x_m, y_m, self.config.match_distance_m)
+        if not rows:
+            return []
+        positions_m = self._match_positions(np.array(rows, np.intp)).tolist()
+        apart_m = [math.hypot(east_m - x_m, north_m - y_m) for east_m, north_m in positions_m]
+        return [
+            row for distance, row in sorted(zip(apart_m, rows, strict=True)) if distance < self.config.match_distance_m
+        ]
 
     def _match_positions(self, rows: NDArray[np.intp]) -> NDArray[np.float64]:
         """(N, 2) positions that D_t is measured to.
@@ -113,38 +185,41 @@ class ParentMap:
         a position, a scan within 2·D_t of it is in the map.
         """
         anchored = self.config.match_position == 'anchor'
-        return self._anchors_m[rows] if anchored else self._columns.table.positions_m[rows, :2]
+        return self._anchors_m[rows] if anchored else self.view.positions_m[rows, :2]
 
-    def _get_uncertainty(self, rows: NDArray[np.intp]) -> NDArray[np.float64]:
-        return self._columns.table.uncertainties[rows].astype(np.float64)
-
-    def _compared(self, uncertainties: NDArray[np.float64]) -> NDArray[np.intp]:
-        """Which of the matches, nearest first, the scan may replace."""
+    def _less_certain(self, matched: list[int], uncertainty: float) -> list[int]:
+        """Which of the matched rows, nearest first, a scan of this U replaces."""
+        held = self.view.uncertainties[matched].tolist()
         if self.config.replace == 'all':
-            return np.arange(len(uncertainties))
-        return np.array([0 if self.config.replace == 'nearest' else np.argmax(uncertainties)], np.intp)
+            compared = list(range(len(matched)))
+        else:
+            compared = [0 if self.config.replace == 'nearest' else held.index(max(held))]
+        return [matched[i] for i in compared if uncertainty < held[i] - self.config.replace_margin]
 
-    def _insert(self, scan: Place) -> Merge:
-        row = len(self._columns)
-        self._columns.upsert(PlaceTable.from_places([scan], self.dimension))
-        self._set_anchors(row, np.array([(scan.pose.x_m, scan.pose.y_m)]))
-        self._grid.add(row, scan.pose.x_m, scan.pose.y_m)
+    def _insert(self, scan: PlaceTable) -> int:
+        """The scan, one row, as a new place; its id."""
+        row, place_id = len(self), self.next_place_id
+        self._columns.upsert(dataclasses.replace(scan, place_ids=np.array([place_id], np.int64)))
+        self._set_anchors(row, scan.positions_m[:, :2])
+        self._grid.add(row, *scan.positions_m[0, :2].tolist())
         self.next_place_id += 1
-        return Merge(MergeKind.INSERTED, (scan.place_id,))
+        return place_id
 
-    def _replace(self, rows: NDArray[np.intp], scan: Place) -> Merge:
-        before = tuple(place_of(self._columns.table, int(row)) for row in rows)
-        self.restore([dataclasses.replace(scan, place_id=old.place_id) for old in before])
-        return Merge(MergeKind.REPLACED, tuple(old.place_id for old in before), before)
+    def _replace(self, rows: list[int], scan: PlaceTable) -> None:
+        """The scan, one row, into each of these places."""
+        copies = take_rows(scan, np.zeros(len(rows), np.intp))
+        self._overwrite(dataclasses.replace(copies, place_ids=self.view.place_ids[rows]))
 
     def restore(self, places: list[Place]) -> None:
         """Overwrite known places with other content; their anchors stay."""
-        table = PlaceTable.from_places(places, self.dimension)
+        self._overwrite(PlaceTable.from_places(places, self.dimension))
+
+    def _overwrite(self, table: PlaceTable) -> None:
         rows = self._rows(table.place_ids)
         if self.config.match_position == 'pose':
-            for row, place in zip(rows.tolist(), places, strict=True):
-                self._grid.remove(row, *self._columns.table.positions_m[row, :2].tolist())
-                self._grid.add(row, place.pose.x_m, place.pose.y_m)
+            for row, (x_m, y_m, _) in zip(rows.tolist(), table.positions_m.tolist(), strict=True):
+                self._grid.remove(row, *self.view.positions_m[row, :2].tolist())
+                self._grid.add(row, x_m, y_m)
         self._columns.upsert(table)
 
     def remove(self, place_ids: list[int]) -> None:
@@ -186,7 +261,7 @@ class ParentMap:
     @property
     def mean_uncertainty(self) -> float:
         """Mean U over the places; NaN for an empty map."""
-        return float(np.mean(self._columns.table.uncertainties, dtype=np.float64)) if len(self) else math.nan
+        return float(np.mean(self.view.uncertainties, dtype=np.float64)) if len(self) else math.nan
 
     @property
     def view(self) -> PlaceTable:

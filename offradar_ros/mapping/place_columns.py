@@ -56,7 +56,7 @@ class PlaceColumns:
     def __init__(self, dimension: int, capacity: int = 16) -> None:
         self.dimension = dimension
         self._memory = _allocate(capacity, dimension)
-        self._size = 0
+        self._resize(0)
 
     def __len__(self) -> int:
         return self._size
@@ -64,7 +64,11 @@ class PlaceColumns:
     @property
     def table(self) -> PlaceTable:
         """Views of the rows in use: valid until the next change."""
-        return take_rows(self._memory, slice(0, self._size))
+        return self._table
+
+    def _resize(self, size: int) -> None:
+        self._size = size
+        self._table = take_rows(self._memory, slice(0, size))
 
     def find(self, place_ids: NDArray[np.int64]) -> tuple[Rows, NDArray[np.bool_]]:
         """For each id the row where it is or would be inserted, and whether it is there."""
@@ -81,8 +85,9 @@ class PlaceColumns:
         new = take_rows(table, np.flatnonzero(~known))
         if not len(new):
             return
-        start, self._size = self._size, self._size + len(new)
-        self._reserve(self._size)
+        start = self._size
+        self._reserve(start + len(new))
+        self._resize(start + len(new))
         self._write(slice(start, self._size), new)
         if start and new.place_ids[0] < self._memory.place_ids[start - 1]:
             order = np.argsort(self._memory.place_ids[: self._size])
@@ -96,7 +101,7 @@ class PlaceColumns:
         first = int(np.argmin(keep)) if not keep.all() else self._size
         kept = first + np.flatnonzero(keep[first:])
         self._write(slice(first, first + len(kept)), take_rows(self._memory, kept))
-        self._size = first + len(kept)
+        self._resize(first + len(kept))
 
     def _write(self, rows: Rows | slice, table: PlaceTable) -> None:
         for field in dataclasses.fields(table):

@@ -18,8 +18,11 @@ _TINY = float(np.finfo(np.float32).tiny)
 _LARGEST_SQUARE = 1e37
 """Squares beyond this could overflow single precision: such a search is done in double precision alone."""
 
-_CHUNK = 1024
-"""Rows worked on at once in double precision."""
+_CHUNK = 2**17
+"""Numbers worked on at once in double precision: they stay in the processor's cache."""
+
+_BLOCK = 256
+"""Queries, and places, whose distances are computed at once."""
 
 
 _GROUPS = 16384
@@ -110,10 +113,91 @@ class PlaceIndex:
         k = min(k, len(self) - len(excluded))
         if k <= 0:
             return []
-        rows = self._shortlist(query, k, excluded)
+        return self._candidates(*self._ranked(query, self._shortlist(query, k, excluded), k))
+
+    def search_many(
+        self, queries: NDArray[np.float32], k: int, without: NDArray[np.bool_] | None = None
+    ) -> tuple[NDArray[np.intp], NDArray[np.float32]]:
+        """`search` for many means at once, by matrix products: the same places and the same distances.
+
+        Args:
+            queries: (Q, d) finite means.
+            k: how many places each query asks for.
+            without: (Q, N) True where a place is left out for a query; by default none is.
+
+        Returns:
+            (Q, min(k, N)) int rows of the places, indices into `place_ids`, nearest first, of equally near ones the
+            lowest id first; and (Q, min(k, N)) float32 distances, exact but for their rounding. A query for which
+            fewer places are left has infinite distances at the end, and rows there that mean nothing.
+        """
+        asked, k = np.asarray(queries, np.float32), min(k, len(self))
+        rows, distances = np.zeros((len(asked), k), np.intp), np.full((len(asked), k), np.inf, np.float32)
+        step = max(min(_BLOCK, 2**22 // max(len(self), 1)), 1)
+        for start in range(0, len(asked) if k else 0, step):
+            part = slice(start, start + step)
+            squares = self.squared_distances(asked[part])
+            if without is not None:
+                squares[without[part]] = np.inf
+            rows[part], distances[part] = self._nearest(asked[part], squares, k)
+        return rows, distances
+
+    def squared_distances(self, queries: NDArray[np.float32]) -> NDArray[np.float64]:
+        """(Q, N) squared distances |x|² + |q|² − 2 x·q of (Q, d) means to every place, in ascending order of id.
+
+        In double precision, and so off by (d + 8) 2⁻⁵³ (|x| + |q|)² at most: what should be 0 may be slightly below.
+        """
+        asked, means = np.asarray(queries, np.float64), self._columns.table.means
+        squares = np.empty((len(asked), len(means)), np.float64)
+        lengths = np.einsum('qd,qd->q', asked, asked)
+        for start in range(0, len(means), _BLOCK):
+            block = means[start : start + _BLOCK].astype(np.float64)
+            part = asked @ (-2.0 * block.T)
+            part += np.einsum('nd,nd->n', block, block)
+            part += lengths[:, np.newaxis]
+            squares[:, start : start + _BLOCK] = part
+        return squares
+
+    def _nearest(
+        self, queries: NDArray[np.float32], squares: NDArray[np.float64], k: int
+    ) -> tuple[NDArray[np.intp], NDArray[np.float32]]:
+        """(Q, k) rows and exact distances of the nearest places; the squared distances (Q, N) are nearly exact."""
+        rows = squares.argmin(axis=1)[:, np.newaxis] if k == 1 else np.argpartition(squares, k - 1, axis=1)[:, :k]
+        limits = self._limits(queries, np.take_along_axis(squares, rows, 1).max(axis=1))
+        distances = np.empty(rows.shape, np.float32)
+        step = max(self._rows_at_once // k, 1)
+        for start in range(0, len(rows), step):
+            part = slice(start, start + step)
+            pairs = self._distances(np.repeat(queries[part], k, axis=0), rows[part].reshape(-1))
+            distances[part] = pairs.reshape(-1, k)
+        order = np.lexsort((rows, distances), axis=1)
+        rows, distances = np.take_along_axis(rows, order, 1), np.take_along_axis(distances, order, 1)
+        # Where more than k are within the limit, any k of them were picked.
+        within = squares <= limits[:, np.newaxis]
+        for query in np.flatnonzero(np.count_nonzero(within, axis=1) != k).tolist():
+            found, exact = self._ranked(queries[query], np.flatnonzero(within[query]), k)
+            rows[query, : len(found)], distances[query, : len(found)] = found, exact
+            distances[query, len(found) :] = np.inf
+        return rows, distances
+
+    def _limits(self, queries: NDArray[np.float32], squares: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(Q,) squared distances up to which a place may be as near as the k-th, whose computed ones are `squares`."""
+        lengths = np.sqrt(np.einsum('qd,qd->q', queries, queries, dtype=np.float64))
+        error = (self.dimension + 8) * 2.0**-53 * (lengths + 1.001 * np.sqrt(self._largest_square())) ** 2
+        with np.errstate(over='ignore'):
+            rounded = np.sqrt(np.maximum(squares, 0.0) + error).astype(np.float32)
+        # Distances that round to the same single-precision number are equal.
+        beyond = np.nextafter(rounded, np.float32(np.inf)).astype(np.float64)
+        # Never infinite: that is what a place has that is left out.
+        limits: NDArray[np.float64] = np.minimum(beyond**2 + error, np.finfo(np.float64).max)
+        return limits
+
+    def _ranked(
+        self, query: NDArray[np.float32], rows: NDArray[np.intp], k: int
+    ) -> tuple[NDArray[np.intp], NDArray[np.float32]]:
+        """The k nearest of these ascending rows, and their distances; of equally near ones the first."""
         distances = self._distances(query, rows)
         nearest = np.argsort(distances, kind='stable')[:k]
-        return self._candidates(rows[nearest], distances[nearest])
+        return rows[nearest], distances[nearest]
 
     def _shortlist(self, query: NDArray[np.float32], k: int, excluded: NDArray[np.intp]) -> NDArray[np.intp]:
         """Ascending rows that are sure to hold the k nearest."""
@@ -127,11 +211,13 @@ class PlaceIndex:
         bound = (self.dimension + 8) * (_ROUND_OFF * largest + _TINY)
         return _least(scores, k, 2.0 * bound)
 
-    def _distances(self, query: NDArray[np.float32], rows: NDArray[np.intp]) -> NDArray[np.float32]:
+    def _distances(self, queries: NDArray[np.float32], rows: NDArray[np.intp]) -> NDArray[np.float32]:
+        """(M,) exact distances of (M,) rows, of all to one query (d,) or of each to its own (M, d)."""
         distances = np.empty(len(rows), np.float32)
-        for start in range(0, len(rows), _CHUNK):
-            part = slice(start, start + _CHUNK)
-            offsets = self._columns.table.means[rows[part]].astype(np.float64) - query
+        for start in range(0, len(rows), self._rows_at_once):
+            part = slice(start, start + self._rows_at_once)
+            offsets = self._columns.table.means[rows[part]].astype(np.float64)
+            offsets -= queries if queries.ndim == 1 else queries[part]
             with np.errstate(over='ignore'):
                 distances[part] = np.sqrt(np.sum(offsets * offsets, axis=1))
         return distances
@@ -148,6 +234,10 @@ class PlaceIndex:
         )
         return [Candidate(place_id, d, u, Pose(x_m, y_m, z_m, yaw)) for place_id, d, u, (x_m, y_m, z_m), yaw in places]
 
+    @property
+    def _rows_at_once(self) -> int:
+        return max(_CHUNK // max(self.dimension, 1), 1)
+
     def _largest_square(self) -> float:
         """Looked for once after each change."""
         if self._largest is None:
@@ -163,8 +253,8 @@ class PlaceIndex:
             self._squares = grown
         stored = self._columns.table.means
         first, end = (rows.start, rows.stop) if isinstance(rows, slice) else (0, len(rows))
-        for start in range(first, end, _CHUNK):
-            part = slice(start, min(start + _CHUNK, end))
+        for start in range(first, end, self._rows_at_once):
+            part = slice(start, min(start + self._rows_at_once, end))
             some = part if isinstance(rows, slice) else rows[part]
             means = stored[some].astype(np.float64)
             with np.errstate(over='ignore'):

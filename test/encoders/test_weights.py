@@ -152,7 +152,7 @@ def test_weights_of_another_program_are_refused(tmp_path: Path, found: dict[str,
     'changes, expected',
     [
         ({'settings': '{}'}, 'network setting azimuths is missing'),
-            ({'settings': '[]'}, 'network settings: expected an object'),
+        ({'settings': '[]'}, 'network settings: expected an object'),
         ({'settings': 'nonsense'}, 'network settings: expected JSON'),
         ({'stored': 'float8'}, 'offradar.stored: expected one of float32, float16'),
         ({'fingerprint': 'xyz'}, 'offradar.fingerprint: expected 64 hexadecimal digits'),

@@ -88,6 +88,99 @@ def test_same_as_the_slow_implementation(scans, replace, match_position, insert,
         assert fast.anchors([row]).tolist() == [[entry['ax'], entry['ay']]]
 
 
+def table_of(scans, first: int = 0) -> PlaceTable:
+    """Scans of a drive as rows, stamps from `first` on."""
+    count = len(scans)
+    stamps_ns = first + np.arange(count, dtype=np.int64)
+    positions_m = np.array([(x, y, 2.0) for _, x, y in scans], np.float64).reshape(count, 3)
+    return PlaceTable(
+        place_ids=np.zeros(count, np.int64),
+        session_ids=np.zeros(count, np.int32),
+        stamps_ns=stamps_ns,
+        positions_m=positions_m,
+        yaws_rad=np.full(count, 0.1),
+        uncertainties=np.array([u for u, _, _ in scans], np.float32),
+        means=np.repeat(stamps_ns[:, None], DIMENSION, axis=1).astype(np.float32),
+    )
+
+
+whole_metres = st.lists(
+    st.tuples(uncertainty, st.integers(0, 20).map(float), st.integers(-3, 3).map(float)), max_size=60
+)
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    drive | whole_metres,
+    drive | whole_metres,
+    st.sampled_from(['nearest', 'worst', 'all']),
+    st.sampled_from(['anchor', 'pose']),
+    st.booleans(),
+    st.sampled_from([0.0, 0.25]),
+)
+def test_a_drive_merged_at_once_gives_the_map_of_its_scans_one_by_one(
+    mapped, merged, replace, match_position, insert, margin
+):
+    first = MapConfig(replace=replace, match_position=match_position, replace_margin=margin)
+    second = dataclasses.replace(first, insert_unmatched=insert)
+    maps = []
+    for batched in (True, False):
+        parent = ParentMap(first, DIMENSION)
+        for config, session_id, scans in ((first, 1, table_of(mapped)), (second, 2, table_of(merged, 100))):
+            parent.config = config
+            before = [nearest_place(parent, pose) for pose in poses_of(scans)] if not insert else None
+            if batched:
+                merges = parent.merge_all(scans, session_id)
+                kinds = list(merges.kinds)
+                if session_id == 2 and before is not None and match_position == 'anchor':
+                    assert merges.nearest.tolist() == before
+            else:
+                kinds = [
+                    parent.merge(scan(int(stamp), float(u), float(stamp)), pose, session_id).kind
+                    for stamp, u, pose in zip(scans.stamps_ns, scans.uncertainties, poses_of(scans), strict=True)
+                ]
+        places = parent.table()
+        maps.append((kinds, parent.next_place_id, vars_of(places), parent.anchors(places.place_ids.tolist())))
+    (kinds, ids, columns, anchors), (slow_kinds, slow_ids, slow_columns, slow_anchors) = maps
+    assert (kinds, ids) == (slow_kinds, slow_ids)
+    for column, expected in zip(columns, slow_columns, strict=True):
+        np.testing.assert_array_equal(column, expected)
+    np.testing.assert_array_equal(anchors, slow_anchors)
+
+
+def poses_of(scans: PlaceTable) -> list[Pose]:
+    return [Pose(x, y, z, 0.1) for x, y, z in scans.positions_m.tolist()]
+
+
+def nearest_place(parent: ParentMap, pose: Pose) -> int:
+    """Id of the nearest anchor within D_t, −1 where there is none."""
+    ids = parent.table().place_ids.tolist()
+    apart = [(math.hypot(x - pose.x_m, y - pose.y_m), i) for i, (x, y) in zip(ids, parent.anchors(ids), strict=True)]
+    return min((pair for pair in apart if pair[0] < 5.0), default=(0.0, -1))[1]
+
+
+@pytest.mark.parametrize(
+    ('column', 'value', 'cause', 'words'),
+    [
+        ('means', math.nan, 'invalid_embedding', 'embedding at 101 ns: expected a finite mean'),
+        ('uncertainties', math.inf, 'invalid_embedding', 'embedding at 101 ns: .*finite U of 0 or more'),
+        ('uncertainties', -1.0, 'invalid_embedding', 'embedding at 101 ns'),
+        ('positions_m', math.nan, 'invalid_position', 'scan at 101 ns: expected finite metres'),
+        ('positions_m', 1e9, 'invalid_position', 'scan at 101 ns'),
+    ],
+)
+def test_of_many_scans_one_that_is_unusable_leaves_the_map_as_it_was(column, value, cause, words):
+    parent = ParentMap(MapConfig(), DIMENSION)
+    scans = table_of([(1.0, 0.0, 0.0), (1.0, 9.0, 0.0), (1.0, 18.0, 0.0)], 100)
+    getattr(scans, column)[1] = value
+    with pytest.raises(RefusedInput, match=words) as refused:
+        parent.merge_all(scans, 1)
+    assert refused.value.cause == cause
+    assert len(parent) == 0
+    with pytest.raises(RefusedInput, match=r'expected means of shape \(3, 2\)'):
+        ParentMap(MapConfig(), 2).merge_all(table_of([(1.0, 0.0, 0.0)] * 3), 1)
+
+
 @settings(max_examples=150, deadline=None)
 @given(drive, st.sampled_from(['nearest', 'worst', 'all']))
 def test_anchored_every_position_keeps_a_scan_within_twice_the_distance(scans, replace):

@@ -99,6 +99,68 @@ def test_near_duplicates_far_from_zero_keep_their_order():
     assert index.search(query, 1)[0].distance == 0.0
 
 
+@settings(max_examples=300, deadline=None)
+@given(
+    st.lists(st.lists(value, min_size=3, max_size=3), max_size=20),
+    st.lists(st.lists(value, min_size=3, max_size=3), max_size=6),
+    st.integers(1, 25),
+    st.booleans(),
+    st.randoms(use_true_random=False),
+)
+def test_many_queries_find_what_each_of_them_finds(means, queries, k, repeat, random):
+    # A place that is there twice, and a query of a place, are what ties are made of.
+    means = np.array(means + means[:5] * repeat, np.float32).reshape(-1, 3)
+    queries = np.concatenate([np.array(queries, np.float32).reshape(-1, 3), means[:3]])
+    index = PlaceIndex(3)
+    index.upsert(table_of(means, 2 * np.arange(len(means))))
+    left_out = np.array([[random.random() < 0.3 for _ in means] for _ in queries], np.bool_).reshape(
+        len(queries), len(means)
+    )
+    for without in (None, left_out):
+        rows, distances = index.search_many(queries, k, without)
+        assert rows.shape == distances.shape == (len(queries), min(k, len(means)))
+        for number, query in enumerate(queries):
+            ids = None if without is None else index.place_ids[without[number]]
+            expected = found(index, query, k, without=ids)
+            listed = list(zip(distances[number].tolist(), index.place_ids[rows[number]].tolist(), strict=True))
+            assert listed[: len(expected)] == expected
+            # Distances beyond single precision are infinite too.
+            assert all(distance == np.inf for distance, _ in listed[len(expected) :])
+
+
+def test_many_queries_at_once_against_cdist():
+    rng = np.random.default_rng(4)
+    # Far from the origin single precision would cancel; the last place is the first again.
+    means = (rng.normal(size=(700, 16)) + 1000.0).astype(np.float32)
+    means[-1] = means[0]
+    queries = (means[rng.permutation(700)[:600]] + rng.normal(0.0, 0.01, (600, 16))).astype(np.float32)
+    index = PlaceIndex(16)
+    index.upsert(table_of(means))
+    exact = cdist(queries.astype(float), means.astype(float))
+    np.testing.assert_allclose(index.squared_distances(queries), exact**2, rtol=0.0, atol=1e-6)
+    for k in (1, 5):
+        rows, distances = index.search_many(queries, k)
+        order = np.argsort(exact.astype(np.float32), axis=1, kind='stable')[:, :k]
+        np.testing.assert_array_equal(rows, order)
+        np.testing.assert_array_equal(distances, np.take_along_axis(exact, order, 1).astype(np.float32))
+
+
+def test_many_equal_places_are_found_in_order_of_their_ids():
+    index = PlaceIndex(4)
+    index.upsert(table_of(np.zeros((300, 4))))
+    rows, distances = index.search_many(np.zeros((3, 4), np.float32), 20)
+    assert rows.tolist() == [list(range(20))] * 3
+    assert not distances.any()
+
+
+def test_of_no_places_and_of_no_queries_nothing_is_found():
+    index = PlaceIndex(4)
+    assert [part.shape for part in index.search_many(np.zeros((3, 4), np.float32), 5)] == [(3, 0), (3, 0)]
+    assert index.squared_distances(np.zeros((3, 4), np.float32)).shape == (3, 0)
+    index.upsert(table_of(np.zeros((2, 4))))
+    assert [part.shape for part in index.search_many(np.zeros((0, 4), np.float32), 5)] == [(0, 2), (0, 2)]
+
+
 def test_ties_go_by_place_id():
     index = PlaceIndex(2)
     index.upsert(table_of(np.ones((6, 2)), place_ids=[9, 4, 30, 2, 7, 5]))

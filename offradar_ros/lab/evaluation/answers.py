@@ -9,14 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive
+from offradar_ros.lab.evaluation.evaluated_drive import EvaluatedDrive
 from offradar_ros.lab.evaluation.metrics.pair_level import PairLevel, PairTally
 from offradar_ros.lab.evaluation.nearness import distances_m
-from offradar_ros.lab.evaluation.neighbours import k_least, squared_distances
 from offradar_ros.recordings.spacing import subsample_by_distance
+from offradar_ros.retrieval.place_index import PlaceIndex
 from offradar_ros.types import PlaceTable
 
 DEPTH = 10
-"""So many nearest places are judged."""
+"""So many nearest places of each query are evaluated."""
 
 NOT_FOUND = 1_000_000
 """Rank where none of them is right."""
@@ -112,12 +113,13 @@ def answers(
     all_pairs: bool = False,
     depth: int = DEPTH,
 ) -> Answers:
-    """Search the places for every scan of `query`, by exact Euclidean distance; so many nearest ones are judged.
+    """Search the places, ids 0, 1, …, for every scan of `query`; the `depth` nearest of each are evaluated.
 
     `all_pairs` asks for `pair_level`, which takes as long again.
     """
     count, depth = len(query.means), min(depth, len(places))
-    positions_m, truth_m = places.positions_m[:, :2], query.drive.poses[:, :2]
+    index = PlaceIndex(places.means.shape[1], len(places))
+    index.upsert(places)
     ranks = np.full(count, NOT_FOUND, np.int64)
     found, right = np.zeros((2, count), np.int64)
     errors_m, distances = np.full((2, count), np.inf)
@@ -125,23 +127,21 @@ def answers(
     tally = PairTally() if all_pairs else None
     for start in range(0, count if len(places) else 0, _BLOCK):
         part = slice(start, start + _BLOCK)
-        squares = squared_distances(query.means[part], places.means)
-        apart_m = distances_m(truth_m[part], positions_m)
-        if rules.exclusion_ns:
-            late_ns = np.abs(places.stamps_ns - query.drive.stamps_ns[part, None])
-            squares[late_ns <= rules.exclusion_ns] = np.inf
-            apart_m[late_ns <= rules.exclusion_ns] = np.inf
-        usable = query.usable[part]
+        apart_m = _apart_m(places, query.drive, part, rules)
+        left_out, usable = np.isinf(apart_m), query.usable[part]
+        without = left_out[usable] if rules.exclusion_ns else None
+        rows, nearness = np.zeros((len(usable), depth), np.intp), np.full((len(usable), depth), np.nan)
+        rows[usable], nearness[usable] = index.search_many(query.means[part][usable], depth, without)
         if tally:
-            known = np.isfinite(apart_m)
-            reached = np.where(usable[:, None], squares, np.inf)
-            tally.add(reached, known & (apart_m <= rules.tolerance_m), known & (apart_m > rules.negative_m))
-        rows = k_least(squares, depth)
-        near = (np.take_along_axis(apart_m, rows, 1) <= rules.tolerance_m) & usable[:, None]
+            squares = np.full(apart_m.shape, np.inf)
+            squares[usable] = index.squared_distances(query.means[part][usable])
+            squares[left_out] = np.inf
+            tally.add(squares, apart_m <= rules.tolerance_m, ~left_out & (apart_m > rules.negative_m))
+        near = (np.take_along_axis(apart_m, rows, 1) <= rules.tolerance_m) & np.isfinite(nearness)
         ranks[part] = np.where(near.any(axis=1), np.argmax(near, axis=1), NOT_FOUND)
         found[part], right[part] = rows[:, 0], apart_m.argmin(axis=1)
         errors_m[part] = np.take_along_axis(apart_m, rows[:, :1], 1)[:, 0]
-        distances[part] = np.sqrt(np.maximum(np.take_along_axis(squares, rows[:, :1], 1)[:, 0], 0.0))
+        distances[part] = nearness[:, 0]
         positive[part] = apart_m.min(axis=1) <= rules.tolerance_m
     return Answers(
         pair,
@@ -162,23 +162,31 @@ def answers(
 def answers_from(pair: Pair, mapped: EmbeddedDrive, query: EmbeddedDrive, rules: Rules) -> Answers:
     """Search the map made of one drive for another's scans; rows of places become rows of the mapped drive.
 
-    Queries have a right place where the drive has one, also if the encoder refused its scan: so all methods are asked
-    the same. A map without any place answers nothing.
+    Queries have a right place where the drive has one, also if the encoder refused its scan: so all methods have the
+    same queries. A map without any place answers nothing.
     """
     rows = map_rows(mapped, pair.spacing_m)
-    told = answers(pair, places_of(mapped, rows), query, rules, all_pairs=True)
+    searched = answers(pair, places_of(mapped, rows), query, rules, all_pairs=True)
     if not mapped.usable.all():
-        told = dataclasses.replace(told, positive=_positive(mapped, pair.spacing_m, query, rules))
+        searched = dataclasses.replace(searched, positive=_positive(mapped, pair.spacing_m, query, rules))
     if not len(rows):
-        return told
-    return dataclasses.replace(told, found=rows[told.found], right=rows[told.right])
+        return searched
+    return dataclasses.replace(searched, found=rows[searched.found], right=rows[searched.right])
+
+
+def _apart_m(places: PlaceTable, drive: EvaluatedDrive, part: slice, rules: Rules) -> NDArray[np.float64]:
+    """(B, P) metres from where some scans of a drive were taken to the places; infinite to those that are left out."""
+    apart_m = distances_m(drive.poses[part, :2], places.positions_m[:, :2])
+    if rules.exclusion_ns:
+        late_ns = np.abs(places.stamps_ns - drive.stamps_ns[part, np.newaxis])
+        apart_m[late_ns <= rules.exclusion_ns] = np.inf
+    return apart_m
 
 
 def _positive(mapped: EmbeddedDrive, spacing_m: float, query: EmbeddedDrive, rules: Rules) -> NDArray[np.bool_]:
     """(Q,) whether the map would hold a right place had no scan been refused."""
     whole = dataclasses.replace(mapped, uncertainties=np.zeros(len(mapped.uncertainties)))
-    blank = dataclasses.replace(whole, means=np.zeros((len(whole.means), 1), np.float32))
-    asked = dataclasses.replace(query, means=np.zeros((len(query.means), 1), np.float32))
-    return answers(
-        Pair('', '', '', 0, 0, spacing_m), places_of(blank, map_rows(whole, spacing_m)), asked, rules
-    ).positive
+    places = places_of(whole, map_rows(whole, spacing_m))
+    parts = [slice(start, start + _BLOCK) for start in range(0, len(query.means), _BLOCK)]
+    nearest_m = [_apart_m(places, query.drive, part, rules).min(axis=1) for part in parts]
+    return np.asarray(np.concatenate(nearest_m) <= rules.tolerance_m)

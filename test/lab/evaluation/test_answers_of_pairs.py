@@ -1,4 +1,4 @@
-"""Searching one drive from another, against slow loops and the deployed search."""
+"""Searching one drive from another, against slow loops."""
 
 from __future__ import annotations
 
@@ -7,43 +7,11 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from offradar_ros.lab.evaluation.answers import DEPTH, NOT_FOUND, Pair, Rules, answers_from, map_rows
 from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive
-from offradar_ros.lab.evaluation.neighbours import k_least, squared_distances
-from offradar_ros.retrieval.place_index import PlaceIndex
-from offradar_ros.types import Place, PlaceTable, Pose
 
 Street = Callable[..., EmbeddedDrive]
-
-
-def test_nearest_places_are_those_of_the_deployed_search() -> None:
-    rng = np.random.default_rng(4)
-    # Far from the origin single precision would cancel; the last place is the first again.
-    places = (rng.normal(0.0, 1.0, (300, 16)) + 1000.0).astype(np.float32)
-    places[-1] = places[0]
-    queries = (places[rng.permutation(300)[:270]] + rng.normal(0.0, 0.01, (270, 16))).astype(np.float32)
-    squares = squared_distances(queries, places)
-    rows = k_least(squares, 5)
-    distances = np.sqrt(np.maximum(np.take_along_axis(squares, rows, 1), 0.0))
-    index = PlaceIndex(16)
-    index.upsert(PlaceTable.from_places([Place(i, 1, i, Pose(0, 0), 1.0, m) for i, m in enumerate(places)], 16))
-    for query, row, distance in zip(queries, rows, distances, strict=True):
-        found = index.search(query, 5)
-        assert [candidate.place_id for candidate in found] == row.tolist()
-        np.testing.assert_allclose([candidate.distance for candidate in found], distance, rtol=1e-4)
-
-
-@settings(max_examples=100, deadline=None)
-@given(st.integers(1, 12), st.integers(0, 2**31))
-def test_the_least_are_in_order_and_of_equal_ones_the_first_counts(k: int, seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    values = rng.integers(0, 6, (8, 12)).astype(float)
-    values[0], values[1, ::2], values[2, 3] = np.nan, np.inf, np.nan
-    expected = [sorted(range(12), key=lambda c: (np.isnan(row[c]), row[c], c))[:k] for row in values]
-    assert k_least(values, k).tolist() == expected
 
 
 def test_answers_against_a_loop(embedded_street: Street) -> None:
