@@ -24,6 +24,15 @@ from offradar_ros.lab.drives.range_reduction import Reduction, at_azimuths
 from offradar_ros.processes import Progress, shared_out
 from offradar_ros.types import PolarScan
 
+COLUMNS: dict[str, Any] = {
+    'stamps_ns': np.int64,
+    'poses': np.float64,
+    'driven_m': np.float64,
+    'kinds': np.str_,
+    'severities': np.float64,
+}
+"""What a drive knows of each of its scans, in the order of `Drive`, and of which type."""
+
 
 def cached_drives(
     sources: Sequence[DriveSource],
@@ -71,7 +80,6 @@ def _make(source: DriveSource, path: Path, reduction: Reduction | None) -> None:
     drive = source.open()
     partial = path.with_suffix(f'.{os.getpid()}.partial.npy')
     rows: list[int] = []
-    power: np.memmap[Any, np.dtype[np.uint8]] | None = None
     first: PolarScan | None = None
     for row in range(len(drive)):
         try:
@@ -81,14 +89,14 @@ def _make(source: DriveSource, path: Path, reduction: Reduction | None) -> None:
         scan = at_azimuths(scan, np.sort(scan.azimuths_rad) if first is None else first.azimuths_rad)
         if reduction:
             scan = reduction(scan)
-        if first is None or power is None:
+        if first is None:
             first = scan
             power = np.lib.format.open_memmap(partial, 'w+', np.uint8, (len(drive), *scan.power.shape))
-        elif not _alike(scan, first):
+        elif _size(scan) != _size(first):
             continue
         power[len(rows)] = scan.power
         rows.append(row)
-    if first is None or power is None:
+    if first is None:
         raise DataError(f'{source.name}: no scan of it can be read')
     power.flush()
     partial.replace(path.with_suffix('.npy'))
@@ -101,23 +109,15 @@ def _make(source: DriveSource, path: Path, reduction: Reduction | None) -> None:
         'azimuths_rad': first.azimuths_rad.tolist(),
         'range_resolution_m': first.range_resolution_m,
         'range_offset_m': first.range_offset_m,
-        'stamps_ns': drive.stamps_ns[rows].tolist(),
-        'poses': drive.poses[rows].tolist(),
-        'driven_m': drive.driven_m[rows].tolist(),
-        'kinds': drive.kinds[rows].tolist(),
-        'severities': drive.severities[rows].tolist(),
+        **{name: getattr(drive, name)[rows].tolist() for name in COLUMNS},
     }
     text = path.with_suffix(f'.{os.getpid()}.partial.json')
     text.write_text(json.dumps(known), encoding='utf-8')
     text.replace(path)
 
 
-def _alike(scan: PolarScan, first: PolarScan) -> bool:
-    return (
-        scan.power.shape == first.power.shape
-        and scan.range_resolution_m == first.range_resolution_m
-        and scan.range_offset_m == first.range_offset_m
-    )
+def _size(scan: PolarScan) -> tuple[tuple[int, ...], float, float]:
+    return scan.power.shape, scan.range_resolution_m, scan.range_offset_m
 
 
 def _read(path: Path) -> Drive:
@@ -126,24 +126,15 @@ def _read(path: Path) -> Drive:
         power = np.load(path.with_suffix('.npy'), mmap_mode='r', allow_pickle=False)
         azimuths_rad = np.array(known['azimuths_rad'], np.float64)
         resolution_m, offset_m = float(known['range_resolution_m']), float(known['range_offset_m'])
-        stamps_ns = np.array(known['stamps_ns'], np.int64)
-        drive = Drive(
-            name=known['name'],
-            world=known['world'],
-            key=path.stem,
-            stamps_ns=stamps_ns,
-            poses=np.array(known['poses'], np.float64),
-            driven_m=np.array(known['driven_m'], np.float64),
-            kinds=np.array(known['kinds'], np.str_),
-            severities=np.array(known['severities'], np.float64),
-            read_scan=lambda row: PolarScan(
-                int(stamps_ns[row]), np.array(power[row]), azimuths_rad, resolution_m, offset_m
-            ),
-            layout=known['layout'],
-        )
+        columns = {name: np.array(known[name], dtype) for name, dtype in COLUMNS.items()}
+        name, world, layout = known['name'], known['world'], known['layout']
     except (OSError, ValueError, KeyError, TypeError, EOFError) as error:
         raise DataError(f'{path}: damaged cached drive ({error}): remove it to make it again') from None
-    columns = (drive.poses, drive.driven_m, drive.kinds, drive.severities)
-    if any(len(column) != len(drive) for column in columns) or len(power) < len(drive):
+    stamps_ns, poses, driven_m, kinds, severities = columns.values()
+    if {len(column) for column in columns.values()} != {len(stamps_ns)} or len(power) < len(stamps_ns):
         raise DataError(f'{path}: its files do not belong together: remove it to make it again')
-    return drive
+
+    def read_scan(row: int) -> PolarScan:
+        return PolarScan(int(stamps_ns[row]), np.array(power[row]), azimuths_rad, resolution_m, offset_m)
+
+    return Drive(name, world, path.stem, stamps_ns, poses, driven_m, kinds, severities, read_scan, layout)

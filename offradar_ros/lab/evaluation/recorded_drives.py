@@ -16,7 +16,6 @@ from offradar_ros.lab.evaluation.protocol import VALIDATION, Group, Protocol, Re
 from offradar_ros.recordings.datasets.splits import read_split
 from offradar_ros.recordings.road import open_road
 from offradar_ros.recordings.source import open_source
-from offradar_ros.sequence import RadarSequence
 
 
 class Recordings(NamedTuple):
@@ -32,19 +31,11 @@ class Recordings(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class RecordedSource:
-    """Where recorded drives are and how they are read: `root` holds the folders that a protocol names, if given.
-
-    `layout` is that of every data-set folder among them; auto recognises each.
-    """
+    """Where recorded drives are and how they are read: `root` holds the folders that a protocol names, if given."""
 
     root: Path | None = None
     radar: RadarConfig = dataclasses.field(default_factory=RadarConfig)
     position: PositionConfig = dataclasses.field(default_factory=PositionConfig)
-    layout: str = 'auto'
-
-    def open(self, name: str) -> RadarSequence:
-        """The sequence at a path, or of a name in `root`."""
-        return open_source(self.path(name), self.layout, self.radar)
 
     def path(self, name: str) -> Path:
         """Where a folder that a protocol names would be."""
@@ -104,7 +95,7 @@ def _opened(
 ) -> Iterator[Drive]:
     split = read_split(road.split) if road.split else None
     paths = [source.path(part.name) for part in parts]
-    opened = open_road(paths, source.layout, source.radar, source.position, name=road.name)
+    opened = open_road(paths, radar=source.radar, position=source.position, name=road.name)
     notes += opened.notes
     for index, (part, whole) in enumerate(zip(parts, opened.drives, strict=True)):
         tested = part_of_split(whole, split, tested=True) if split else whole
@@ -117,7 +108,7 @@ def _opened(
 
 def _validation(name: str, protocol: Protocol, source: RecordedSource) -> Drive:
     """So many scans, evenly spread; where they were taken does not matter."""
-    sequence = source.open(name)
+    sequence = open_source(source.path(name), radar=source.radar)
     rows = np.unique(np.linspace(0, len(sequence) - 1, protocol.validation.scans).round().astype(np.intp))
     drive = drive_of_scans(sequence, rows, f'{name}_1', name)
     return dataclasses.replace(drive, group=VALIDATION, mapped=False, queried=False)

@@ -10,7 +10,7 @@ from offradar_ros.encoders.network_config import NetworkConfig
 
 @dataclasses.dataclass(frozen=True)
 class DataConfig:
-    """What scans there are to learn from: simulated worlds, and folders of recorded drives."""
+    """What scans there are to learn from: simulated worlds and recorded drives."""
 
     worlds: int = parameter(40, 'simulated worlds', minimum=0, maximum=100_000)
     first_seed: int = parameter(10_000, 'seed of the first world; the others follow', minimum=0, maximum=2**31)
@@ -22,11 +22,15 @@ class DataConfig:
         'drawn', 'of the radar: drawn anew for each world, or the same in all', choices=('nominal', 'drawn')
     )
     bad_weather: float = parameter(0.2, 'share of drives in rain, snow or fog', minimum=0.0, maximum=1.0)
-    sequences: tuple[str, ...] = parameter((), 'folders of recorded drives with positions')
+    sequences: tuple[str, ...] = parameter((), 'bags or data-set folders of recorded drives, with positions')
     split: str = parameter('', 'a split (name or YAML file) whose training sequences are learnt from; empty for none')
     root: str = parameter('', 'folder that holds the sequences of the split')
     sequence_spacing_m: float = parameter(
-        1.0, 'recorded scans nearer than this to the last one kept are passed over', unit='m', minimum=0.0, maximum=100
+        1.0,
+        'mean distance driven between two recorded scans that are kept, 0 for all',
+        unit='m',
+        minimum=0.0,
+        maximum=100,
     )
 
 
@@ -46,9 +50,13 @@ class ValidationConfig:
         choices=('nominal', 'drawn', 'held_out'),
     )
     bad_weather: float = parameter(0.2, 'share of drives in rain, snow or fog', minimum=0.0, maximum=1.0)
-    sequences: tuple[str, ...] = parameter((), 'folders of recorded drives with positions')
+    sequences: tuple[str, ...] = parameter((), 'bags or data-set folders of recorded drives, with positions')
     sequence_spacing_m: float = parameter(
-        1.0, 'recorded scans nearer than this to the last one kept are passed over', unit='m', minimum=0.0, maximum=100
+        1.0,
+        'mean distance driven between two recorded scans that are kept, 0 for all',
+        unit='m',
+        minimum=0.0,
+        maximum=100,
     )
     map_spacing_m: float = parameter(5.0, 'one scan in so much way is mapped', unit='m', minimum=0.1, maximum=100.0)
     every_steps: int = parameter(500, 'steps between validations', minimum=1, maximum=10**9)
