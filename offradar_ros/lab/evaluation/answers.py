@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from offradar_ros.lab.drives.drive import Drive
 from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive
-from offradar_ros.lab.evaluation.evaluated_drive import EvaluatedDrive
 from offradar_ros.lab.evaluation.metrics.pair_level import PairLevel, PairTally
 from offradar_ros.lab.evaluation.nearness import distances_m
 from offradar_ros.recordings.spacing import subsample_by_distance
@@ -174,7 +174,7 @@ def answers_from(pair: Pair, mapped: EmbeddedDrive, query: EmbeddedDrive, rules:
     return dataclasses.replace(searched, found=rows[searched.found], right=rows[searched.right])
 
 
-def _apart_m(places: PlaceTable, drive: EvaluatedDrive, part: slice, rules: Rules) -> NDArray[np.float64]:
+def _apart_m(places: PlaceTable, drive: Drive, part: slice, rules: Rules) -> NDArray[np.float64]:
     """(B, P) metres from where some scans of a drive were taken to the places; infinite to those that are left out."""
     apart_m = distances_m(drive.poses[part, :2], places.positions_m[:, :2])
     if rules.exclusion_ns:
