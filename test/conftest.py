@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, settings
 from numpy.typing import NDArray
 
 from offradar_ros.geometry import GeoPoint, LocalFrame, Trajectory
@@ -16,6 +17,10 @@ from offradar_ros.recordings.bags.writer import write_bag
 from offradar_ros.types import PolarScan
 
 pytest_plugins = ('commands',)
+
+# However busy the machine is, time is never what a test fails of.
+settings.register_profile('any_machine', deadline=None, suppress_health_check=[HealthCheck.too_slow])
+settings.load_profile('any_machine')
 
 PROJECT = Path(__file__).resolve().parent.parent
 ORIGIN = GeoPoint(51.75, -1.25, 70.0)

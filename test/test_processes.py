@@ -17,6 +17,8 @@ import pytest
 from offradar_ros.errors import DataError
 from offradar_ros.processes import shared_out
 
+WAIT_S = 60.0
+
 
 @pytest.mark.parametrize('processes', [1, 2])
 def test_each_task_is_done_and_told_of(tmp_path: Path, processes: int) -> None:
@@ -68,15 +70,15 @@ def test_an_error_of_the_system_is_no_dead_process(monkeypatch: pytest.MonkeyPat
 
 
 def test_no_process_outlives_the_one_that_started_it() -> None:
-    code = 'import time; from offradar_ros.processes import shared_out; shared_out(time.sleep, [(90,)] * 2, 2)'
+    code = 'import time; from offradar_ros.processes import shared_out; shared_out(time.sleep, [(900,)] * 2, 2)'
     parent = subprocess.Popen([sys.executable, '-c', code])
     try:
-        assert within_s(30.0, lambda: len(workers_of(parent.pid)) == 2)
+        assert within_s(WAIT_S, lambda: len(workers_of(parent.pid)) == 2)
         children = workers_of(parent.pid)
     finally:
         parent.kill()
         parent.wait()
-    assert within_s(30.0, lambda: not any(lives(pid) for pid in children))
+    assert within_s(WAIT_S, lambda: not any(lives(pid) for pid in children))
 
 
 def test_ctrl_c_ends_the_others_which_tidy_up(tmp_path: Path) -> None:
@@ -88,14 +90,14 @@ def test_ctrl_c_ends_the_others_which_tidy_up(tmp_path: Path) -> None:
     paths = os.pathsep.join([str(tmp_path), *sys.path])
     parent = subprocess.Popen(command, env={**os.environ, 'PYTHONPATH': paths}, stderr=subprocess.PIPE, text=True)
     try:
-        assert within_s(30.0, lambda: (tmp_path / 'a').exists() and (tmp_path / 'b').exists())
+        assert within_s(WAIT_S, lambda: (tmp_path / 'a').exists() and (tmp_path / 'b').exists())
         parent.send_signal(signal.SIGINT)
-        _, said = parent.communicate(timeout=30.0)
+        _, said = parent.communicate(timeout=WAIT_S)
     finally:
         parent.kill()
         parent.wait()
     assert said.rstrip().endswith('KeyboardInterrupt')
-    assert not any((tmp_path / name).exists() for name in 'abcd')
+    assert within_s(WAIT_S, lambda: not any((tmp_path / name).exists() for name in 'abcd'))
 
 
 SLOW_TASK = """
@@ -105,7 +107,7 @@ def slow(path):
     mark = pathlib.Path(path)
     mark.touch()
     try:
-        time.sleep(90)
+        time.sleep(900)
     finally:
         mark.unlink()
 """

@@ -16,7 +16,7 @@ from offradar_ros.config import Config, load_config, read_parameters
 
 def process(*arguments: str) -> subprocess.CompletedProcess[str]:
     command = [sys.executable, '-m', 'offradar_ros.cli.main', *arguments]
-    return subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    return subprocess.run(command, capture_output=True, text=True, timeout=180, check=False)
 
 
 def test_a_process_prints_the_version() -> None:

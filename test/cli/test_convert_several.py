@@ -121,10 +121,11 @@ def test_bags_are_not_put_among_the_sequences(refused: Callable[..., str], data_
 def test_ctrl_c_leaves_what_is_finished_and_the_next_run_goes_on(
     done: Callable[..., str], data_set: Path, street: Callable[..., Any], tmp_path: Path
 ) -> None:
-    long = write_oxford(street(count=3), data_set / 'zoo')
-    scan = min((long / 'radar').glob('*.png'))
-    for number in range(1, 1500):
-        os.link(scan, scan.with_name(f'{int(scan.stem) + 1_000_000 * number}.png'))
+    unfinished = write_oxford(street(count=3), data_set / 'zoo')
+    # A pipe that nobody writes to: whoever reads this scan waits until he is interrupted, however fast the others are.
+    last = max((unfinished / 'radar').glob('*.png'))
+    pipe = last.with_name(f'{int(last.stem) + 1_000_000}.png')
+    os.mkfifo(pipe)
     out = tmp_path / 'bags'
     # A shell's background jobs, such as a run of these tests may be, and all that they start ignore Ctrl-C.
     command = ['env', '--default-signal=INT', sys.executable, '-m', 'offradar_ros.cli.main']
@@ -135,7 +136,7 @@ def test_ctrl_c_leaves_what_is_finished_and_the_next_run_goes_on(
         text=True,
     )
     deadline_s = time.monotonic() + WAIT_S
-    while not ((out / 'tuesday').exists() and any(file.stat().st_size for file in out.glob('zoo.partial/**/*.mcap'))):
+    while not (all((out / name).exists() for name in NAMES) and any(out.glob('zoo.partial/**/*.mcap'))):
         assert process.poll() is None, process.communicate()
         assert time.monotonic() < deadline_s
         time.sleep(0.01)
@@ -144,7 +145,6 @@ def test_ctrl_c_leaves_what_is_finished_and_the_next_run_goes_on(
     assert process.returncode != 0
     assert 'Traceback' not in said
     assert sorted(path.name for path in out.iterdir()) == sorted(NAMES)
-    for extra in sorted((long / 'radar').glob('*.png'))[3:]:
-        extra.unlink()
+    pipe.unlink()
     assert done('convert', data_set, out).count('there already') == 3
     assert len(BagSequence(out / 'zoo')) == 3

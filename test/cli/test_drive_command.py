@@ -271,7 +271,7 @@ def test_ctrl_c_ends_the_session_and_keeps_it(street_bag: Callable[..., Path], t
         'sys.exit(main())\n'
     )
     command = [sys.executable, '-c', code, 'drive', str(bag), '--map', str(db), '--session', 'one']
-    ran = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    ran = subprocess.run(command, capture_output=True, text=True, timeout=180, check=False)
     assert ran.returncode == 130, ran.stderr
     assert 'Traceback' not in ran.stderr
     (line,) = ran.stdout.splitlines()

@@ -11,6 +11,9 @@ from pathlib import Path
 
 import pytest
 
+WAIT_S = 120.0
+"""Longer than the command itself waits for a map server."""
+
 
 def test_it_says_what_it_needs(refused: Callable[..., str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr('importlib.util.find_spec', lambda name: None)
@@ -29,7 +32,7 @@ def test_every_action_reaches_the_map_server(tmp_path: Path) -> None:
         def call(action: str) -> tuple[int, str, str]:
             command = [sys.executable, '-m', 'offradar_ros.cli.main', 'session', action]
             ran = subprocess.run(
-                command, env=nodes.environment, capture_output=True, text=True, timeout=60, check=False
+                command, env=nodes.environment, capture_output=True, text=True, timeout=WAIT_S, check=False
             )
             # Where the machine is busy, the two may take seconds to find one another.
             said = [line for line in ran.stderr.splitlines(keepends=True) if not line.startswith('waiting for ')]
@@ -50,7 +53,9 @@ def test_no_map_server_is_one_line() -> None:
     from offradar_ros.lab.live.node_processes import isolated_environment  # noqa: PLC0415
 
     command = [sys.executable, '-m', 'offradar_ros.cli.main', 'session', 'end', '--timeout', '0.5']
-    ran = subprocess.run(command, env=isolated_environment(75), capture_output=True, text=True, timeout=60, check=False)
+    ran = subprocess.run(
+        command, env=isolated_environment(75), capture_output=True, text=True, timeout=WAIT_S, check=False
+    )
     assert (ran.returncode, ran.stdout) == (1, '')
     assert ran.stderr == 'error: service map_server/end_session: no map server within 0.5 s\n'
 
@@ -67,7 +72,7 @@ def test_a_long_wait_is_spoken_of_and_ends_when_told(sent: signal.Signals, statu
         assert said.startswith('waiting for the service /map_server/end_session (gives up after 60 s; is map_server')
         waiting.send_signal(sent)
         assert waiting.stderr.read() == 'interrupted while waiting for the service /map_server/end_session\n'
-        assert waiting.wait(60) == status
+        assert waiting.wait(WAIT_S) == status
 
 
 @pytest.mark.skipif(importlib.util.find_spec('rclpy') is None, reason='rclpy is not installed')
@@ -79,7 +84,7 @@ def test_a_map_server_that_does_not_answer_is_spoken_of(tmp_path: Path) -> None:
     with Stack(tmp_path / 'logs', 77, parameters, names=['map_server_node']) as nodes:
         nodes.wait_until_ready()
         # The first call tells that the two find one another.
-        assert subprocess.run(command, env=nodes.environment, capture_output=True, timeout=60, check=False).stdout
+        assert subprocess.run(command, env=nodes.environment, capture_output=True, timeout=WAIT_S, check=False).stdout
         server = nodes.nodes['map_server_node'].process
         server.send_signal(signal.SIGSTOP)
         try:
@@ -90,6 +95,6 @@ def test_a_map_server_that_does_not_answer_is_spoken_of(tmp_path: Path) -> None:
                 waiting.send_signal(signal.SIGTERM)
                 (last,) = waiting.stderr.readlines()
                 assert last.startswith('interrupted while waiting for the ')
-                assert waiting.wait(60) == 143
+                assert waiting.wait(WAIT_S) == 143
         finally:
             server.send_signal(signal.SIGCONT)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from live_nodes import Observer, key, replay, wait_until
+from live_nodes import ROOMY, Observer, key, replay, wait_until
 
 from offradar_ros.config import load_config
 from offradar_ros.encoders.registry import make_encoder
@@ -19,7 +19,6 @@ from offradar_ros.recordings.drive import drive
 from offradar_ros.types import Match, Outcome, PlaceTable
 
 PARAMETERS = {'map.match_distance_m': 4.0, 'query.top_k': 3, 'query.delta': 0.4, 'encoder.ring_key.variance_scale': 2.1}
-PARAMETERS |= {'encoder.backlog': 10}  # a busy machine must not cost a scan
 SCANS = 16
 
 
@@ -61,7 +60,7 @@ def through_nodes(
     **parameters: Any,
 ) -> list[Outcome]:
     outcomes = observer.hear_outcomes()
-    with stack(PARAMETERS | {'map.path': str(path)} | parameters) as nodes:
+    with stack(PARAMETERS | ROOMY | {'map.path': str(path)} | parameters) as nodes:
         nodes.wait_until_ready()
         observer.wait_until_connected()
         for bag, mapped in drives:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from live_nodes import WAIT_S, Observer, replay, wait_until
+from live_nodes import ROOMY, WAIT_S, Observer, replay, wait_until
 from rclpy.serialization import serialize_message
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosgraph_msgs.msg import Clock
@@ -57,15 +57,16 @@ def test_the_clock_is_the_recording(
     observer: Observer, alone: Callable[..., Stack], street_bag: Callable[..., Path]
 ) -> None:
     bag = street_bag('drive', count=4)
-    clocks = observer.hear(Clock, '/clock')
+    clocks = observer.hear(Clock, '/clock', qos.UPDATES)
     observer.hear(Image, 'radar_data/b_scan_image', qos.SCANS)
     with alone() as nodes:
-        replay(nodes, bag, '--rate', '4')
+        replay(nodes, bag, '--rate', '1')
     with Bag(bag) as opened:
         start_ns, end_ns = opened.start_ns, opened.end_ns
+    # What a busy machine connects late misses the first of it.
+    wait_until(lambda: clocks and stamp_ns(clocks[-1].clock) - stamp_ns(clocks[0].clock) > 0.5 * (end_ns - start_ns))
     times = [stamp_ns(message.clock) for message in clocks]
     assert start_ns <= times[0] < times[-1] <= end_ns + 10**8
-    assert times[-1] - times[0] > 0.8 * (end_ns - start_ns)
     assert times == sorted(times)
 
 
@@ -101,8 +102,9 @@ def test_loops_and_new_stamps(observer: Observer, alone: Callable[..., Stack], s
     images = observer.hear(Image, 'radar_data/b_scan_image', qos.SCANS)
     before_ns = time.time_ns()
     with alone() as nodes:
-        replay(nodes, street_bag('drive', count=3), '--rate', '10', '--loop', '2', '--restamp')
-    wait_until(lambda: len(images) == 6)
+        replay(nodes, street_bag('drive', count=2), '--rate', '10', '--loop', '2', '--restamp')
+    # No more than a publisher keeps for those who are late.
+    wait_until(lambda: len(images) == 4)
     stamps = [stamp_ns(image.header.stamp) for image in images]
     assert all(before_ns < stamp < time.time_ns() for stamp in stamps)
     assert stamps == sorted(stamps)
@@ -154,7 +156,7 @@ def test_lockstep_says_when_nothing_answers(
     observer.hear(Image, 'radar_data/b_scan_image', qos.SCANS)
     observer.node.create_publisher(Image, 'matches', qos.RESULTS)
     with alone() as nodes:
-        printed = failed(nodes, str(street_bag('drive', count=8)), '--lockstep', '--timeout', '4')
+        printed = failed(nodes, str(street_bag('drive', count=8)), '--lockstep', '--timeout', '10')
     assert 'error: nothing on matches for the last 3 scans' in printed
 
 
@@ -170,14 +172,14 @@ def test_a_stop_in_the_middle_is_clean(
 
 
 def test_an_interrupted_session_is_ended_and_kept(
-    stack: Callable[..., Stack], street_bag: Callable[..., Path], tmp_path: Path
+    observer: Observer, stack: Callable[..., Stack], street_bag: Callable[..., Path], tmp_path: Path
 ) -> None:
     bag = street_bag('drive', count=40)
+    embeddings = observer.hear(PointCloud2, 'embedding')
     with stack({'map.path': str(tmp_path / 'map.db')}) as nodes:
         nodes.wait_until_ready()
-        process = nodes.start('replay_node', [str(bag), '--session'], 'interrupted')
-        wait_until(lambda: 'session 1 started' in process.log.read_text())
-        time.sleep(3.0)
+        process = nodes.start('replay_node', [str(bag), '--session', '--rate', '0.5'], 'interrupted')
+        wait_until(lambda: embeddings)
         assert process.stop() == 0
         printed = process.log.read_text()
         assert 'interrupted' in printed
@@ -212,7 +214,7 @@ def test_what_the_nodes_said_when_it_was_recorded_is_not_played(
     observer: Observer, stack: Callable[..., Stack], everything: Path
 ) -> None:
     doors = observer.hear(Bool, 'door_open')
-    with stack({'encoder.backlog': 10}) as nodes:
+    with stack(ROOMY) as nodes:
         nodes.wait_until_ready()
         printed = replay(nodes, everything, '--rate', '4', '--restamp')
         assert '6 scans, 6 embeddings, 0 matches, 6 rejections (6 map_empty), 0 unanswered' in printed
@@ -249,16 +251,17 @@ def test_a_listener_that_hangs_is_named_and_given_up(stack: Callable[..., Stack]
         command = [sys.executable, '-c', code]
         with subprocess.Popen(command, env=nodes.environment, stdout=subprocess.PIPE) as listener:
             try:
-                arguments = [str(everything), '--lockstep', '--loop', '60', '--timeout', '8']
+                # DDS itself gives a silent process up after 20 s: playing and waiting must take less, also when busy.
+                arguments = [str(everything), '--lockstep', '--loop', '30', '--timeout', '8']
                 process = nodes.start('replay_node', arguments, 'hanging')
                 assert listener.stdout is not None
                 assert listener.stdout.readline() == b'heard\n'
                 listener.send_signal(signal.SIGSTOP)
-                assert process.wait(2 * WAIT_S) == 0
+                assert process.wait(4 * WAIT_S) == 0
             finally:
                 listener.kill()
     printed = process.log.read_text()
-    assert '360 scans, 360 embeddings' in printed
+    assert '180 scans, 180 embeddings' in printed
     assert '/door_open: not acknowledged by every subscriber within 8 s' in printed
 
 
@@ -303,19 +306,20 @@ def test_a_flood_of_positions_loses_no_scan(
         server.send_signal(signal.SIGSTOP)
         time.sleep(1.0)
         server.send_signal(signal.SIGCONT)
-        assert process.wait(WAIT_S) == 0
+        assert process.wait(2 * WAIT_S) == 0
         assert '0 dropped' in process.log.read_text()
 
 
 @pytest.mark.parametrize('after_s', [0.01, 0.3])
 def test_a_second_interrupt_does_not_keep_the_session_from_ending(
-    stack: Callable[..., Stack], street_bag: Callable[..., Path], tmp_path: Path, after_s: float
+    observer: Observer, stack: Callable[..., Stack], street_bag: Callable[..., Path], tmp_path: Path, after_s: float
 ) -> None:
+    embeddings = observer.hear(PointCloud2, 'embedding')
     with stack({'map.path': str(tmp_path / 'map.db')}) as nodes:
         nodes.wait_until_ready()
-        process = nodes.start('replay_node', [str(street_bag('drive', count=40)), '--session'], 'interrupted')
-        wait_until(lambda: 'session 1 started' in process.log.read_text())
-        time.sleep(3.0)
+        arguments = [str(street_bag('drive', count=40)), '--session', '--rate', '0.5']
+        process = nodes.start('replay_node', arguments, 'interrupted')
+        wait_until(lambda: embeddings)
         process.process.send_signal(signal.SIGINT)
         time.sleep(after_s)
         assert process.stop() == 0

@@ -13,7 +13,7 @@ import pytest
 
 from offradar_ros.ros.newest_worker import NewestWorker
 
-WAIT_S = 10.0
+WAIT_S = 60.0
 
 
 class Slow:

@@ -23,7 +23,14 @@ from offradar_ros.ros.outcome_message import match_record, rejection_record
 from offradar_ros.types import Match, Outcome
 
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-WAIT_S = 40.0
+WAIT_S = 60.0
+ROOMY = {
+    'encoder.backlog': 1000,
+    'qos_overrides./radar_data/b_scan_image.subscription.depth': 100,
+    'qos_overrides./embedding.publisher.depth': 100,
+    'qos_overrides./embedding.subscription.depth': 100,
+}
+"""Parameters with which a replay in real time loses no scan, however late a busy machine runs the nodes."""
 
 
 def wait_until(done: Callable[[], Any], timeout_s: float = WAIT_S) -> Any:
@@ -98,7 +105,7 @@ class Observer:
         return future.result()
 
 
-def replay(nodes: Stack, bag: Path, *arguments: str, timeout_s: float = 60.0) -> str:
+def replay(nodes: Stack, bag: Path, *arguments: str, timeout_s: float = 3 * WAIT_S) -> str:
     """Run replay_node to its end and return what it printed; fails the test if it fails."""
     process = nodes.start('replay_node', [str(bag), *arguments], f'replay_{time.monotonic_ns()}')
     try:

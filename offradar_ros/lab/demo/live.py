@@ -26,8 +26,8 @@ from offradar_ros.ros.connections import Connections
 from offradar_ros.ros.outcome_message import match_record, rejection_record
 from offradar_ros.types import Outcome
 
-REPLAY_TIMEOUT_S = 240.0
-CONNECT_S = 15.0
+REPLAY_TIMEOUT_S = 600.0
+CONNECT_S = 60.0
 POLL_S = 0.1
 
 

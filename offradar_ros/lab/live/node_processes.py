@@ -16,7 +16,7 @@ from offradar_ros.errors import OffradarError
 from offradar_ros.lab.live.process_usage import ProcessUsage, process_usage
 from offradar_ros.ros.dds_profile import with_profile
 
-STOP_S = 10.0
+STOP_S = 30.0
 READY = 'active: '
 """What each node logs once it answers."""
 
@@ -144,7 +144,7 @@ class Stack:
         """Memory and CPU time of each node so far; OffradarError if one has ended."""
         return {name: node.usage() for name, node in self.nodes.items()}
 
-    def wait_until_ready(self, timeout_s: float = 30.0) -> None:
+    def wait_until_ready(self, timeout_s: float = 60.0) -> None:
         """Wait until every node has said that it is active; OffradarError if one ends or takes too long."""
         deadline_s = time.monotonic() + timeout_s
         for node in self.nodes.values():

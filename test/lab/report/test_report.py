@@ -146,7 +146,7 @@ def browse(page: str, folder: Path) -> tuple[list[tuple[str, int, bool]], list[s
     assert BROWSER is not None
     profile = folder / 'profile'
     command = [BROWSER, *FLAGS.split(), f'--user-data-dir={profile}', (folder / 'page.html').as_uri()]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=100, check=True)
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=True)
     found = re.search('data-seen="([^"]*)"', done.stdout)
     assert found
     return json.loads(html.unescape(found[1])), re.findall('.*CONSOLE.*', done.stderr)

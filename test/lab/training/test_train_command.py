@@ -32,6 +32,7 @@ from offradar_ros.lab.training.simulated_drives import city_drive
 PROJECT = Path(__file__).resolve().parents[3]
 SMOKE = PROJECT / 'params' / 'train' / 'smoke.yaml'
 ALONE = {**os.environ, 'OMP_NUM_THREADS': '1', 'CUDA_VISIBLE_DEVICES': ''}
+WAIT_S = 180.0
 
 
 @pytest.fixture(scope='module')
@@ -235,11 +236,13 @@ def test_ctrl_c_leaves_a_checkpoint(tmp_path: Path, cache: Path) -> None:
         [sys.executable, *command(out, cache, *slow)], cwd=PROJECT, env=ALONE, stderr=subprocess.PIPE
     )
     try:
-        until = time.monotonic() + 90.0
-        while time.monotonic() < until and not ((out / 'log.jsonl').exists() and (out / 'log.jsonl').read_text()):
+        until_s = time.monotonic() + WAIT_S
+        while not ((out / 'log.jsonl').exists() and (out / 'log.jsonl').read_text()):
+            assert process.poll() is None
+            assert time.monotonic() < until_s
             time.sleep(0.1)
         process.send_signal(signal.SIGINT)
-        process.communicate(timeout=30)
+        process.communicate(timeout=WAIT_S)
     finally:
         process.kill()
     assert process.returncode != 0

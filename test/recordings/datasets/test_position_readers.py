@@ -235,7 +235,9 @@ CELLS = st.one_of(
 
 
 @given(rows=st.lists(st.lists(CELLS, min_size=1, max_size=14), max_size=4), name=st.sampled_from(sorted(GOOD)))
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow]
+)
 def test_any_table_is_a_trajectory_or_one_line_of_error(tmp_path: Path, rows: list[list[str]], name: str) -> None:
     reader, lines = GOOD[name]
     header = lines[:1] if lines[0][0].isalpha() else []
