@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from offradar_ros.lab.evaluation.results import processor, versions
+from offradar_ros.lab.evaluation.results.provenance import processor, versions
 
 ROOT = Path(__file__).resolve().parents[1]
 MAKERS = ('drives.py', 'sample_networks.py', 'synthetic_maps.py')

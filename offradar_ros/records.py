@@ -19,7 +19,7 @@ import re
 import typing
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, NewType, TypeVar
 
 import cattrs
 import yaml
@@ -29,6 +29,13 @@ from cattrs.gen import make_dict_structure_fn
 from offradar_ros.errors import ConfigError, OffradarError
 
 RecordT = TypeVar('RecordT')
+
+if TYPE_CHECKING:
+    Measure = float
+else:
+    # A type of its own, so that records say which of their floats may be NaN. To the type checker it is a float.
+    Measure = NewType('Measure', float)
+    """A float of a record that is NaN where it could not be measured; files have null for it, and for infinity."""
 
 _EXPECTED = {str: 'text', int: 'a whole number', float: 'a finite number', bool: 'true or false'}
 _LOCATION = re.compile(r'@ (?:attribute (?P<name>\w+)|index (?P<index>\d+)|key (?P<quoted>.+))$', re.DOTALL)
@@ -164,6 +171,11 @@ def _scalar(value: Any, kind: Any) -> Any:
     return value
 
 
+def _measure(value: Any, _: Any) -> float:
+    number: float = math.nan if value is None else _scalar(value, float)
+    return number
+
+
 def _tuple(value: Any, kind: Any) -> tuple[Any, ...]:
     if not isinstance(value, (list, tuple)):
         raise ValueError(f'expected a list, got {_shown(value)}')
@@ -208,10 +220,16 @@ def _converter() -> cattrs.Converter:
     converter = cattrs.Converter(unstruct_collection_overrides={tuple: list})
     for kind in _EXPECTED:
         converter.register_structure_hook(kind, _scalar)
+    converter.register_structure_hook_func(_is_measure, _measure)
+    converter.register_unstructure_hook_func(_is_measure, lambda value: value if math.isfinite(value) else None)
     for origin, hook in ((tuple, _tuple), (collections.abc.Mapping, _mapping)):
         converter.register_structure_hook_func(functools.partial(_is_of, origin), hook)
     converter.register_structure_hook_factory(dataclasses.is_dataclass, _record_hook)
     return converter
+
+
+def _is_measure(kind: Any) -> bool:
+    return kind is Measure
 
 
 def _is_of(origin: Any, kind: Any) -> bool:

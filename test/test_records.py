@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 
 from offradar_ros.errors import ConfigError
 from offradar_ros.records import (
+    Measure,
     flatten,
     parse_yaml,
     read_record,
@@ -205,3 +206,22 @@ def test_flattened_names_lead_to_their_values(tree):
         for part in name.split('.'):
             branch = branch[part]
         assert branch == value
+
+
+@dataclasses.dataclass(frozen=True)
+class Figures:
+    mean: Measure
+    by_kind: dict[str, Measure]
+    curve: tuple[tuple[Measure, Measure], ...]
+
+
+def test_what_could_not_be_measured_is_null() -> None:
+    figures = Figures(math.nan, {'clean': 1.0, 'fog': math.nan}, ((0.0, math.inf), (1.0, 0.5)))
+    tree = unstructure(figures)
+    assert tree == {'mean': None, 'by_kind': {'clean': 1.0, 'fog': None}, 'curve': [[0.0, None], [1.0, 0.5]]}
+    found = structure(Figures, tree)
+    assert repr(found) == repr(dataclasses.replace(figures, curve=((0.0, math.nan), (1.0, 0.5))))
+    with pytest.raises(ConfigError, match='key mean: expected a finite number, got True'):
+        structure(Figures, tree | {'mean': True})
+    with pytest.raises(ConfigError, match='key length_m: expected a finite number, got None'):
+        structure(Street, {'name': 'a', 'length_m': None})

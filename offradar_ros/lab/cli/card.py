@@ -1,34 +1,71 @@
 """`offradar card`: the model card of weights, from the results that were measured with them."""
 
-import json
+import dataclasses
+import shlex
+import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from offradar_ros.encoders.model_files import require_package, write_atomically
-from offradar_ros.errors import ConfigError
-from offradar_ros.lab.evaluation.card import card_json, card_markdown
-from offradar_ros.lab.evaluation.results import read_results
+from offradar_ros.encoders.model_files import require_package
+from offradar_ros.errors import ConfigError, DataError
+from offradar_ros.lab.evaluation.card.card import Card
+from offradar_ros.lab.evaluation.card.file import ENDING, card_name, read_card, write_card
+from offradar_ros.lab.evaluation.card.make import CardSources, make_card, require_ours
+from offradar_ros.lab.evaluation.results.file import read_results
 
 
 def card(
-    results: Annotated[Path, typer.Argument(help='results.json of offradar evaluate, with the method ours.')],
-    weights: Annotated[Path, typer.Option(help='The weights of that method, safetensors.')],
-    out: Annotated[Path, typer.Option(help='Card for programs, NAME.card.json; NAME.md is written beside it.')],
+    source: Annotated[
+        Path,
+        typer.Argument(
+            help='results.json of offradar evaluate, with the method ours; or a card, NAME.card.json, to write again.'
+        ),
+    ],
+    weights: Annotated[Path | None, typer.Option(help='The weights of that method, safetensors.')] = None,
+    out: Annotated[
+        Path | None, typer.Option(help='Card for programs, NAME.card.json; NAME.md is written beside it.')
+    ] = None,
     training: Annotated[Path | None, typer.Option(help='Folder of the training run, with its config.yaml.')] = None,
+    remarks: Annotated[
+        Path | None, typer.Option(help='Markdown of what no figure says: intended use, limits; goes into the card.')
+    ] = None,
 ) -> None:
     """Write the card of trained weights: every figure is one of the results."""
-    name = out.name.removesuffix('.card.json')
-    if name in ('', out.name):
-        raise ConfigError(f'--out {out}: expected a name that ends in .card.json')
-    told = read_results(results)
-    figures = card_json(told)
+    text = '' if remarks is None else _remarks(remarks)
+    if source.name.endswith(ENDING):
+        if weights or training:
+            raise ConfigError('--weights, --training: expected with results alone; a card has both in it')
+        out = out or source
+        made = _again(source, out, text)
+    else:
+        if weights is None or out is None:
+            raise ConfigError(f'--weights, --out: expected both, for a card of {source}')
+        made = _made(source, weights, CardSources(card_name(out), weights, '', _command(), text, training))
+    typer.echo(f'{out} and {write_card(out, made)}: written')
+
+
+def _again(source: Path, out: Path, remarks: str) -> Card:
+    found = read_card(source)
+    return dataclasses.replace(found, name=card_name(out), remarks=remarks or found.remarks)
+
+
+def _made(source: Path, weights: Path, sources: CardSources) -> Card:
+    results = read_results(source)
+    require_ours(results)
     require_package('safetensors', weights)
     from offradar_ros.encoders.weights import read_header  # noqa: PLC0415
 
-    text = card_markdown(name, told, weights, read_header(weights).fingerprint, training)
-    markdown = out.with_name(f'{name}.md')
-    write_atomically(out, (json.dumps(figures, indent=1, allow_nan=False) + '\n').encode())
-    write_atomically(markdown, text.encode())
-    typer.echo(f'{out} and {markdown}: written')
+    return make_card(results, dataclasses.replace(sources, fingerprint=read_header(weights).fingerprint))
+
+
+def _remarks(path: Path) -> str:
+    try:
+        return path.read_text(encoding='utf-8').strip()
+    except (OSError, ValueError) as error:
+        raise DataError(f'{path}: expected the remarks of a card, Markdown ({error})') from None
+
+
+def _command() -> str:
+    return shlex.join(['offradar', *sys.argv[1:]])

@@ -18,7 +18,7 @@ from offradar_ros.lab.cli.evaluation_options import (
     Processes,
     ProtocolName,
     Queries,
-    RealWorlds,
+    Streets,
     Threads,
     protocol_of,
     say,
@@ -38,7 +38,7 @@ def encode(
     queries: Queries = None,
     exclusion_s: ExclusionS = None,
     params: Params = None,
-    real_worlds: RealWorlds = None,
+    streets: Streets = None,
     processes: Processes = 0,
     threads: Threads = 0,
 ) -> None:
@@ -50,7 +50,7 @@ def encode(
         command='',
         bar=progress_bar,
         say=say,
-        real_worlds=real_worlds,
+        streets=streets,
         recorded=RecordedSource(data, config.radar, config.position),
         encoder=config.encoder,
         processes=processes,
@@ -58,6 +58,6 @@ def encode(
     )
     with resumable():
         encoded = encode_drives(protocol_of(protocol, maps, queries, exclusion_s), methods or DEFAULT_METHODS, options)
-    for told in encoded:
-        typer.echo(f'{told.method}: {told.scans} scans of {told.drives} drives encoded, {told.refused} refused')
+    for method in encoded:
+        typer.echo(f'{method.method}: {method.scans} scans of {method.drives} drives encoded, {method.refused} refused')
     typer.echo(f'{cache}: ready for offradar evaluate --cache {cache}')

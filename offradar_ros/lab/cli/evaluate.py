@@ -12,7 +12,7 @@ from rich.console import Console
 from offradar_ros.cli.interrupt import resumable
 from offradar_ros.cli.need import pip_hint
 from offradar_ros.cli.progress import progress_bar
-from offradar_ros.config import load_config, read_parameters
+from offradar_ros.config import RadarConfig, load_config, read_parameters
 from offradar_ros.errors import ConfigError
 from offradar_ros.lab.cli.evaluation_options import (
     DEFAULT_METHODS,
@@ -24,7 +24,7 @@ from offradar_ros.lab.cli.evaluation_options import (
     Processes,
     ProtocolName,
     Queries,
-    RealWorlds,
+    Streets,
     Threads,
     protocol_of,
     say,
@@ -32,7 +32,8 @@ from offradar_ros.lab.cli.evaluation_options import (
 from offradar_ros.lab.evaluation.evaluate import Options
 from offradar_ros.lab.evaluation.evaluate import evaluate as run
 from offradar_ros.lab.evaluation.recorded_drives import RecordedSource
-from offradar_ros.lab.evaluation.results import RESULTS_FILE
+from offradar_ros.lab.evaluation.recorded_uncertainty import RecordedScans
+from offradar_ros.lab.evaluation.results.file import RESULTS_FILE
 from offradar_ros.lab.evaluation.table import tables
 from offradar_ros.lab.evaluation.thresholds import NOT_DEPLOYED, Deployed
 from offradar_ros.retrieval.thresholds import threshold_at
@@ -51,9 +52,16 @@ def evaluate(
     queries: Queries = None,
     exclusion_s: ExclusionS = None,
     params: Params = None,
-    real_worlds: RealWorlds = None,
-    real_scans: Annotated[
-        Path | None, typer.Option(help='Folder of oxford_tiny and radiate_tiny_foggy: U of recorded scans.')
+    streets: Streets = None,
+    clean_scans: Annotated[
+        Path | None,
+        typer.Option(help='A recording in good conditions: U of its scans, as they are and degraded on their bytes.'),
+    ] = None,
+    compared_scans: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar='NAME=RECORDING', help='Another recording, whose U is compared with theirs. May be repeated.'
+        ),
     ] = None,
     cache: Annotated[
         Path | None, typer.Option(help='Folder of simulated scans and embeddings, kept; OUT/cache if not given.')
@@ -73,8 +81,8 @@ def evaluate(
         command=shlex.join(['offradar', *sys.argv[1:]]),
         bar=progress_bar,
         say=say,
-        real_worlds=real_worlds,
-        real_scans=real_scans,
+        streets=streets,
+        recorded_scans=_recorded_scans(clean_scans, compared_scans or [], config.radar),
         recorded=RecordedSource(data, config.radar, config.position),
         encoder=config.encoder,
         deployed=Deployed(threshold_at(config.query), config.query.model) if in_use else NOT_DEPLOYED,
@@ -88,3 +96,16 @@ def evaluate(
     for table in tables(results):
         console.print(table)
     typer.echo(f'{out / RESULTS_FILE}: written; offradar report {out} makes tables and figures of it')
+
+
+def _recorded_scans(clean: Path | None, compared: list[str], radar: RadarConfig) -> RecordedScans | None:
+    """What the two options say; ConfigError where they cannot be understood."""
+    named: dict[str, Path] = {}
+    for text in compared:
+        name, _, path = text.partition('=')
+        if clean is None or not name or not path or name in named:
+            raise ConfigError(
+                f'--compared-scans {text}: expected NAME=RECORDING, each name once, with --clean-scans RECORDING'
+            )
+        named[name] = Path(path)
+    return None if clean is None else RecordedScans(clean, named, radar)

@@ -1,4 +1,4 @@
-"""What `offradar evaluate` and `offradar encode` are both told."""
+"""Options that `offradar evaluate` and `offradar encode` share."""
 
 import dataclasses
 from pathlib import Path
@@ -49,7 +49,9 @@ Params = Annotated[
         help='Parameter file: how recordings are read, the encoder, and the threshold in use where it has one.'
     ),
 ]
-RealWorlds = Annotated[Path | None, typer.Option(help='Folder of the maps and traversals that the protocol names.')]
+Streets = Annotated[
+    Path | None, typer.Option(help='Folder of the nav2 maps and recorded traversals that the protocol names.')
+]
 Processes = Annotated[int, typer.Option(min=0, help='Processes that simulate; 0 for one a core.')]
 Threads = Annotated[int, typer.Option(min=0, help='Threads of a learned encoder; 0 for one a core.')]
 

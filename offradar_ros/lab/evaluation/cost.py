@@ -10,6 +10,7 @@ import numpy as np
 from offradar_ros.encoders.protocol import Encoder
 from offradar_ros.errors import RefusedInput
 from offradar_ros.lab.drives.drive import Drive
+from offradar_ros.lab.evaluation.results.method import Cost
 from offradar_ros.retrieval.place_index import PlaceIndex
 from offradar_ros.types import Embedding, Place, PlaceTable, Pose
 
@@ -17,11 +18,10 @@ SCANS = 20
 WARM_UP = 3
 
 
-def measure_cost(encoder: Encoder, drive: Drive, places: int) -> dict[str, float]:
+def measure_cost(encoder: Encoder, drive: Drive, places: int) -> Cost:
     """Medians over some scans of a drive, one by one as a node encodes them, decoding left out.
 
-    `encode_ms`, and `search_ms` of the ten nearest in a map of so many `places`; `bytes_a_place` of its descriptor;
-    `peak_memory_mb` of this process until now. Those that depend on the machine are told, never compared with others'.
+    `places` is the size of the map that is searched.
     """
     encoded_s: list[float] = []
     searched_s: list[float] = []
@@ -38,12 +38,12 @@ def measure_cost(encoder: Encoder, drive: Drive, places: int) -> dict[str, float
         start_s = time.perf_counter()
         index.search(embedding.mean, 10)
         searched_s.append(time.perf_counter() - start_s)
-    return {
-        'encode_ms': _median_ms(encoded_s),
-        'search_ms': _median_ms(searched_s),
-        'bytes_a_place': 4.0 * encoder.info.dimension,
-        'peak_memory_mb': resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0,
-    }
+    return Cost(
+        encode_ms=_median_ms(encoded_s),
+        search_ms=_median_ms(searched_s),
+        bytes_per_place=4.0 * encoder.info.dimension,
+        peak_memory_mb=resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0,
+    )
 
 
 def _index(embedding: Embedding, places: int) -> PlaceIndex:

@@ -18,16 +18,13 @@ from offradar_ros.lab.evaluation.figures import draw_rejection_curves, draw_seve
 from offradar_ros.lab.evaluation.methods import OURS, Method, open_method
 from offradar_ros.lab.evaluation.nearness import nearest_m
 from offradar_ros.lab.evaluation.protocol import VALIDATION, Protocol
-from offradar_ros.lab.evaluation.recorded import measure_recorded, require_recorded
 from offradar_ros.lab.evaluation.recorded_drives import RecordedSource, recorded_drives
-from offradar_ros.lab.evaluation.results import (
-    RESULTS_FILE,
-    assemble,
-    map_arrays,
-    scan_rows,
-    write_arrays,
-    write_results,
-)
+from offradar_ros.lab.evaluation.recorded_uncertainty import RecordedScans, measure_recorded
+from offradar_ros.lab.evaluation.results.arrays import map_arrays, scan_rows, write_arrays
+from offradar_ros.lab.evaluation.results.assemble import assemble
+from offradar_ros.lab.evaluation.results.file import RESULTS_FILE, write_results
+from offradar_ros.lab.evaluation.results.results import Results
+from offradar_ros.lab.evaluation.results.uncertainty import RecordedUncertainty
 from offradar_ros.lab.evaluation.runner import (
     Bar,
     Encodings,
@@ -40,8 +37,6 @@ from offradar_ros.lab.evaluation.runner import (
     searched,
 )
 from offradar_ros.lab.evaluation.simulated_drives import simulated_drives
-from offradar_ros.lab.evaluation.summary import Json
-from offradar_ros.lab.evaluation.targets import recorded_targets, targets
 from offradar_ros.lab.evaluation.thresholds import NOT_DEPLOYED, Deployed
 
 CURVES, PICTURES = 'recall_at_rejection', ('extremes', 'failures', 'severity')
@@ -52,16 +47,17 @@ CURVES, PICTURES = 'recall_at_rejection', ('extremes', 'failures', 'severity')
 class Options:
     """Where things are and how much of the machine is used; as `offradar evaluate` explains them.
 
-    `say` hears, as it comes, what is worth a note. `deployed` is the threshold in use where it is not to come from the
-    protocol's validation.
+    `streets` is the folder of the maps and traversals that a protocol names, `recorded_scans` what U of recorded scans
+    is measured on. `say` gets each note as it comes. `deployed` is the threshold in use where it is not to come from
+    the protocol's validation.
     """
 
     out: Path
     cache: Path
     command: str
     bar: Bar
-    real_worlds: Path | None = None
-    real_scans: Path | None = None
+    streets: Path | None = None
+    recorded_scans: RecordedScans | None = None
     say: Callable[[str], None] = print
     recorded: RecordedSource = dataclasses.field(default_factory=RecordedSource)
     encoder: EncoderConfig = dataclasses.field(default_factory=EncoderConfig)
@@ -71,7 +67,7 @@ class Options:
     pictures: bool = True
 
 
-def evaluate(protocol: Protocol, methods: Sequence[str], options: Options) -> Json:
+def evaluate(protocol: Protocol, methods: Sequence[str], options: Options) -> Results:
     """Measure ``NAME=WEIGHTS`` methods; writes results.json, scans.npy, maps.npz and pictures into `options.out`.
 
     What an interrupted evaluation simulated and encoded is in the cache, and is not done again.
@@ -80,32 +76,43 @@ def evaluate(protocol: Protocol, methods: Sequence[str], options: Options) -> Js
         options.out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise DataError(f'{options.out}: expected a folder for results ({error.strerror})') from None
-    if options.real_scans:
-        require_recorded(options.real_scans)
+    if options.recorded_scans:
+        options.recorded_scans.open()
     opened = _opened(protocol, methods, options)
-    worlds, lacking = open_worlds(protocol, options)
+    worlds, missing = open_worlds(protocol, options)
     measured = [measure(method, worlds, protocol, options.cache, options.bar, options.deployed) for method in opened]
-    lacking += _told(options, [*_unmapped(measured[0], worlds), *_without_threshold(measured, options.deployed)])
-    results = assemble(measured, worlds, protocol, options.command, lacking)
-    results['targets'] = targets(results) if protocol.targets else []
-    if options.real_scans:
-        first = next(iter(worlds.values()))[0]
-        results['recorded'] = {
-            method.name: measure_recorded(method.encoder_for(first), options.real_scans, protocol.seed)
-            for method in opened
-        }
-        results['targets'] += recorded_targets(results['recorded'])
-    rows, results['pairs'], results['kinds'] = scan_rows(measured, worlds)
-    arrays, results['maps'] = map_arrays(measured)
+    missing += _noted(options, [*_unmapped(measured[0], worlds), *_without_threshold(measured, options.deployed)])
+    rows, maps = scan_rows(measured, worlds), map_arrays(measured)
+    results = assemble(
+        measured,
+        worlds,
+        protocol,
+        rows,
+        maps,
+        command=options.command,
+        skipped=missing,
+        recorded=_recorded(opened, worlds, protocol, options),
+    )
     # Pictures of an earlier evaluation are not of this one.
     for kind in (CURVES, *PICTURES):
         for picture in options.out.glob(f'{kind}*.png'):
             picture.unlink()
-    write_arrays(options.out, rows, arrays)
-    write_results(options.out / RESULTS_FILE, {**results, 'rows': len(rows)})
+    write_arrays(options.out, rows.rows, maps.arrays)
+    write_results(options.out / RESULTS_FILE, results)
     if options.pictures:
         _draw(measured, worlds, protocol, options.out)
     return results
+
+
+def _recorded(
+    opened: Sequence[Method], worlds: Worlds, protocol: Protocol, options: Options
+) -> RecordedUncertainty | None:
+    """U of recorded scans, where there are any; of a method that is fitted to each map with that of the first drive."""
+    if not options.recorded_scans:
+        return None
+    first = next(iter(worlds.values()))[0]
+    encoders = {method.name: method.encoder_for(first) for method in opened}
+    return measure_recorded(encoders, options.recorded_scans, protocol.seed, options.bar)
 
 
 def encode_drives(protocol: Protocol, methods: Sequence[str], options: Options) -> list[Encodings]:
@@ -133,7 +140,7 @@ def _opened(protocol: Protocol, methods: Sequence[str], options: Options) -> lis
     ]
 
 
-def _require_searches(worlds: Worlds, protocol: Protocol, lacking: Sequence[str]) -> list[str]:
+def _require_searches(worlds: Worlds, protocol: Protocol, missing: Sequence[str]) -> list[str]:
     """ConfigError where nothing can be searched, DataError where nothing can be found; pairs that never meet."""
     pairs = [
         (mapped, query)
@@ -145,7 +152,7 @@ def _require_searches(worlds: Worlds, protocol: Protocol, lacking: Sequence[str]
     if not pairs:
         raise ConfigError(
             f'protocol {protocol.name}: expected two drives of a road or more, found none'
-            + ''.join(f'; {text}' for text in lacking)
+            + ''.join(f'; {text}' for text in missing)
         )
     away = {(m.name, q.name): nearest_m(m, q) for m, q in pairs}
     apart = [
@@ -160,37 +167,37 @@ def _require_searches(worlds: Worlds, protocol: Protocol, lacking: Sequence[str]
 
 
 def open_worlds(protocol: Protocol, options: Options) -> tuple[Worlds, list[str]]:
-    """Every drive of the protocol that there is, and in words what there is not, which is told before anything is made.
+    """Every drive of the protocol that there is, and in words what there is not, which is noted first of all.
 
     ConfigError where nothing can be searched, DataError where no drives that are searched ever meet.
     """
-    simulated = list(simulated_drives(protocol, options.real_worlds))
+    simulated = list(simulated_drives(protocol, options.streets))
     recorded = recorded_drives(protocol, options.recorded)
-    lacking = [*_skipped_streets(protocol, options.real_worlds), *recorded.notes]
+    missing = [*_skipped_streets(protocol, options.streets), *recorded.notes]
     if {VALIDATION} >= {*(planned.group for planned in simulated), *(drive.group for drive in recorded.drives)}:
-        _require_searches({}, protocol, lacking)
-    _told(options, lacking)
+        _require_searches({}, protocol, missing)
+    _noted(options, missing)
     worlds = opened_worlds(simulated, recorded.drives, options.cache, options.bar, options.processes)
-    return worlds, lacking + _told(options, _require_searches(worlds, protocol, lacking))
+    return worlds, missing + _noted(options, _require_searches(worlds, protocol, missing))
 
 
-def _told(options: Options, notes: list[str]) -> list[str]:
+def _noted(options: Options, notes: list[str]) -> list[str]:
     for note in notes:
         options.say(note)
     return notes
 
 
-def _skipped_streets(protocol: Protocol, real_worlds: Path | None) -> list[str]:
-    if real_worlds:
+def _skipped_streets(protocol: Protocol, folder: Path | None) -> list[str]:
+    if folder:
         return []
     names = [street.name for group in protocol.groups for street in group.streets]
-    return [f'{", ".join(names)}: maps and traversals are not given (--real-worlds)'] if names else []
+    return [f'{", ".join(names)}: maps and traversals are not given (--streets)'] if names else []
 
 
 def _unmapped(measured: Measured, worlds: Worlds) -> Iterator[str]:
     """Drives of which no scan is mapped, and those that never come back to where they were."""
-    told = {(a.pair.group, a.pair.world, a.pair.map_index, a.pair.query_index): a for a in measured.answers}
-    for answers in told.values():
+    once = {(a.pair.group, a.pair.world, a.pair.map_index, a.pair.query_index): a for a in measured.answers}
+    for answers in once.values():
         mapped, query = drives_of_pair(answers.pair, worlds)
         if not answers.places:
             yield f'{mapped.name}: none of its scans can be mapped'

@@ -13,41 +13,41 @@ from offradar_ros.lab.evaluation.maintenance import Ablation
 from offradar_ros.lab.evaluation.metrics.bootstrap import bootstrap_interval
 from offradar_ros.lab.evaluation.metrics.recall_at_n import recall_at_n
 from offradar_ros.lab.evaluation.protocol import Protocol
-from offradar_ros.lab.evaluation.summary import Json, recognition
+from offradar_ros.lab.evaluation.results.ablation import CASES, AblationFigures
+from offradar_ros.lab.evaluation.results.figure import Interval
+from offradar_ros.lab.evaluation.summary import recognition
 
 
-def summarise_ablation(several: Sequence[Ablation], threshold: float, protocol: Protocol) -> Json:
-    """Recall@1 over the queries with a right place in the unmaintained map (in all cases the same queries).
-
-    O, M and M_random answer every query; Q and QM those whose U is at most `threshold`, `rejected` is the share of the
-    others; all three are NaN without a threshold. M_random is the mean over its draws.
-    """
+def summarise_ablation(several: Sequence[Ablation], threshold: float, protocol: Protocol) -> AblationFigures:
+    """Recall@1 over the queries with a positive in the unmaintained map: in all cases the same queries."""
     keep = [a.unmaintained.positive for a in several]
     accepted = [a.unmaintained.uncertainties <= threshold for a in several]
     some = [k & u for k, u in zip(keep, accepted, strict=True)]
     before, after = [a.unmaintained for a in several], [a.maintained for a in several]
     draws = zip(*(a.random for a in several), strict=True)
-    return {
-        'O': _recall(before, keep),
-        'M': _recall(after, keep),
-        'M_random': float(np.mean([_recall(draw, keep) for draw in draws])),
-        'Q': _recall(before, some),
-        'QM': _recall(after, some),
-        'threshold': threshold,
-        'rejected': math.nan if math.isnan(threshold) else _share_left_out(some, keep),
-        'ordered_pairs': len(several),
-        'queries': int(np.concatenate(keep).sum()),
-        'opportunities': sum(a.opportunities for a in several),
-        'replaced': sum(a.replaced for a in several),
-        'figures': {'O': recognition(before, protocol), 'M': recognition(after, protocol)},
-        'gains': {
-            'M_over_O': _gain(several, lambda a: [a.unmaintained], protocol),
-            'M_over_M_random': _gain(several, lambda a: list(a.random), protocol),
-        },
-    }
+    recalls = (
+        _recall(before, keep),
+        _recall(after, keep),
+        float(np.mean([_recall(draw, keep) for draw in draws])),
+        _recall(before, some),
+        _recall(after, some),
+    )
+    return AblationFigures(
+        recall_at_1=dict(zip(CASES, recalls, strict=True)),
+        threshold=threshold,
+        rejected=math.nan if math.isnan(threshold) else _share_rejected(some, keep),
+        ordered_pairs=len(several),
+        queries=int(np.concatenate(keep).sum()),
+        opportunities=sum(a.opportunities for a in several),
+        replaced=sum(a.replaced for a in several),
+        unmaintained=recognition(before, protocol),
+        maintained=recognition(after, protocol),
+        gain_over_unmaintained=_gain(several, lambda a: [a.unmaintained], protocol),
+        gain_over_random=_gain(several, lambda a: list(a.random), protocol),
+    )
 
 
-def _gain(several: Sequence[Ablation], other: Callable[[Ablation], Sequence[Answers]], protocol: Protocol) -> Json:
+def _gain(several: Sequence[Ablation], other: Callable[[Ablation], Sequence[Answers]], protocol: Protocol) -> Interval:
     """Recall@1 of the maintained map less that of others, on the same queries, with a bootstrap interval over pairs."""
     differences, pairs = [], []
     for number, ablation in enumerate(several):
@@ -57,14 +57,14 @@ def _gain(several: Sequence[Ablation], other: Callable[[Ablation], Sequence[Answ
         pairs.append(np.full(int(keep.sum()), number))
     every = np.concatenate(differences)
     if not len(every):
-        return {'value': math.nan, 'low': math.nan, 'high': math.nan}
+        return Interval(math.nan, math.nan, math.nan)
     low, high = bootstrap_interval(
         np.concatenate(pairs), lambda w: float(w @ every / w.sum()), resamples=protocol.resamples, seed=protocol.seed
     )
-    return {'value': float(every.mean()), 'low': low, 'high': high}
+    return Interval(float(every.mean()), low, high)
 
 
-def _share_left_out(some: Sequence[NDArray[np.bool_]], keep: Sequence[NDArray[np.bool_]]) -> float:
+def _share_rejected(some: Sequence[NDArray[np.bool_]], keep: Sequence[NDArray[np.bool_]]) -> float:
     return 1.0 - float(np.concatenate(some).sum()) / max(1, int(np.concatenate(keep).sum()))
 
 

@@ -79,7 +79,7 @@ class Recorded:
 
 @dataclasses.dataclass(frozen=True)
 class Group:
-    """Worlds whose figures are told together.
+    """Worlds whose figures are reported together.
 
     Attributes:
         name: stable, in results.
@@ -185,12 +185,11 @@ class Protocol:
         negative_m: a place farther than this is a wrong one; those between count neither way in figures of pairs.
         exclusion_s: above 0 every drive is also searched for in its own map, less the places of so many seconds
             before and after each scan.
-        rejections: shares at which Recall@RR is told.
+        rejections: shares at which Recall@RR is reported.
         validation: where the static threshold comes from.
         maintenance: how maps are maintained.
         resamples: draws of the bootstrap over pairs.
         seed: of everything that the evaluation draws itself.
-        targets: whether the results are held to the targets of the weights that ship.
     """
 
     name: str
@@ -209,7 +208,6 @@ class Protocol:
     rejections: tuple[float, ...] = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
     resamples: int = 200
     seed: int = 0
-    targets: bool = False
 
     def __post_init__(self) -> None:
         names = [group.name for group in self.groups]
@@ -235,4 +233,4 @@ VALIDATION = 'validation'
 """Group of the clean drives that give the static thresholds."""
 
 ALL = 'all'
-"""Name under which results tell the figures of all groups together."""
+"""Name under which results hold the figures of all groups together."""

@@ -22,6 +22,7 @@ from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive, embedded
 from offradar_ros.lab.evaluation.maintenance import Ablation, ablate, merges
 from offradar_ros.lab.evaluation.methods import Method
 from offradar_ros.lab.evaluation.protocol import VALIDATION, Protocol
+from offradar_ros.lab.evaluation.results.method import Cost
 from offradar_ros.lab.evaluation.simulated_drives import PlannedDrive
 from offradar_ros.lab.evaluation.thresholds import NOT_DEPLOYED, Deployed, Thresholds, thresholds_from
 
@@ -47,7 +48,7 @@ class Measured:
         answers: of all ordered pairs of drives of each world, for each map spacing.
         ablations: by group and map spacing; none for a method that is fitted to each map.
         thresholds: from U of the clean validation scans; none likewise.
-        cost: of encoding and of searching, as `measure_cost` tells.
+        cost: of encoding and of searching, as `measure_cost` measures it.
     """
 
     method: str
@@ -57,7 +58,7 @@ class Measured:
     answers: list[Answers]
     ablations: dict[tuple[str, float], list[Ablation]]
     thresholds: Thresholds
-    cost: dict[str, float]
+    cost: Cost
 
 
 def opened_worlds(

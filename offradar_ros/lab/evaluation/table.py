@@ -8,28 +8,29 @@ from collections.abc import Callable, Iterator
 from rich.table import Table
 
 from offradar_ros.lab.evaluation.protocol import ALL
-from offradar_ros.lab.evaluation.summary import Json
+from offradar_ros.lab.evaluation.results.ablation import CASES, AblationFigures
+from offradar_ros.lab.evaluation.results.figure import Interval
+from offradar_ros.lab.evaluation.results.results import ByMap, FiguresT, Results
+from offradar_ros.lab.evaluation.results.search import SearchFigures
+from offradar_ros.lab.evaluation.results.uncertainty import RecordedUncertainty
 
 
-def tables(results: Json) -> Iterator[Table]:
-    """One table for each group and map spacing, one of the ablation of the system, and one of the targets."""
-    titles = {group['name']: group['title'] for group in results['protocol']['groups']} | {'all': 'All groups'}
-    for group, spacings in told_apart(results['groups']).items():
+def tables(results: Results) -> Iterator[Table]:
+    """One table for each group and map spacing, one of the ablation of the system, one of recorded scans."""
+    for group, spacings in groups_to_show(results.groups).items():
         for spacing, methods in spacings.items():
             words = f'a map every {spacing} m' if float(spacing) else 'every scan mapped'
-            yield _methods_table(f'{titles[group]}: {words}', methods)
-    maintenance = told_apart(results['maintenance'])
+            yield _methods_table(f'{results.title(group)}: {words}', methods)
+    maintenance = groups_to_show(results.maintenance)
     if any(methods for spacings in maintenance.values() for methods in spacings.values()):
         yield _maintenance_table(maintenance)
-    if results.get('recorded'):
-        yield _recorded_table(results['recorded'])
-    if results.get('targets'):
-        yield _targets_table(results['targets'])
+    if results.recorded:
+        yield _recorded_table(results.recorded)
 
 
-def told_apart(groups: Json) -> Json:
+def groups_to_show(groups: ByMap[FiguresT]) -> ByMap[FiguresT]:
     """Without the figures of all groups together where there is but one."""
-    return groups if len(groups) > 2 else {name: told for name, told in groups.items() if name != ALL}
+    return groups if len(groups) > 2 else {name: figures for name, figures in groups.items() if name != ALL}
 
 
 def number(value: float | None) -> str:
@@ -37,27 +38,27 @@ def number(value: float | None) -> str:
     return '-' if value is None or math.isnan(value) else f'{value:.3f}'
 
 
-def with_interval(figure: Json) -> str:
+def with_interval(figure: Interval) -> str:
     """A figure and its 95 % interval, where it has one."""
-    if figure['low'] is None or math.isnan(figure['low']):
-        return number(figure['value'])
-    return f'{number(figure["value"])} ({number(figure["low"])} to {number(figure["high"])})'
+    if math.isnan(figure.low):
+        return number(figure.value)
+    return f'{number(figure.value)} ({number(figure.low)} to {number(figure.high)})'
 
 
-def _methods_table(title: str, methods: Json) -> Table:
+def _methods_table(title: str, methods: dict[str, SearchFigures]) -> Table:
     table = Table('', *methods, title=title)
-    rows: dict[str, Callable[[Json], str]] = {
-        'Recall@1': lambda f: with_interval(f['recall_at_1']),
-        'of clean scans': lambda f: with_interval(f['recall_at_1_clean']),
-        'of degraded scans': lambda f: with_interval(f['recall_at_1_degraded']),
-        'Recall@5, @10': lambda f: ', '.join(number(f[f'recall_at_{n}']['value']) for n in (5, 10)),
-        'AUROC of U for wrong answers': lambda f: with_interval(f['auroc_wrong']),
-        'AUROC of the true severity': lambda f: number(f['auroc_wrong_by_severity']),
-        'AUROC of the other maps': lambda f: number(f['auroc_wrong_by_other_maps']),
-        'Recall@RR .1 .2 .3 .4 .5': lambda f: ' '.join(number(r) for share, r in f['recall_at_rejection'][1:6]),
-        'area under Recall@RR': lambda f: with_interval(f['auc_recall_at_rejection']),
+    rows: dict[str, Callable[[SearchFigures], str]] = {
+        'Recall@1': lambda f: with_interval(f.recall_at_1),
+        'of clean scans': lambda f: with_interval(f.recall_at_1_clean),
+        'of degraded scans': lambda f: with_interval(f.recall_at_1_degraded),
+        'Recall@5, @10': lambda f: f'{number(f.recall_at_5.value)}, {number(f.recall_at_10.value)}',
+        'AUROC of U for wrong answers': lambda f: with_interval(f.auroc_wrong),
+        'AUROC of the true severity': lambda f: number(f.auroc_wrong_by_severity),
+        'AUROC of the other maps': lambda f: number(f.auroc_wrong_by_other_maps),
+        'Recall@RR .1 .2 .3 .4 .5': lambda f: ' '.join(number(r) for _, r in f.recall_at_rejection[1:6]),
+        'area under Recall@RR': lambda f: with_interval(f.auc_recall_at_rejection),
         'threshold, rejected, precision': _deployed,
-        'queries with a place, places a map': lambda f: f'{f["with_positive"]} of {f["queries"]}, {f["places"]:.0f}',
+        'queries with a place, places a map': lambda f: f'{f.with_positive} of {f.queries}, {f.places:.0f}',
     }
     for name, cell in rows.items():
         cells = [cell(figures) for figures in methods.values()]
@@ -67,43 +68,27 @@ def _methods_table(title: str, methods: Json) -> Table:
     return table
 
 
-def _deployed(figures: Json) -> str:
-    told = figures['at_deployed_threshold']
-    if told.get('threshold') is None or math.isnan(told['threshold']):
+def _deployed(figures: SearchFigures) -> str:
+    found = figures.at_deployed_threshold
+    if found is None:
         return '-'
-    return f'{number(told["threshold"])}, {number(told["rejected_of_every_query"])}, {number(told["precision"])}'
+    return f'{number(found.threshold)}, {number(found.rejected_of_every_query)}, {number(found.precision)}'
 
 
-def _maintenance_table(maintenance: Json) -> Table:
-    names = ('O', 'M', 'M_random', 'Q', 'QM')
-    table = Table('', 'map every', 'method', *names, 'rejected', title='Maintained maps and introspective queries')
+def _maintenance_table(maintenance: ByMap[AblationFigures]) -> Table:
+    table = Table('', 'map every', 'method', *CASES, 'rejected', title='Maintained maps and introspective queries')
     for group, spacings in maintenance.items():
         for spacing, methods in spacings.items():
-            for method, told in methods.items():
-                cells = [number(told[name]) for name in (*names, 'rejected')]
-                table.add_row(group, f'{spacing} m', method, *cells)
+            for method, figures in methods.items():
+                cells = [number(figures.recall_at_1[case]) for case in CASES]
+                table.add_row(group, f'{spacing} m', method, *cells, number(figures.rejected))
     return table
 
 
-def _recorded_table(recorded: Json) -> Table:
-    first = next(iter(recorded.values()))
-    table = Table('', *first, title='U of recorded scans: mean, and the share above every clean scan')
-    for method, told in recorded.items():
-        cells = (f'{number(figures["mean"])}, {figures["above_every_clean"]:.0%}' for figures in told.values())
+def _recorded_table(recorded: RecordedUncertainty) -> Table:
+    conditions = next(iter(recorded.methods.values()))
+    table = Table('', *conditions, title='U of recorded scans: mean, and the share above every clean scan')
+    for method, by_condition in recorded.methods.items():
+        cells = (f'{number(found.mean)}, {found.above_every_clean:.0%}' for found in by_condition.values())
         table.add_row(method, *cells)
-    return table
-
-
-def _targets_table(targets: list[Json]) -> Table:
-    """One row for each target, with the place where it is missed most or reached by least."""
-    table = Table('', 'target', 'reached', 'closest or worst', 'wanted', 'found', title='Targets')
-    texts = dict.fromkeys((target['target'], target['text']) for target in targets)
-    for key in texts:
-        alike = [target for target in targets if (target['target'], target['text']) == key]
-        reached = sum(target['passed'] for target in alike)
-        worst = min(alike, key=lambda target: target['found'] - float(target['wanted'][2:]))
-        where = f'{worst["group"]}{worst["spacing_m"] and ", " + worst["spacing_m"] + " m"}'
-        colour = 'green' if reached == len(alike) else 'red'
-        told = f'[{colour}]{reached} of {len(alike)}[/]'
-        table.add_row(str(key[0]), key[1], told, where, worst['wanted'], number(worst['found']))
     return table

@@ -1,7 +1,8 @@
-"""The static thresholds that a method's U is held to, from drives of no group."""
+"""The static thresholds on a method's U, from drives of no group."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -10,6 +11,7 @@ import numpy as np
 
 from offradar_ros.calibration.variance_scale import largest_deviation
 from offradar_ros.lab.evaluation.protocol import Validation
+from offradar_ros.records import Measure
 from offradar_ros.retrieval.thresholds import static_thresholds
 
 
@@ -27,11 +29,12 @@ class Deployed(NamedTuple):
 NOT_DEPLOYED = Deployed()
 
 
-class Thresholds(NamedTuple):
+@dataclasses.dataclass(frozen=True)
+class Thresholds:
     """`static` ascending, none where nothing was validated on; `deployed` is the one in use, NaN where none is."""
 
     static: tuple[float, ...] = ()
-    deployed: float = math.nan
+    deployed: Measure = math.nan
 
 
 def thresholds_from(uncertainties: Sequence[float], validation: Validation, given: float = math.nan) -> Thresholds:

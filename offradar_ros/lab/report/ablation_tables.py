@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from offradar_ros.lab.evaluation.summary import Json
+from offradar_ros.lab.evaluation.results.ablation import CASES, AblationFigures
+from offradar_ros.lab.evaluation.results.figure import Interval
 from offradar_ros.lab.evaluation.table import number
 from offradar_ros.lab.report.sections import TableSection
 from offradar_ros.lab.report.source import Source
@@ -16,36 +17,35 @@ CAPTION = (
     'most the threshold. Replacements: merged scans that took a place over, of those that had one within D_t. Gains in '
     'points, with 95 % bootstrap intervals over pairs.'
 )
-GAINS = {'M_over_O': 'M over O', 'M_over_M_random': 'M over M_random'}
+HEAD = ('method', *CASES, 'M over O', 'M over M_random', 'rejected (%)', 'threshold', 'replacements')
 
 
 def ablation_tables(source: Source) -> Iterator[TableSection]:
     """O, M, M_random, Q and QM of every method that has them."""
-    names = ('O', 'M', 'M_random', 'Q', 'QM')
     for group in source.groups:
-        for spacing, methods in source.results['maintenance'].get(group, {}).items():
+        for spacing, methods in source.results.maintenance.get(group, {}).items():
             if methods:
-                rows = tuple(
-                    (
-                        name_of(method),
-                        *(percent(methods[method][name]) for name in names),
-                        *(_points(methods[method]['gains'][gain]) for gain in GAINS),
-                        percent(methods[method]['rejected']),
-                        number(methods[method]['threshold']),
-                        f'{methods[method]["replaced"]} of {methods[method]["opportunities"]}',
-                    )
-                    for method in source.methods
-                    if method in methods
-                )
                 yield TableSection(
                     f'ablation_{group}_{spacing}m',
-                    f'Ablation: {source.title(group)}, {map_words(spacing)}',
-                    f'{CAPTION} {source.data_word(group).capitalize()}.',
-                    ('method', *names, *GAINS.values(), 'rejected (%)', 'threshold', 'replacements'),
-                    rows,
+                    f'Ablation: {source.results.title(group)}, {map_words(spacing)}',
+                    f'{CAPTION} {source.results.scans(group).capitalize()}.',
+                    HEAD,
+                    tuple(_row(method, methods[method]) for method in source.methods if method in methods),
                 )
 
 
-def _points(gain: Json) -> str:
-    told = [percent(gain[name]) for name in ('value', 'low', 'high')]
-    return told[0] if '-' in told else f'{told[0]} ({told[1]} to {told[2]})'
+def _row(method: str, figures: AblationFigures) -> tuple[str, ...]:
+    return (
+        name_of(method),
+        *(percent(figures.recall_at_1[case]) for case in CASES),
+        _points(figures.gain_over_unmaintained),
+        _points(figures.gain_over_random),
+        percent(figures.rejected),
+        number(figures.threshold),
+        f'{figures.replaced} of {figures.opportunities}',
+    )
+
+
+def _points(gain: Interval) -> str:
+    texts = [percent(value) for value in (gain.value, gain.low, gain.high)]
+    return texts[0] if '-' in texts else f'{texts[0]} ({texts[1]} to {texts[2]})'

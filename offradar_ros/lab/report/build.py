@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from offradar_ros.lab.report.ablation_tables import ablation_tables
 from offradar_ros.lab.report.curves import precision_recall_figures, rejection_figures
-from offradar_ros.lab.report.other_tables import cost_table, drives_table, recorded_tables, target_tables
+from offradar_ros.lab.report.other_tables import cost_table, drives_table, recorded_tables
 from offradar_ros.lab.report.places import map_figures, trajectory_figures
 from offradar_ros.lab.report.recognition_tables import recognition_table
 from offradar_ros.lab.report.sections import FigureSection, Report, TableSection
@@ -22,8 +22,8 @@ PICTURES = {
     ),
     'failures': (
         'Failures',
-        'Wrong answers that {method} was surest of, whatever the threshold, one a stretch of road: the query, the '
-        'place that it found and how far from the query that is, and the right place nearest to it; {word}.',
+        'Wrong answers that {method} was surest of, whatever the threshold, one for each stretch of road: the query, '
+        'the place that it found and how far from the query that is, and the right place nearest to it; {word}.',
         'Radar scans of queries beside the wrong and the right places',
     ),
     'severity': (
@@ -38,7 +38,7 @@ PICTURES = {
 def build_report(source: Source) -> Report:
     """Every table and figure; those of scans where the evaluation drew pictures."""
     results = source.results
-    versions = ', '.join(f'{name} {version}' for name, version in results['versions'].items())
+    versions = ', '.join(f'{name} {version}' for name, version in results.versions.items())
     figures = [
         *rejection_figures(source),
         *precision_recall_figures(source),
@@ -47,12 +47,12 @@ def build_report(source: Source) -> Report:
         *_pictures(source),
     ]
     return Report(
-        title=f'{results["protocol"]["title"]}',
+        title=results.protocol.title,
         remarks=tuple(_remarks(source)),
         tables=tuple(_tables(source)),
         figures=tuple(figures),
-        command=results['command'],
-        versions=f'{results["created"]}: {versions}',
+        command=results.command,
+        versions=f'{results.created}: {versions}',
     )
 
 
@@ -69,35 +69,34 @@ def _tables(source: Source) -> Iterator[TableSection]:
         yield from threshold_tables(source, group, spacing)
     yield cost_table(source)
     yield from recorded_tables(source)
-    yield from target_tables(source)
 
 
 def _remarks(source: Source) -> Iterator[str]:
-    results, protocol = source.results, source.results['protocol']
-    words = {source.data_word(group) for group in source.groups}
-    if words == {'simulated scans'}:
+    results, protocol = source.results, source.results.protocol
+    if {results.scans(group) for group in source.groups} == {'simulated scans'}:
         yield 'Everything here is simulated: no figure is of a recorded scan unless its caption says so.'
-    for group in protocol['groups']:
-        worlds = [key.split('/', 1)[1] for key in results['drives'] if key.startswith(f'{group["name"]}/')]
-        yield f'{group["title"]}: {", ".join(worlds) or "nothing"}; {source.data_word(group["name"])}.'
-        yield from (f'Split {road["split"]}: {road["source"]}' for road in group['recorded'] if road.get('source'))
+    for group in protocol.groups:
+        worlds = dict.fromkeys(drive.world for drive in results.drives if drive.group == group.name)
+        yield f'{group.title}: {", ".join(worlds) or "nothing"}; {group.scans}.'
+        splits = dict.fromkeys(road.split for road in group.recorded if results.splits.get(road.split))
+        yield from (f'Split {split}: {results.splits[split]}' for split in splits)
     yield (
-        f'A place within {protocol["tolerance_m"]:g} m of the query is right; pairs farther apart than '
-        f'{protocol["negative_m"]:g} m are wrong ones. Maps are maintained with D_t = '
-        f'{protocol["maintenance"]["match_distance_m"]:g} m.'
+        f'A place within {protocol.tolerance_m:g} m of the query is right; pairs farther apart than '
+        f'{protocol.negative_m:g} m are wrong ones. Maps are maintained with D_t = '
+        f'{protocol.maintenance.match_distance_m:g} m.'
     )
     for name in source.methods:
-        told = results['methods'][name]
-        weights = f' weights {told["weights"]},' if told['weights'] else ''
-        encoder = '' if told['encoder'] == name else f' {told["encoder"]},'
-        yield f'{name}:{encoder}{weights} fingerprint {told["fingerprint"][:12]}.'
-    yield from (f'Note: {text}.' for text in results['skipped'])
+        method = results.methods[name]
+        weights = f' weights {method.weights},' if method.weights else ''
+        encoder = '' if method.encoder == name else f' {method.encoder},'
+        yield f'{name}:{encoder}{weights} fingerprint {method.fingerprint[:12]}.'
+    yield from (f'Note: {text}.' for text in results.skipped)
 
 
 def _pictures(source: Source) -> Iterator[FigureSection]:
-    word = source.data_word(source.groups[-1])
+    word = source.results.scans(source.groups[-1])
     for name, (title, caption, alternative) in PICTURES.items():
         path = source.folder / f'{name}_{source.shown}.png'
         if path.is_file():
-            told = caption.format(method=source.shown, word=word)
-            yield FigureSection(name, title, told, alternative, path.read_bytes())
+            text = caption.format(method=source.shown, word=word)
+            yield FigureSection(name, title, text, alternative, path.read_bytes())

@@ -69,7 +69,7 @@ def rejection_figures(source: Source) -> Iterator[FigureSection]:
                 lost = 100.0 * _lost(source, group, spacing)
                 axis.set_ylim(100.0 - max(3.0 * lost, 1.0), 100.0 + max(0.15 * lost, 0.05))
             word = ', close by' if close else ''
-            axis.set_title(f'{source.data_word(group)}, map spacing {spacing} m{word}', fontsize='small')
+            axis.set_title(f'{source.results.scans(group)}, map spacing {spacing} m{word}', fontsize='small')
             axis.set_xlabel('rejected, most uncertain first (%)')
             axis.grid(alpha=0.3)
         axes[0].set_ylabel('Recall@1 of what is left (%)')
@@ -78,9 +78,9 @@ def rejection_figures(source: Source) -> Iterator[FigureSection]:
         ours_words = ' OURS(Q) searches the map of one drive, OURS(QM) the maintained map.' * (OURS in source.methods)
         yield FigureSection(
             f'recall_at_rejection_{group}',
-            f'Introspective query rejection: {source.title(group)}',
+            f'Introspective query rejection: {source.results.title(group)}',
             'Recall@1 as the most uncertain queries are rejected'
-            f'{closer}.{ours_words} {source.data_word(group).capitalize()}.',
+            f'{closer}.{ours_words} {source.results.scans(group).capitalize()}.',
             f'Curves of Recall@1 against the rejected share for {len(source.methods)} methods',
             png_of(figure),
         )
@@ -115,9 +115,9 @@ def precision_recall_figures(source: Source) -> Iterator[FigureSection]:
             }
             shown = reached >= RECALLS
             one.plot(100 * RECALLS[shown], 100 * precisions_at(curve, RECALLS)[shown], **style)
-            told = source.results['groups'][group][spacing][method]['pair_level']['precisions']
-            if told:
-                every.plot(100 * RECALLS, 100 * np.array(told, np.float64), **style)
+            precisions = source.results.groups[group][spacing][method].pair_level.precisions
+            if precisions:
+                every.plot(100 * RECALLS, 100 * np.array(precisions, np.float64), **style)
         for axis, title in ((one, 'nearest place of each query'), (every, 'every query with every place')):
             axis.set_title(title, fontsize='small')
             axis.set_xlabel('recall (%)')
@@ -127,15 +127,15 @@ def precision_recall_figures(source: Source) -> Iterator[FigureSection]:
         one.set_ylabel('precision (%)')
         one.legend(fontsize='x-small')
         figure.suptitle(
-            f'{source.title(group)}, map spacing {spacing} m ({source.data_word(group)})', fontsize='medium'
+            f'{source.results.title(group)}, map spacing {spacing} m ({source.results.scans(group)})', fontsize='medium'
         )
         yield FigureSection(
             f'precision_recall_{group}',
-            f'Precision and recall: {source.title(group)}',
+            f'Precision and recall: {source.results.title(group)}',
             'Over thresholds on the embedding distance. Left: the nearest place of each query, right within the '
             'tolerance. Right: pairs of a query and any place of the map; right ones within the tolerance, wrong ones '
             'beyond the distance of negatives, those between left out; mean over pairs of drives; '
-            f'{source.data_word(group)}.',
+            f'{source.results.scans(group)}.',
             f'Precision against recall for {len(source.methods)} methods, of answers and of pairs',
             png_of(figure),
         )

@@ -7,8 +7,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from offradar_ros.lab.evaluation.answers import Pair
 from offradar_ros.lab.evaluation.figures import new_figure
-from offradar_ros.lab.evaluation.summary import Json
+from offradar_ros.lab.evaluation.results.results import spacing_key
 from offradar_ros.lab.report.curves import png_of
 from offradar_ros.lab.report.sections import FigureSection
 from offradar_ros.lab.report.source import Source
@@ -22,11 +23,11 @@ def map_figures(source: Source) -> Iterator[FigureSection]:
     """The map of the first drive of each world, before and after the others were merged, coloured by U."""
     spacing = source.spacings[0]
     listed = [
-        (number, told)
-        for number, told in enumerate(source.results['maps'])
-        if (told['method'], f'{told["spacing_m"]:g}') == (source.shown, spacing)
+        (number, kept)
+        for number, kept in enumerate(source.results.maps)
+        if (kept.pair.method, spacing_key(kept.pair.spacing_m)) == (source.shown, spacing)
     ]
-    for number, told in listed[:MOST]:
+    for number, kept in listed[:MOST]:
         before, after = source.maps[f'before_{number}'], source.maps[f'after_{number}']
         low, high = np.quantile(np.concatenate([before[:, 2], after[:, 2]]), [0.02, 0.98])
         figure = new_figure(11.0, 4.6)
@@ -39,13 +40,13 @@ def map_figures(source: Source) -> Iterator[FigureSection]:
             axis.grid(alpha=0.3)
         axes[0].set_ylabel('north (m)')
         figure.colorbar(dots, ax=axes, label='U of the scan that a place holds', extend='both')
-        word = source.data_word(told['group'])
-        figure.suptitle(f'{told["world"]} ({word})', fontsize='medium')
+        pair, word = kept.pair, source.results.scans(kept.pair.group)
+        figure.suptitle(f'{pair.world} ({word})', fontsize='medium')
         yield FigureSection(
-            f'map_{told["group"]}_{told["world"]}',
-            f'Map maintenance: {told["world"]}',
-            f'The map of one drive ({len(before)} places) before and after the others were merged: {told["replaced"]} '
-            f'replacements at {told["opportunities"]} opportunities, the size stays; {word}.',
+            f'map_{pair.group}_{pair.world}',
+            f'Map maintenance: {pair.world}',
+            f'The map of one drive ({len(before)} places) before and after the others were merged: {kept.replaced} '
+            f'replacements at {kept.opportunities} opportunities, the size stays; {word}.',
             f'Two maps of {len(before)} places coloured by U, before and after maintenance',
             png_of(figure),
         )
@@ -55,18 +56,18 @@ def trajectory_figures(source: Source) -> Iterator[FigureSection]:
     """The first search of each world: each query where it was made, by what became of it."""
     spacing = source.spacings[0]
     drawn: set[tuple[str, str]] = set()
-    for number, pair in enumerate(source.results['pairs']):
-        key = (pair['group'], pair['world'])
-        same = (pair['method'], f'{pair["spacing_m"]:g}', pair['maintained']) == (source.shown, spacing, False)
-        if same and key not in drawn and len(drawn) < MOST:
-            drawn.add(key)
+    for number, search in enumerate(source.results.searches):
+        pair = search.pair
+        same = (pair.method, spacing_key(pair.spacing_m), search.maintained) == (source.shown, spacing, False)
+        if same and (pair.group, pair.world) not in drawn and len(drawn) < MOST:
+            drawn.add((pair.group, pair.world))
             yield _trajectory(source, number, pair)
 
 
-def _trajectory(source: Source, number: int, pair: Json) -> FigureSection:
+def _trajectory(source: Source, number: int, pair: Pair) -> FigureSection:
     rows = source.rows[source.rows['pair'] == number]
-    told = source.results['groups'][pair['group']][source.spacings[0]][source.shown]['at_deployed_threshold']
-    threshold = math.inf if told.get('threshold') is None else told['threshold']
+    deployed = source.results.groups[pair.group][source.spacings[0]][source.shown].at_deployed_threshold
+    threshold = deployed.threshold if deployed else math.inf
     # Refused scans have an infinite U: they are rejected whatever the threshold.
     answered = np.isfinite(rows['uncertainty']) & (rows['uncertainty'] <= threshold)
     right = rows['rank'] == 0
@@ -96,15 +97,18 @@ def _trajectory(source: Source, number: int, pair: Json) -> FigureSection:
     axis.set_ylabel('north (m)')
     axis.grid(alpha=0.3)
     axis.legend(fontsize='x-small')
-    drives = source.results['drives'][f'{pair["group"]}/{pair["world"]}']
-    names = {drive['index']: drive['name'] for drive in drives}
-    mapped, query = names[pair['map_index']], names[pair['query_index']]
-    word = source.data_word(pair['group'])
-    limit = 'no threshold' if math.isinf(threshold) else f'threshold {threshold:.3f}'
+    names = {
+        drive.index: drive.name
+        for drive in source.results.drives
+        if (drive.group, drive.world) == (pair.group, pair.world)
+    }
+    mapped, query = names[pair.map_index], names[pair.query_index]
+    word = source.results.scans(pair.group)
+    limit = f'threshold {threshold:.3f}' if deployed else 'no threshold'
     figure.suptitle(f'{query}\nsearched in the map of {mapped} ({word}, {limit})', fontsize='small')
     return FigureSection(
-        f'trajectory_{pair["group"]}_{pair["world"]}',
-        f'Along the way: {pair["world"]}',
+        f'trajectory_{pair.group}_{pair.world}',
+        f'Along the way: {pair.world}',
         f'Every query of {query} in the map of {mapped}: a match (right place), a miss (another place; where '
         f'the map has no place near, nothing else was possible), or rejected for its U ({limit}); {word}.',
         f'{len(rows)} queries on a map, coloured by match, miss and rejection',

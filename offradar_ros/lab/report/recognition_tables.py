@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 from offradar_ros.lab.evaluation.methods import OURS
-from offradar_ros.lab.evaluation.summary import Json
+from offradar_ros.lab.evaluation.results.figure import Interval
+from offradar_ros.lab.evaluation.results.recognition import Recognition
+from offradar_ros.lab.evaluation.results.search import SearchFigures
 from offradar_ros.lab.evaluation.table import number
 from offradar_ros.lab.report.paper_tables import PAPER_TABLES, PAPER_TITLES, PaperRow
 from offradar_ros.lab.report.sections import TableSection
@@ -30,11 +33,11 @@ PAPER_HEAD = ('R@1/5/10', 'F (as printed)', 'AP')
 
 def recognition_table(source: Source, group: str, spacing: str) -> TableSection:
     """The paper's form: Recall@1, 5, 10, F_β and AP; OURS(M) where maps were maintained; the paper's own beside."""
-    methods = source.results['groups'][group][spacing]
-    rows: dict[str, Json] = {name: methods[name] for name in source.methods}
-    maintained = source.results['maintenance'].get(group, {}).get(spacing, {}).get(OURS)
-    if maintained:
-        rows[f'{OURS} (M)'] = maintained['figures']['M']
+    methods = source.results.groups[group][spacing]
+    rows: dict[str, Recognition] = {name: methods[name] for name in source.methods}
+    ablation = source.results.maintenance.get(group, {}).get(spacing, {}).get(OURS)
+    if ablation:
+        rows[f'{OURS} (M)'] = ablation.maintained
     which = _paper_of(source, group)
     paper = PAPER_TABLES.get(which, {})
     columns = [_recognition(figures) for figures in rows.values()]
@@ -44,15 +47,16 @@ def recognition_table(source: Source, group: str, spacing: str) -> TableSection:
         for (name, _), own in zip(rows.items(), columns, strict=True)
     ]
     first = next(iter(methods.values()))
+    scans = source.results.scans(group)
     beside = f' Right columns: {PAPER_TITLES[which]}, F as printed there' if paper else ''
-    if paper and source.data_word(group) != 'recorded scans':
+    if paper and scans != 'recorded scans':
         beside += '; of recorded scans and the networks of the paper, not of what is measured here'
     return TableSection(
         f'recognition_{group}_{spacing}m',
-        f'Recognition: {source.title(group)}, {map_words(spacing)}',
-        f'Pooled over {first["with_positive"]} of {first["queries"]} queries, those that have a right place in the '
-        f'map, of {first["pairs"]} ordered pairs of drives, with a 95 % bootstrap interval over pairs; '
-        f'{source.data_word(group)}. F is the highest over thresholds on the distance of the nearest place, for each β '
+        f'Recognition: {source.results.title(group)}, {map_words(spacing)}',
+        f'Pooled over {first.with_positive} of {first.queries} queries, those that have a right place in the '
+        f'map, of {first.pairs} ordered pairs of drives, with a 95 % bootstrap interval over pairs; '
+        f'{scans}. F is the highest over thresholds on the distance of the nearest place, for each β '
         'by itself; AP over the same, one answer a query. R@1 of all counts every query: one without a right place is '
         f'always wrong. AP of pairs is of every query with every place.{beside}{"." if beside else ""}',
         RECOGNITION_HEAD + (tuple(f'paper: {name}' for name in PAPER_HEAD) if paper else ()),
@@ -62,7 +66,7 @@ def recognition_table(source: Source, group: str, spacing: str) -> TableSection:
 
 
 def _paper_of(source: Source, group: str) -> int:
-    return next((int(g['paper']) for g in source.results['protocol']['groups'] if g['name'] == group), 0)
+    return next((known.paper for known in source.results.protocol.groups if known.name == group), 0)
 
 
 def _paper_cells(row: PaperRow | None) -> tuple[str, ...]:
@@ -73,28 +77,22 @@ def _paper_cells(row: PaperRow | None) -> tuple[str, ...]:
     return recalls, printed, f'{row.average_precision:.2f}'
 
 
-def _recognition(figures: Json) -> list[str]:
-    recalls = [_value(figures[f'recall_at_{n}']) for n in (1, 5, 10)]
-    f_beta = [figures['max_f_beta'][beta]['value'] for beta in ('1', '0.5', '2')]
-    paired = figures.get('pair_level', {}).get('average_precision', {}).get('value')
-    every = figures['every_query']['recall_at_1']
-    precision = _value(figures['average_precision'])
+def _recognition(figures: Recognition) -> list[str]:
+    recalls = [figures.recall_at_1, figures.recall_at_5, figures.recall_at_10]
+    f_beta = [figures.max_f_beta[beta].value for beta in ('1', '0.5', '2')]
+    pairs = figures.pair_level.average_precision.value if isinstance(figures, SearchFigures) else math.nan
     return [
-        *map(percent, recalls),
-        _interval(figures['recall_at_1']),
-        *map(number, [*f_beta, precision]),
-        percent(every),
-        number(paired),
+        *(percent(recall.value) for recall in recalls),
+        _interval(figures.recall_at_1),
+        *map(number, [*f_beta, figures.average_precision.value]),
+        percent(figures.every_query.recall_at_1),
+        number(pairs),
     ]
 
 
-def _interval(figure: Json) -> str:
-    ends = [percent(figure[end]) for end in ('low', 'high')]
+def _interval(figure: Interval) -> str:
+    ends = [percent(end) for end in (figure.low, figure.high)]
     return '-' if '-' in ends else ' to '.join(ends)
-
-
-def _value(figure: Json | float | None) -> float | None:
-    return figure['value'] if isinstance(figure, dict) else figure
 
 
 def _standing_out(places: Sequence[Sequence[int]], place: int) -> frozenset[tuple[int, int]]:

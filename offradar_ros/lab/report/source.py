@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from offradar_ros.errors import DataError
 from offradar_ros.lab.evaluation.methods import METHODS, OURS
 from offradar_ros.lab.evaluation.protocol import ALL
-from offradar_ros.lab.evaluation.results import MAPS_FILE, RESULTS_FILE, SCANS_FILE, read_results
-from offradar_ros.lab.evaluation.summary import Json
+from offradar_ros.lab.evaluation.results.arrays import MAPS_FILE, SCANS_FILE, read_arrays
+from offradar_ros.lab.evaluation.results.file import RESULTS_FILE, read_results
+from offradar_ros.lab.evaluation.results.results import Results, spacing_key
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -23,21 +24,21 @@ class Source:
     Attributes:
         folder: where the pictures are.
         results: as `read_results` gives them.
-        rows: (R,) structured, as ``results.SCANS`` says.
+        rows: (R,) structured, as `SCANS` says.
         maps: arrays ``before_K`` and ``after_K``, (P, 3), as `map_arrays` says.
     """
 
     folder: Path
-    results: Json
+    results: Results
     rows: NDArray[Any]
     maps: dict[str, NDArray[np.float64]]
 
     @property
     def methods(self) -> list[str]:
-        """Those that were measured, ours last, in the order of the paper's tables."""
-        known = [name for name in METHODS if name != OURS and name in self.results['methods']]
-        others = [name for name in self.results['methods'] if name not in METHODS]
-        return known + others + [OURS] * (OURS in self.results['methods'])
+        """Names of those that were measured, ours last, in the order of the paper's tables."""
+        known = [name for name in METHODS if name != OURS and name in self.results.methods]
+        others = [name for name in self.results.methods if name not in METHODS]
+        return known + others + [OURS] * (OURS in self.results.methods)
 
     @property
     def shown(self) -> str:
@@ -47,32 +48,22 @@ class Source:
     @property
     def groups(self) -> list[str]:
         """Groups with results; all of them together last, where there are several."""
-        groups = [name for name in self.results['groups'] if name != ALL]
+        groups = [name for name in self.results.groups if name != ALL]
         return groups + [ALL] * (len(groups) > 1)
 
     @property
     def spacings(self) -> list[str]:
         """Keys of the map spacings, the headline's first."""
-        return list(next(iter(self.results['groups'].values())))
-
-    def title(self, group: str) -> str:
-        """What people call a group."""
-        titles = {told['name']: told['title'] for told in self.results['protocol']['groups']}
-        return str(titles.get(group, 'All groups'))
-
-    def data_word(self, group: str) -> str:
-        """What its scans are: every caption says so."""
-        told = self.results['scans']
-        kinds = set(told.values()) if group == ALL else {told[group]}
-        return kinds.pop() if len(kinds) == 1 else 'simulated and recorded scans'
+        return list(next(iter(self.results.groups.values())))
 
     def answered(self, group: str, spacing: str, method: str, maintained: bool = False) -> NDArray[Any]:
         """Rows of queries that have a right place in the map, of the group's searches."""
+        wanted = (spacing, method, maintained)
         chosen = [
             number
-            for number, pair in enumerate(self.results['pairs'])
-            if group in (ALL, pair['group'])
-            and (f'{pair["spacing_m"]:g}', pair['method'], pair['maintained']) == (spacing, method, maintained)
+            for number, search in enumerate(self.results.searches)
+            if group in (ALL, search.pair.group)
+            and (spacing_key(search.pair.spacing_m), search.pair.method, search.maintained) == wanted
         ]
         rows: NDArray[Any] = self.rows[np.isin(self.rows['pair'], chosen) & self.rows['positive']]
         return rows
@@ -82,12 +73,7 @@ def read_source(folder: str | Path) -> Source:
     """The folder of an evaluation; DataError names what of it is missing or damaged."""
     folder = Path(folder)
     results = read_results(folder / RESULTS_FILE)
-    try:
-        rows = np.load(folder / SCANS_FILE, allow_pickle=False)
-        with np.load(folder / MAPS_FILE, allow_pickle=False) as stored:
-            maps = {name: stored[name] for name in stored.files}
-    except (OSError, ValueError, EOFError, KeyError) as error:
-        raise DataError(f'{folder}: expected {SCANS_FILE} and {MAPS_FILE} of offradar evaluate ({error})') from None
-    if len(rows) != results['rows'] or len(maps) != 2 * len(results['maps']):
+    rows, maps = read_arrays(folder)
+    if len(rows) != results.rows or len(maps) != 2 * len(results.maps):
         raise DataError(f'{folder}: {SCANS_FILE} and {MAPS_FILE} are not of the same evaluation as {RESULTS_FILE}')
     return Source(folder, results, rows, maps)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from typer.testing import CliRunner
 from offradar_ros.cli.main import app
 from offradar_ros.errors import ConfigError, DataError
 from offradar_ros.geometry import GeoPoint, LocalFrame, utm_to_geodetic
+from offradar_ros.lab.evaluation.results.file import read_results
 from offradar_ros.recordings.bags.oxford_folder import write_oxford
 from offradar_ros.recordings.datasets.splits import read_split
 from offradar_ros.shipped import shipped_file
@@ -56,12 +57,12 @@ def test_an_evaluation_is_repeated_from_its_cache(folder: Path) -> None:
     cached = {path: path.stat().st_mtime_ns for path in (folder / 'cache').rglob('*.*')}
     evaluate(folder, 'second', '--no-pictures')
     assert {path: path.stat().st_mtime_ns for path in (folder / 'cache').rglob('*.*')} == cached
-    first, second = (json.loads((folder / out / 'results.json').read_text()) for out in ('first', 'second'))
-    assert first['groups'] == second['groups']
-    assert first['maintenance'] == second['maintenance']
-    assert set(first['groups']) == {'a', 'all'}
-    assert first['groups']['a']['5']['ring_key']['pairs'] == 6
-    assert first['seeds'] == [2999991, 2999993, 2999992, 0]
+    first, second = (read_results(folder / out / 'results.json') for out in ('first', 'second'))
+    assert repr(first.groups) == repr(second.groups)
+    assert repr(first.maintenance) == repr(second.maintenance)
+    assert set(first.groups) == {'a', 'all'}
+    assert first.groups['a']['5']['ring_key'].pairs == 6
+    assert first.seeds == (2999991, 2999993, 2999992, 0)
     assert (folder / 'first' / 'recall_at_rejection.png').is_file()
     assert (folder / 'first' / 'extremes_ring_key.png').is_file()
     assert not list((folder / 'second').glob('*.png'))
@@ -109,17 +110,17 @@ def test_the_papers_oxford_experiment(oxford: Path, tmp_path: Path, done: Callab
     out = tmp_path / 'out'
     said = done('evaluate', 'oxford', '--data', oxford, '--method', 'ring_key', '--out', out)
     assert '2019-01-10-14-36-48-radar-oxford-10k-partial: not found' in said
-    results = json.loads((out / 'results.json').read_text())
-    told = results['groups']['oxford']['0']['ring_key']
-    assert (told['pairs'], told['queries']) == (20, 20 * 14)
-    assert results['maintenance']['oxford']['0']['ring_key']['ordered_pairs'] == 20
+    results = read_results(out / 'results.json')
+    figures = results.groups['oxford']['0']['ring_key']
+    assert (figures.pairs, figures.queries) == (20, 20 * 14)
+    assert results.maintenance['oxford']['0']['ring_key'].ordered_pairs == 20
     assert 'report.html' in done('report', out)
     text = (out / 'report' / 'report.md').read_text()
     assert '| RingKey | ' in text
     assert '83.68 / 86.49 / 88.32 | 0.85 / 0.81 / 0.71 | 0.94 |' in text
     assert 'simulated' not in text
     # Without the test sequences there is nothing to measure, and a line says what is missing.
-    (oxford / results['drives']['oxford/oxford'][0]['name']).rename(oxford / 'elsewhere')
+    (oxford / results.drives[0].name).rename(oxford / 'elsewhere')
     again = done('evaluate', 'oxford', '--data', oxford, '--method', 'ring_key', '--out', out, '--no-pictures')
     assert 'oxford: not found: 2019-01-18-14-46-59-radar-oxford-10k in' in again
 
@@ -138,20 +139,20 @@ def test_own_recordings(street_bag: Callable[..., Path], tmp_path: Path, done: C
     said = done('encode', 'own', *named)
     assert 'ring_key: 48 scans of 3 drives encoded, 0 refused' in said
     done('evaluate', *named, '--out', tmp_path, '--no-pictures')
-    results = json.loads((tmp_path / 'results.json').read_text())
-    assert [drive['name'] for drive in results['drives']['own/own']] == ['day_0', 'day_1', 'day_2']
-    assert [drive['roles'] for drive in results['drives']['own/own']] == ['mapped', 'mapped', 'searched']
-    told = results['groups']['own']['5']['ring_key']
-    assert (told['pairs'], told['queries']) == (2, 32)
-    assert results['maintenance']['own']['5']['ring_key']['ordered_pairs'] == 2
-    assert told['at_deployed_threshold']['threshold'] == pytest.approx(1.2)
+    results = read_results(tmp_path / 'results.json')
+    assert [drive.name for drive in results.drives] == ['day_0', 'day_1', 'day_2']
+    assert [drive.roles for drive in results.drives] == ['mapped', 'mapped', 'searched']
+    figures = results.groups['own']['5']['ring_key']
+    assert (figures.pairs, figures.queries) == (2, 32)
+    assert results.maintenance['own']['5']['ring_key'].ordered_pairs == 2
+    assert figures.at_deployed_threshold.threshold == pytest.approx(1.2)
     # Thresholds of another model say nothing of this one's U.
     (tmp_path / 'car.yaml').write_text('query: {delta: 0.4, levels: 4, level: 3, model: abc}\n')
     said = done('evaluate', 'own', *named, '--out', tmp_path, '--no-pictures')
     assert 'ring_key: the threshold of --params is for model abc, this is ' in said
-    results = json.loads((tmp_path / 'results.json').read_text())
-    assert results['groups']['own']['5']['ring_key']['at_deployed_threshold'] == {'threshold': None}
-    assert results['maintenance']['own']['5']['ring_key']['QM'] is None
+    results = read_results(tmp_path / 'results.json')
+    assert results.groups['own']['5']['ring_key'].at_deployed_threshold is None
+    assert math.isnan(results.maintenance['own']['5']['ring_key'].recall_at_1['QM'])
 
 
 def test_a_calibrated_encoder_is_evaluated_with_its_threshold(
@@ -163,15 +164,15 @@ def test_a_calibrated_encoder_is_evaluated_with_its_threshold(
     named = ['--map', bags[1], '--query', bags[2], '--params', tmp_path / 'car.yaml', '--method', 'ring_key']
     said = done('evaluate', *named, '--out', tmp_path / 'out', '--no-pictures')
     assert 'threshold of --params' not in said
-    results = json.loads((tmp_path / 'out' / 'results.json').read_text())
-    assert results['methods']['ring_key']['fingerprint'] == written['query']['model']
+    results = read_results(tmp_path / 'out' / 'results.json')
+    assert results.methods['ring_key'].fingerprint == written['query']['model']
     query = written['query']
     expected = 1.0 - query['delta'] + 2.0 * query['delta'] * query['level'] / query['levels']
-    told = results['groups']['own']['5']['ring_key']
-    assert told['at_deployed_threshold']['threshold'] == pytest.approx(expected)
-    assert results['protocol']['title'] == 'Own recordings'
+    figures = results.groups['own']['5']['ring_key']
+    assert figures.at_deployed_threshold.threshold == pytest.approx(expected)
+    assert results.protocol.title == 'Own recordings'
     # A single pair has no interval.
-    assert told['recall_at_1']['low'] is None
+    assert math.isnan(figures.recall_at_1.low)
 
 
 @pytest.mark.parametrize('name', ['blank', 'asked_blank'])
@@ -188,9 +189,9 @@ def test_what_cannot_be_found_is_reported_all_the_same(
     said = done('evaluate', '--map', maps, '--query', queries, '--method', 'ring_key', '--out', out)
     assert {'blank': 'blank: none of its scans can be mapped'}.get(name, '') in said
     assert 'report.html' in done('report', out)
-    results = json.loads((out / 'results.json').read_text())
-    told = results['groups']['own']['5']['ring_key']
-    assert told['recall_at_1']['value'] == 0.0
+    results = read_results(out / 'results.json')
+    figures = results.groups['own']['5']['ring_key']
+    assert figures.recall_at_1.value == 0.0
     assert 'The threshold in use' not in (out / 'report' / 'report.md').read_text()
 
 
@@ -216,8 +217,8 @@ def test_revisits_of_one_recording(street_bag: Callable[..., Path], tmp_path: Pa
     day = street_bag('day', count=24)
     named = ['--map', day, '--query', day, '--method', 'ring_key', '--no-pictures']
     done('evaluate', *named, '--exclusion-s', 2, '--out', tmp_path / 'near')
-    told = json.loads((tmp_path / 'near' / 'results.json').read_text())['groups']['own']['5']['ring_key']
-    assert (told['pairs'], told['queries']) == (1, 24)
+    figures = read_results(tmp_path / 'near' / 'results.json').groups['own']['5']['ring_key']
+    assert (figures.pairs, figures.queries) == (1, 24)
     said = done('evaluate', *named, '--exclusion-s', 60, '--out', tmp_path / 'far')
     assert 'note: day: never comes back to where it was' in said
     assert 'report.html' in done('report', tmp_path / 'far')
@@ -238,6 +239,23 @@ def test_drives_of_two_cities_are_refused_before_anything_is_encoded(
     near, far = street_bag('near', count=4), street_bag('far', count=4, lane_m=400.0)
     said = refused('evaluate', '--map', near, '--query', far, '--method', 'ring_key', '--out', tmp_path / 'o')
     assert 'far: no scan within 25 m of near, the nearest 400 m away' in said
+
+
+def test_recorded_scans_are_named_by_the_user(
+    street_bag: Callable[..., Path], tmp_path: Path, done: Callable[..., str], refused: Callable[..., str]
+) -> None:
+    bags = [street_bag(f'day_{number}', count=8, noise_seed=number) for number in range(2)]
+    named = ['evaluate', '--map', bags[0], '--query', bags[1], '--method', 'ring_key', '--out', tmp_path / 'out']
+    compared = ['--clean-scans', bags[0], '--compared-scans', f'rain={bags[1]}']
+    said = done(*named, *compared, '--no-pictures')
+    assert 'U of recorded scans' in said
+    recorded = read_results(tmp_path / 'out' / 'results.json').recorded
+    assert recorded is not None
+    assert (recorded.clean, recorded.compared) == ('day_0', {'rain': 'day_1'})
+    assert recorded.methods['ring_key']['rain'].scans == 8
+    for wrong in (['--compared-scans', f'rain={bags[1]}'], [*compared, '--compared-scans', str(bags[1])]):
+        assert 'expected NAME=RECORDING' in refused(*named, *wrong)
+    assert 'no such folder' in refused(*named, '--clean-scans', tmp_path / 'gone')
 
 
 def test_a_misspelt_method_is_guessed(tmp_path: Path, refused: Callable[..., str]) -> None:
@@ -273,11 +291,11 @@ def test_real_streets_are_driven_both_ways(real_data: Path, tmp_path: Path, done
     protocol |= {'drive_spacing_m': 200.0, 'map_spacings_m': [200.0], 'tolerance_m': 150.0, 'negative_m': 150.0}
     protocol['validation'] |= {'cities': [2900001], 'scans': 5}
     (tmp_path / 'p.yaml').write_text(yaml.safe_dump(protocol))
-    named = ['--real-worlds', real_data / 'worlds', '--method', 'ring_key']
+    named = ['--streets', real_data / 'worlds', '--method', 'ring_key']
     done('evaluate', tmp_path / 'p.yaml', *named, '--out', tmp_path / 'out', '--no-pictures')
-    results = json.loads((tmp_path / 'out' / 'results.json').read_text())
-    assert results['groups']['streets']['200']['ring_key']['pairs'] == 12
-    assert results['worlds'] == ['dcc', 'kaist']
-    told = results['maintenance']['streets']['200']['ring_key']
-    assert told['ordered_pairs'] == 12
-    assert results['scans'] == {'streets': 'simulated scans'}
+    results = read_results(tmp_path / 'out' / 'results.json')
+    assert results.groups['streets']['200']['ring_key'].pairs == 12
+    assert results.worlds == ('dcc', 'kaist')
+    figures = results.maintenance['streets']['200']['ring_key']
+    assert figures.ordered_pairs == 12
+    assert results.scans('streets') == 'simulated scans'

@@ -82,19 +82,20 @@ def test_all_maps_are_of_one_size_and_maintenance_helps(ablation: Ablation, smal
     sizes = {a.places for a in (ablation.unmaintained, ablation.maintained, *ablation.random)}
     assert sizes == {30}
     assert len(ablation.random) == 3
-    told = summarise_ablation([ablation], 0.6, small_protocol)
-    assert told['M'] > told['O']
-    assert told['M'] > told['M_random']
-    assert told['QM'] > told['Q']
-    assert 0.1 < told['rejected'] < 0.5
-    assert told['gains']['M_over_O']['value'] == pytest.approx(told['M'] - told['O'])
-    assert told['gains']['M_over_M_random']['value'] == pytest.approx(told['M'] - told['M_random'])
+    figures = summarise_ablation([ablation], 0.6, small_protocol)
+    recall = figures.recall_at_1
+    assert recall['M'] > recall['O']
+    assert recall['M'] > recall['M_random']
+    assert recall['QM'] > recall['Q']
+    assert 0.1 < figures.rejected < 0.5
+    assert figures.gain_over_unmaintained.value == pytest.approx(recall['M'] - recall['O'])
+    assert figures.gain_over_random.value == pytest.approx(recall['M'] - recall['M_random'])
     # One pair says nothing of how pairs differ.
-    assert math.isnan(told['gains']['M_over_O']['low'])
+    assert math.isnan(figures.gain_over_unmaintained.low)
     several = summarise_ablation([ablation] * 3, math.nan, small_protocol)
-    assert several['gains']['M_over_O']['low'] == pytest.approx(told['M'] - told['O'])
-    assert math.isnan(several['Q'])
-    assert math.isnan(several['rejected'])
+    assert several.gain_over_unmaintained.low == pytest.approx(recall['M'] - recall['O'])
+    assert math.isnan(several.recall_at_1['Q'])
+    assert math.isnan(several.rejected)
 
 
 def test_the_control_replaces_as_often_at_scans_drawn_at_random(drives: list[EmbeddedDrive]) -> None:
@@ -124,8 +125,8 @@ def test_the_control_draws_again_each_time_but_the_same_for_a_seed(
 
 
 def test_only_certain_queries_are_answered(ablation: Ablation, small_protocol: Protocol) -> None:
-    told = summarise_ablation([ablation], 0.5, small_protocol)
+    recall = summarise_ablation([ablation], 0.5, small_protocol).recall_at_1
     chosen = ablation.unmaintained.positive & (ablation.unmaintained.uncertainties <= 0.5)
-    assert told['Q'] == pytest.approx(np.mean(ablation.unmaintained.correct[chosen]))
-    assert told['QM'] == pytest.approx(np.mean(ablation.maintained.correct[chosen]))
-    assert np.isnan(summarise_ablation([ablation], -1.0, small_protocol)['Q'])
+    assert recall['Q'] == pytest.approx(np.mean(ablation.unmaintained.correct[chosen]))
+    assert recall['QM'] == pytest.approx(np.mean(ablation.maintained.correct[chosen]))
+    assert np.isnan(summarise_ablation([ablation], -1.0, small_protocol).recall_at_1['Q'])

@@ -136,17 +136,16 @@ def quiet_options(out: Path, data: Path) -> Options:
 def test_a_recorded_road_is_evaluated_both_ways(data: Path, tmp_path: Path) -> None:
     protocol = protocol_of(Recorded('r', sequences=('d0', 'd1', 'd2')), validation=Validation(sequences=('d2',)))
     results = evaluate(protocol, ['ring_key'], quiet_options(tmp_path, data))
-    told = results['groups']['g']['0']['ring_key']
-    assert (told['pairs'], told['queries'], told['with_positive']) == (6, 144, 144)
+    figures = results.groups['g']['0']['ring_key']
+    assert (figures.pairs, figures.queries, figures.with_positive) == (6, 144, 144)
     # The reflectors of the street are alike from a lane beside: most scans are found, but not all.
-    assert told['recall_at_1']['value'] > 0.8
-    assert np.isnan(told['recall_at_1_clean']['value'])
-    assert results['maintenance']['g']['0']['ring_key']['ordered_pairs'] == 6
-    assert results['scans'] == {'g': 'recorded scans'}
-    assert [drive['name'] for drive in results['drives']['g/r']] == ['d0', 'd1', 'd2']
-    assert [drive['scans'] for drive in results['drives']['g/r']] == [24, 24, 24]
-    assert results['skipped'] == []
-    assert results['targets'] == []
+    assert figures.recall_at_1.value > 0.8
+    assert np.isnan(figures.recall_at_1_clean.value)
+    assert results.maintenance['g']['0']['ring_key'].ordered_pairs == 6
+    assert results.scans('g') == 'recorded scans'
+    drives = [(drive.group, drive.name, drive.scans) for drive in results.drives]
+    assert drives == [('g', 'd0', 24), ('g', 'd1', 24), ('g', 'd2', 24), ('validation', 'd2_1', 24)]
+    assert results.skipped == ()
 
 
 def test_drives_that_never_meet_are_told_of(data: Path, tmp_path: Path) -> None:
@@ -155,8 +154,8 @@ def test_drives_that_never_meet_are_told_of(data: Path, tmp_path: Path) -> None:
         evaluate(protocol_of(Recorded('r', sequences=('d0', 'elsewhere'))), ['ring_key'], quiet_options(tmp_path, data))
     road = Recorded('r', maps=('d0',), queries=('d1', 'elsewhere'))
     results = evaluate(protocol_of(road), ['ring_key'], quiet_options(tmp_path, data))
-    assert results['skipped'] == [f'elsewhere: no scan within 3 m of d0, {away}']
-    assert results['groups']['g']['0']['ring_key']['with_positive'] == 24
+    assert results.skipped == (f'elsewhere: no scan within 3 m of d0, {away}',)
+    assert results.groups['g']['0']['ring_key'].with_positive == 24
 
 
 def test_folders_of_one_name_are_told_apart(data: Path, tmp_path: Path, street: Callable[..., object]) -> None:

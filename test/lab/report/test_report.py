@@ -16,6 +16,7 @@ from typer.testing import CliRunner
 
 from offradar_ros.cli.main import app
 from offradar_ros.errors import DataError
+from offradar_ros.lab.evaluation.results.file import read_results
 from offradar_ros.lab.report.paper_tables import PAPER_TABLES
 from offradar_ros.lab.report.source import Source, read_source
 
@@ -68,24 +69,24 @@ def rows_of(folder: Path, name: str) -> list[list[str]]:
 
 
 def test_the_tables_hold_the_results(folder: Path) -> None:
-    results = json.loads((folder / 'results.json').read_text())
-    figures = results['groups']['a']['5']['ring_key']
+    results = read_results(folder / 'results.json')
+    figures = results.groups['a']['5']['ring_key']
     (head, row) = rows_of(folder, 'recognition_a_5m')
-    told = dict(zip(head, row, strict=True))
-    assert told['method'] == 'RingKey'
-    assert told['R@1 (%)'] == f'{100 * figures["recall_at_1"]["value"]:.2f}'
-    assert told['R@1 of all (%)'] == f'{100 * figures["every_query"]["recall_at_1"]:.2f}'
-    assert told['F2'] == f'{figures["max_f_beta"]["2"]["value"]:.3f}'
-    assert told['AP of pairs'] == f'{figures["pair_level"]["average_precision"]["value"]:.3f}'
+    cells = dict(zip(head, row, strict=True))
+    assert cells['method'] == 'RingKey'
+    assert cells['R@1 (%)'] == f'{100 * figures.recall_at_1.value:.2f}'
+    assert cells['R@1 of all (%)'] == f'{100 * figures.every_query.recall_at_1:.2f}'
+    assert cells['F2'] == f'{figures.max_f_beta["2"].value:.3f}'
+    assert cells['AP of pairs'] == f'{figures.pair_level.average_precision.value:.3f}'
     (head, row) = rows_of(folder, 'ablation_a_15m')
-    assert row[head.index('M')] == f'{100 * results["maintenance"]["a"]["15"]["ring_key"]["M"]:.2f}'
+    assert row[head.index('M')] == f'{100 * results.maintenance["a"]["15"]["ring_key"].recall_at_1["M"]:.2f}'
     thresholds = rows_of(folder, 'thresholds_a_5m')[1:]
     assert 1 <= len(thresholds) <= 21
     assert [row[2] for row in thresholds].count('0') <= 1
     assert [float(row[1]) for row in thresholds] == sorted((float(row[1]) for row in thresholds), reverse=True)
 
 
-def test_what_was_driven_is_told(folder: Path) -> None:
+def test_what_was_driven_is_reported(folder: Path) -> None:
     table = rows_of(folder, 'drives')
     assert [row[0] for row in table[1:]] == ['city_2999971_1', 'city_2999971_2', 'city_2999971_3', 'city_2999972_1']
     assert [row[2] for row in table[1:]] == ['12', '12', '12', '6']
@@ -112,7 +113,7 @@ def test_every_caption_says_that_scans_are_simulated(folder: Path) -> None:
     assert all('simulated' in caption.lower() for caption in pictures)
 
 
-def test_markdown_and_page_tell_the_same_and_load_nothing(folder: Path) -> None:
+def test_markdown_and_page_say_the_same_and_load_nothing(folder: Path) -> None:
     page = (folder / 'report' / 'report.html').read_text()
     text = (folder / 'report' / 'report.md').read_text()
     titles = re.findall('^## (.*)$', text, re.MULTILINE)
@@ -165,5 +166,5 @@ def test_rows_of_a_group_are_those_of_its_pairs(source: Source) -> None:
     for maintained in (False, True):
         rows = source.answered('a', '15', 'ring_key', maintained)
         recall = float(np.mean(rows['rank'] == 0))
-        told = results['maintenance']['a']['15']['ring_key']
-        assert recall == pytest.approx(told['M' if maintained else 'O'])
+        expected = results.maintenance['a']['15']['ring_key'].recall_at_1['M' if maintained else 'O']
+        assert recall == pytest.approx(expected)

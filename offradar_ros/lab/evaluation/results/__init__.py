@@ -1,0 +1,1 @@
+"""What an evaluation gives, as records, and the files that hold them."""

@@ -1,0 +1,108 @@
+"""The arrays beside the results: a row for each query scan, and maps before and after maintenance."""
+
+from __future__ import annotations
+
+import io
+import itertools
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from offradar_ros.encoders.model_files import write_atomically
+from offradar_ros.errors import DataError
+from offradar_ros.lab.evaluation.results.searches import MaintainedMap, Search
+from offradar_ros.lab.evaluation.runner import Measured, Worlds, drives_of_pair
+
+SCANS_FILE, MAPS_FILE = 'scans.npy', 'maps.npz'
+"""Their names in the folder of an evaluation."""
+
+SCANS = np.dtype(
+    [
+        ('pair', '<i4'),
+        ('scan', '<i4'),
+        ('uncertainty', '<f8'),
+        ('rank', '<i4'),
+        ('positive', '?'),
+        ('severity', '<f4'),
+        ('kind', '<i1'),
+        ('error_m', '<f4'),
+        ('distance', '<f4'),
+        ('x_m', '<f8'),
+        ('y_m', '<f8'),
+    ]
+)
+"""Row of ``scans.npy``: `pair` counts into the results' `searches`, `kind` into their `kinds`, x and y are where the
+scan was taken, in metres of the world; the rest as in `Answers`."""
+
+
+class ScanRows(NamedTuple):
+    """(R,) structured rows as `SCANS` says, and what they count into."""
+
+    rows: NDArray[Any]
+    searches: tuple[Search, ...]
+    kinds: tuple[str, ...]
+
+
+class MapArrays(NamedTuple):
+    """Arrays ``before_K`` and ``after_K``, (P, 3) float64 x, y in metres and U, of the K-th of `maps`."""
+
+    arrays: dict[str, NDArray[np.float64]]
+    maps: tuple[MaintainedMap, ...]
+
+
+def scan_rows(measured: Sequence[Measured], worlds: Worlds) -> ScanRows:
+    """A row for each query scan of each search: of all maps as they were made, then of all maintained ones."""
+    several = [(answers, False) for m in measured for answers in m.answers]
+    several += [(a.maintained, True) for m in measured for ablations in m.ablations.values() for a in ablations]
+    kinds = sorted({kind for answers, _ in several for kind in answers.kinds.tolist()})
+    parts = []
+    for number, (answers, _) in enumerate(several):
+        part = np.zeros(len(answers.ranks), SCANS)
+        part['pair'], part['scan'] = number, np.arange(len(part))
+        part['uncertainty'], part['rank'], part['positive'] = answers.uncertainties, answers.ranks, answers.positive
+        part['severity'], part['kind'] = answers.severities, np.searchsorted(kinds, answers.kinds)
+        part['error_m'], part['distance'] = answers.errors_m, answers.distances
+        poses = drives_of_pair(answers.pair, worlds)[1].poses
+        part['x_m'], part['y_m'] = poses[:, 0], poses[:, 1]
+        parts.append(part)
+    searches = tuple(Search(answers.pair, maintained) for answers, maintained in several)
+    return ScanRows(np.concatenate(parts), searches, tuple(kinds))
+
+
+def map_arrays(measured: Sequence[Measured]) -> MapArrays:
+    """The first ordered pair of each method, world and spacing, before and after its map was maintained."""
+    arrays: dict[str, NDArray[np.float64]] = {}
+    maps: list[MaintainedMap] = []
+    seen = set()
+    for m in measured:
+        for ablation in itertools.chain.from_iterable(m.ablations.values()):
+            pair = ablation.unmaintained.pair
+            if (pair.method, pair.group, pair.world, pair.spacing_m) in seen:
+                continue
+            seen.add((pair.method, pair.group, pair.world, pair.spacing_m))
+            arrays[f'before_{len(maps)}'], arrays[f'after_{len(maps)}'] = ablation.before, ablation.after
+            maps.append(MaintainedMap(pair, ablation.opportunities, ablation.replaced))
+    return MapArrays(arrays, tuple(maps))
+
+
+def write_arrays(folder: Path, rows: NDArray[Any], arrays: dict[str, NDArray[np.float64]]) -> None:
+    """Write scans.npy and maps.npz, each whole or not at all; ModelError where they cannot be written."""
+    file = io.BytesIO()
+    np.save(file, rows, allow_pickle=False)
+    write_atomically(folder / SCANS_FILE, file.getvalue())
+    file = io.BytesIO()
+    np.savez_compressed(file, allow_pickle=False, **arrays)
+    write_atomically(folder / MAPS_FILE, file.getvalue())
+
+
+def read_arrays(folder: Path) -> tuple[NDArray[Any], dict[str, NDArray[np.float64]]]:
+    """What `write_arrays` wrote; DataError where it is missing or damaged."""
+    try:
+        rows = np.load(folder / SCANS_FILE, allow_pickle=False)
+        with np.load(folder / MAPS_FILE, allow_pickle=False) as stored:
+            return rows, {name: stored[name] for name in stored.files}
+    except (OSError, ValueError, EOFError, KeyError) as error:
+        raise DataError(f'{folder}: expected {SCANS_FILE} and {MAPS_FILE} of offradar evaluate ({error})') from None

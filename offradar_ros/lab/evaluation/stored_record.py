@@ -1,0 +1,58 @@
+"""Records as JSON files with a kind and a format number."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Generic, TypeVar
+
+from offradar_ros.encoders.model_files import first_line, write_atomically
+from offradar_ros.errors import ConfigError, DataError
+from offradar_ros.records import structure, to_json, unstructure
+
+RecordT = TypeVar('RecordT')
+
+
+@dataclasses.dataclass(frozen=True)
+class StoredFormat(Generic[RecordT]):
+    """A kind of file.
+
+    Attributes:
+        record: the dataclass that it holds.
+        kind: name of the format.
+        number: of the format, raised whenever a record changes so that files of before cannot be read.
+        description: what a reader expects, for error messages.
+        remedy: what to do with a file of another format.
+    """
+
+    record: type[RecordT]
+    kind: str
+    number: int
+    description: str
+    remedy: str
+
+    @property
+    def tag(self) -> str:
+        """What the file says of itself."""
+        return f'{self.kind}-{self.number}'
+
+    def write(self, path: str | Path, record: RecordT) -> None:
+        """Write the whole file or nothing; ModelError where it cannot be written."""
+        write_atomically(path, to_json({'format': self.tag, **unstructure(record)}).encode())
+
+    def read(self, path: str | Path) -> RecordT:
+        """What `write` wrote, with NaN for null; DataError for anything else, and for another format."""
+        try:
+            tree = json.loads(Path(path).read_text(encoding='utf-8'))
+        except (OSError, ValueError) as error:
+            raise DataError(f'{path}: expected {self.description} ({first_line(error)})') from None
+        found = str(tree.pop('format', '')) if isinstance(tree, dict) else ''
+        if not found.startswith(f'{self.kind}-'):
+            raise DataError(f'{path}: expected {self.description}')
+        if found != self.tag:
+            raise DataError(f'{path}: expected format {self.tag}, got {found}: {self.remedy}')
+        try:
+            return structure(self.record, tree)
+        except ConfigError as error:
+            raise DataError(f'{path}: damaged ({error}): {self.remedy}') from None
