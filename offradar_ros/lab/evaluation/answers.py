@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from offradar_ros.lab.drives.drive import Drive
 from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive
-from offradar_ros.lab.evaluation.metrics.pair_level import PairLevel, PairTally
+from offradar_ros.lab.evaluation.metrics.pair_level import PairDistances, PairLevel
 from offradar_ros.lab.evaluation.nearness import distances_m
 from offradar_ros.recordings.spacing import subsample_by_distance
 from offradar_ros.retrieval.place_index import PlaceIndex
@@ -124,7 +124,7 @@ def answers(
     found, right = np.zeros((2, count), np.int64)
     errors_m, distances = np.full((2, count), np.inf)
     positive = np.zeros(count, np.bool_)
-    tally = PairTally() if all_pairs else None
+    pairs = PairDistances() if all_pairs else None
     for start in range(0, count if len(places) else 0, _BLOCK):
         part = slice(start, start + _BLOCK)
         apart_m = _apart_m(places, query.drive, part, rules)
@@ -132,11 +132,11 @@ def answers(
         without = left_out[usable] if rules.exclusion_ns else None
         rows, nearness = np.zeros((len(usable), depth), np.intp), np.full((len(usable), depth), np.nan)
         rows[usable], nearness[usable] = index.search_many(query.means[part][usable], depth, without)
-        if tally:
+        if pairs:
             squares = np.full(apart_m.shape, np.inf)
             squares[usable] = index.squared_distances(query.means[part][usable])
             squares[left_out] = np.inf
-            tally.add(squares, apart_m <= rules.tolerance_m, ~left_out & (apart_m > rules.negative_m))
+            pairs.add(squares, apart_m <= rules.tolerance_m, ~left_out & (apart_m > rules.negative_m))
         near = (np.take_along_axis(apart_m, rows, 1) <= rules.tolerance_m) & np.isfinite(nearness)
         ranks[part] = np.where(near.any(axis=1), np.argmax(near, axis=1), NOT_FOUND)
         found[part], right[part] = rows[:, 0], apart_m.argmin(axis=1)
@@ -155,7 +155,7 @@ def answers(
         right,
         query.drive.kinds,
         query.drive.severities,
-        tally.level() if tally else None,
+        pairs.level() if pairs else None,
     )
 
 

@@ -24,9 +24,9 @@ from offradar_ros.lab.evaluation.metrics.precision_recall import (
 )
 from offradar_ros.lab.evaluation.metrics.recall_at_n import recall_at_n
 from offradar_ros.lab.evaluation.metrics.recall_at_rejection import rejection_curve, rejection_curve_of
+from offradar_ros.lab.evaluation.metrics.score_counts import ScoreCounter
 from offradar_ros.lab.evaluation.metrics.sparsification import sparsification_error
 from offradar_ros.lab.evaluation.metrics.spearman import spearman
-from offradar_ros.lab.evaluation.metrics.tally import Tallier
 from offradar_ros.lab.evaluation.protocol import Protocol
 from offradar_ros.lab.evaluation.results.figure import Figure, Interval
 from offradar_ros.lab.evaluation.results.recognition import BestFBeta, EveryQuery, Recognition
@@ -226,18 +226,18 @@ def _sparsification(rows: _Pooled) -> Weighted:
 
 
 def _auroc_wrong(rows: _Pooled) -> Weighted:
-    tally = Tallier(rows.uncertainties, ~rows.correct)
-    return lambda weights: auroc_of(tally(weights))
+    counter = ScoreCounter(rows.uncertainties, ~rows.correct)
+    return lambda weights: auroc_of(counter.counts(weights))
 
 
 def _whole_area(rows: _Pooled) -> Weighted:
-    tally = Tallier(rows.uncertainties, rows.correct)
-    return lambda weights: rejection_curve_of(tally(weights)).mean_recall(1.0)
+    counter = ScoreCounter(rows.uncertainties, rows.correct)
+    return lambda weights: rejection_curve_of(counter.counts(weights)).mean_recall(1.0)
 
 
 def _half_area(rows: _Pooled) -> Weighted:
-    tally = Tallier(rows.uncertainties, rows.correct)
-    return lambda weights: rejection_curve_of(tally(weights)).mean_recall(0.5)
+    counter = ScoreCounter(rows.uncertainties, rows.correct)
+    return lambda weights: rejection_curve_of(counter.counts(weights)).mean_recall(0.5)
 
 
 def _average_precision(rows: _Pooled) -> Weighted:
@@ -252,11 +252,11 @@ def _accepted_by_distance(
 
     So many of the queries have a place to be found; all of them if not given.
     """
-    tally = Tallier(np.where(np.isfinite(rows.uncertainties), rows.distances, np.inf), rows.correct)
+    counter = ScoreCounter(np.where(np.isfinite(rows.uncertainties), rows.distances, np.inf), rows.correct)
 
     def curve(weights: NDArray[np.float64] | None) -> PrecisionRecallCurve:
-        tallied = tally(weights)
-        return precision_recall_of(tallied, float(tallied.every.sum()) if relevant is None else float(relevant))
+        counts = counter.counts(weights)
+        return precision_recall_of(counts, float(counts.samples.sum()) if relevant is None else float(relevant))
 
     return curve
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import random
 
 import numpy as np
 import pytest
@@ -13,7 +14,6 @@ from sklearn.metrics import roc_auc_score
 
 from offradar_ros.lab.evaluation.metrics.auroc import auroc
 from offradar_ros.lab.evaluation.metrics.bootstrap import bootstrap_interval
-from offradar_ros.lab.evaluation.metrics.ranks import mean_ranks
 from offradar_ros.lab.evaluation.metrics.recall_at_n import recall_at_n
 from offradar_ros.lab.evaluation.metrics.recall_at_rejection import rejection_curve
 from offradar_ros.lab.evaluation.metrics.spearman import spearman
@@ -23,8 +23,12 @@ SCORES = st.lists(st.tuples(st.sampled_from([0.1, 0.2, 0.5, 0.9, math.inf]), st.
 QUICK = settings(max_examples=60, deadline=None)
 
 
-def slow_ranks(values: list[float]) -> list[float]:
-    return [sum(v < value for v in values) + (1 + sum(v == value for v in values)) / 2 for value in values]
+def slow_spearman(first: list[float], second: list[float]) -> float:
+    a, b = (
+        np.array([sum(v < value for v in values) + (1 + sum(v == value for v in values)) / 2 for value in values])
+        for values in (first, second)
+    )
+    return float(np.corrcoef(a, b)[0, 1]) if len({*a}) > 1 and len({*b}) > 1 else math.nan
 
 
 def slow_auroc(scores: list[float], positive: list[bool]) -> float:
@@ -45,9 +49,8 @@ def slow_recall_when_rejecting(uncertainties: list[float], correct: list[bool], 
 
 @QUICK
 @given(SCORES)
-def test_ranks_and_auroc(rows: list[tuple[float, bool]]) -> None:
+def test_auroc_is_that_of_every_pair(rows: list[tuple[float, bool]]) -> None:
     scores, positive = [s for s, _ in rows], [p for _, p in rows]
-    assert mean_ranks(scores).tolist() == slow_ranks(scores)
     np.testing.assert_allclose(auroc(scores, positive), slow_auroc(scores, positive))
 
 
@@ -100,22 +103,29 @@ def test_nothing_to_measure_is_not_a_number() -> None:
     assert math.isnan(auroc([1.0, 2.0], [True, True]))
     assert math.isnan(spearman([1.0, 1.0], [1.0, 2.0]))
     assert all(map(math.isnan, bootstrap_interval([], len, resamples=5, seed=0)))
-    for measure in (lambda: mean_ranks([math.nan]), lambda: auroc([math.nan], [True])):
+    assert math.isnan(spearman([], []))
+    for measure in (lambda: spearman([math.nan, 1.0], [1.0, 2.0]), lambda: auroc([math.nan], [True])):
         with pytest.raises(ValueError, match='NaN'):
             measure()
 
 
-def test_recall_at_n_counts_the_first_right_place() -> None:
+def test_recall_at_n_counts_the_first_positive() -> None:
     assert [recall_at_n([0, 3, 1, 99], n) for n in (1, 2, 5)] == [0.25, 0.5, 0.75]
     with pytest.raises(ValueError, match='at least 1'):
         recall_at_n([0], 0)
 
 
-def test_spearman_agrees_with_scipy() -> None:
-    stats = pytest.importorskip('scipy.stats')
-    rng = np.random.default_rng(1)
-    first, second = rng.integers(0, 9, 60), rng.integers(0, 9, 60)
-    assert spearman(first, second) == pytest.approx(stats.spearmanr(first, second).statistic)
+@QUICK
+@given(SCORES, st.randoms(use_true_random=False))
+def test_spearman_is_the_correlation_of_mean_ranks(rows: list[tuple[float, bool]], chance: random.Random) -> None:
+    first = [score for score, _ in rows]
+    second = [float(label) + chance.choice([0.0, 0.25]) for _, label in rows]
+    assert spearman(first, second) == pytest.approx(slow_spearman(first, second), nan_ok=True)
+
+
+def test_spearman_takes_arrays_of_one_length() -> None:
+    with pytest.raises(ValueError, match='one length'):
+        spearman([1.0, 2.0], [1.0])
 
 
 def test_spearman_of_ranks_by_hand() -> None:

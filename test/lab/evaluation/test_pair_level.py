@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from offradar_ros.lab.evaluation.metrics.pair_level import RECALLS, PairTally, pair_curve, precisions_at
+from offradar_ros.lab.evaluation.metrics.pair_level import RECALLS, PairDistances, pair_curve, precisions_at
 from offradar_ros.lab.evaluation.metrics.precision_recall import precision_recall
 
 DISTANCES = st.lists(st.integers(0, 12).map(lambda value: value / 4.0), min_size=1, max_size=40)
@@ -15,23 +15,23 @@ DISTANCES = st.lists(st.integers(0, 12).map(lambda value: value / 4.0), min_size
 
 @settings(max_examples=100, deadline=None)
 @given(DISTANCES, DISTANCES)
-def test_the_area_is_that_of_every_threshold(right: list[float], wrong: list[float]) -> None:
+def test_the_area_is_that_of_every_threshold(positive: list[float], negative: list[float]) -> None:
     metrics = pytest.importorskip('sklearn.metrics')
-    labels = [True] * len(right) + [False] * len(wrong)
-    expected = metrics.average_precision_score(labels, -np.array([*right, *wrong]))
-    assert pair_curve(right, wrong).average_precision == pytest.approx(expected)
+    labels = [True] * len(positive) + [False] * len(negative)
+    expected = metrics.average_precision_score(labels, -np.array([*positive, *negative]))
+    assert pair_curve(positive, negative).average_precision == pytest.approx(expected)
 
 
 @settings(max_examples=100, deadline=None)
 @given(DISTANCES, DISTANCES)
-def test_precision_at_a_recall_is_the_highest_from_there_on(right: list[float], wrong: list[float]) -> None:
+def test_precision_at_a_recall_is_the_highest_from_there_on(positive: list[float], negative: list[float]) -> None:
     points = []
-    for threshold in sorted({*right, *wrong}):
-        hits, misses = (sum(distance <= threshold for distance in part) for part in (right, wrong))
+    for threshold in sorted({*positive, *negative}):
+        hits, misses = (sum(distance <= threshold for distance in part) for part in (positive, negative))
         if hits:
-            points.append((hits / len(right), hits / (hits + misses)))
+            points.append((hits / len(positive), hits / (hits + misses)))
     expected = [max(p for r, p in points if r >= recall - 1e-9) for recall in RECALLS]
-    np.testing.assert_allclose(precisions_at(pair_curve(right, wrong), RECALLS), expected)
+    np.testing.assert_allclose(precisions_at(pair_curve(positive, negative), RECALLS), expected)
 
 
 def test_precision_is_0_where_recall_is_never_so_high() -> None:
@@ -41,18 +41,18 @@ def test_precision_is_0_where_recall_is_never_so_high() -> None:
 
 def test_blocks_add_up() -> None:
     rng = np.random.default_rng(2)
-    distances, right = rng.random((10, 7)), rng.random((10, 7)) < 0.3
-    wrong = ~right & (rng.random((10, 7)) < 0.8)
-    whole, parts = PairTally(), PairTally()
-    whole.add(distances, right, wrong)
+    distances, positive = rng.random((10, 7)), rng.random((10, 7)) < 0.3
+    negative = ~positive & (rng.random((10, 7)) < 0.8)
+    whole, parts = PairDistances(), PairDistances()
+    whole.add(distances, positive, negative)
     for rows in (slice(0, 4), slice(4, 10)):
-        parts.add(distances[rows], right[rows], wrong[rows])
+        parts.add(distances[rows], positive[rows], negative[rows])
     assert parts.level().average_precision == whole.level().average_precision
-    expected = pair_curve(distances[right], distances[wrong]).average_precision
+    expected = pair_curve(distances[positive], distances[negative]).average_precision
     assert whole.level().average_precision == pytest.approx(expected, abs=1e-6)
 
 
-def test_without_a_right_pair_nothing_is_known() -> None:
-    level = PairTally().level()
+def test_without_a_positive_pair_nothing_is_known() -> None:
+    level = PairDistances().level()
     assert np.isnan(level.average_precision)
     assert np.isnan(level.precisions).all()

@@ -1,4 +1,4 @@
-"""How well a score tells two classes apart."""
+"""Area under the ROC curve: how well a score separates two classes."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 
-from offradar_ros.lab.evaluation.metrics.tally import Tallier, Tally
+from offradar_ros.lab.evaluation.metrics.score_counts import ScoreCounter, ScoreCounts
 
 
 def auroc(scores: ArrayLike, positive: ArrayLike, weights: ArrayLike | None = None) -> float:
@@ -16,19 +16,19 @@ def auroc(scores: ArrayLike, positive: ArrayLike, weights: ArrayLike | None = No
     Args:
         scores: (N,) numbers, infinite ones allowed.
         positive: (N,) booleans.
-        weights: (N,) weights ≥ 0 of the draws; all alike by default.
+        weights: (N,) weights ≥ 0 of the draws; all are 1 by default.
 
     Returns:
         0 to 1; NaN where one of the classes has no weight.
     """
-    return auroc_of(Tallier(scores, positive)(weights))
+    return auroc_of(ScoreCounter(scores, positive).counts(weights))
 
 
-def auroc_of(tally: Tally) -> float:
-    """The same of what is already tallied."""
-    hits, misses = tally.so, tally.every - tally.so
-    total = float(hits.sum()) * float(misses.sum())
+def auroc_of(counts: ScoreCounts) -> float:
+    """The same of scores that are counted already."""
+    positives, negatives = counts.positives, counts.samples - counts.positives
+    total = float(positives.sum()) * float(negatives.sum())
     if not total > 0.0:
         return math.nan
-    below = np.cumsum(misses) - misses
-    return float(hits @ (below + 0.5 * misses)) / total
+    below = np.cumsum(negatives) - negatives
+    return float(positives @ (below + 0.5 * negatives)) / total

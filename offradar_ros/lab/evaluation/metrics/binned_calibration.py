@@ -42,7 +42,7 @@ class BinnedCalibration:
 
 def binned_calibration(uncertainties: ArrayLike, correct: ArrayLike) -> BinnedCalibration:
     """Bins of (Q,) U, of which infinite ones are in the last bin, and (Q,) booleans; no bins without a finite U."""
-    values, right = np.asarray(uncertainties, np.float64), np.asarray(correct, np.bool_)
+    values, labels = np.asarray(uncertainties, np.float64), np.asarray(correct, np.bool_)
     if np.isnan(values).any():
         raise ValueError('NaN is no uncertainty')
     finite = np.sort(values[np.isfinite(values)])
@@ -51,7 +51,7 @@ def binned_calibration(uncertainties: ArrayLike, correct: ArrayLike) -> BinnedCa
     edges = np.linspace(finite[0], _upper_edge(finite, len(values)), BINS + 1)
     bins = np.clip(np.searchsorted(edges, values, side='right') - 1, 0, BINS - 1)
     count = np.bincount(bins, minlength=BINS).astype(np.float64)
-    hits = np.bincount(bins, right, BINS)
+    hits = np.bincount(bins, labels, BINS)
     recalls = np.divide(hits, count, out=np.full(BINS, math.nan), where=count > 0.0)
     return BinnedCalibration(edges, count / len(values), recalls, 1.0 - np.arange(BINS) / BINS)
 

@@ -1,4 +1,4 @@
-"""Precision and recall of answers that are given when their score is low enough, and what is made of them."""
+"""Precision and recall of answers that are accepted when their score is low enough, and figures from them."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from offradar_ros.lab.evaluation.metrics.tally import Tallier, Tally
+from offradar_ros.lab.evaluation.metrics.score_counts import ScoreCounter, ScoreCounts
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -17,28 +17,28 @@ class PrecisionRecallCurve:
 
     Attributes:
         thresholds: (K,) what is accepted scores this or less.
-        accepted: (K,) weight of the accepted.
-        right: (K,) weight of the right ones among them.
-        relevant: weight of what should be accepted.
+        accepted: (K,) weight of the accepted, true and false positives.
+        true_positives: (K,) weight of the correct ones among them.
+        relevant: weight of what should be accepted, true positives and false negatives.
     """
 
     thresholds: NDArray[np.float64]
     accepted: NDArray[np.float64]
-    right: NDArray[np.float64]
+    true_positives: NDArray[np.float64]
     relevant: float
 
     @property
     def precision(self) -> NDArray[np.float64]:
-        """(K,) share of the accepted that is right."""
-        shares: NDArray[np.float64] = self.right / self.accepted
+        """(K,) share of the accepted that is correct."""
+        shares: NDArray[np.float64] = self.true_positives / self.accepted
         return shares
 
     @property
     def recall(self) -> NDArray[np.float64]:
-        """(K,) share of the relevant that is accepted and right; NaN where nothing is relevant."""
+        """(K,) share of the relevant that is accepted and correct; NaN where nothing is relevant."""
         if not self.relevant > 0.0:
-            return np.full(len(self.right), math.nan)
-        shares: NDArray[np.float64] = self.right / self.relevant
+            return np.full(len(self.true_positives), math.nan)
+        shares: NDArray[np.float64] = self.true_positives / self.relevant
         return shares
 
     @property
@@ -53,7 +53,7 @@ class PrecisionRecallCurve:
         if not beta > 0.0:
             raise ValueError(f'expected β above 0, got {beta}')
         # (1 + β²) TP / (β² (TP + FN) + TP + FP): the same, and never 0 / 0.
-        found: NDArray[np.float64] = (1.0 + beta**2) * self.right / (beta**2 * self.relevant + self.accepted)
+        found: NDArray[np.float64] = (1.0 + beta**2) * self.true_positives / (beta**2 * self.relevant + self.accepted)
         return found
 
     def max_f_beta(self, beta: float) -> tuple[float, float]:
@@ -73,25 +73,25 @@ class PrecisionRecallCurve:
 
 
 def precision_recall(
-    scores: ArrayLike, right: ArrayLike, relevant: float | None = None, weights: ArrayLike | None = None
+    scores: ArrayLike, correct: ArrayLike, relevant: float | None = None, weights: ArrayLike | None = None
 ) -> PrecisionRecallCurve:
-    """The curve of (N,) scores, of which low ones are accepted first, and (N,) whether what is accepted is right.
+    """The curve of (N,) scores, of which low ones are accepted first, and (N,) whether what is accepted is correct.
 
     Args:
         scores: embedding distances or uncertainties; what is infinite is never accepted.
-        right: booleans.
+        correct: booleans.
         relevant: weight of what should be accepted: queries that have a place to be found, whether or not the nearest
-            one is it. All right ones by default, as in scikit-learn and in STUN's evaluation, whose recall ends at 1.
-        weights: (N,) weights ≥ 0; all alike by default.
+            one is it. All correct ones by default, as in scikit-learn and in STUN's evaluation, whose recall ends at 1.
+        weights: (N,) weights ≥ 0; all are 1 by default.
 
     ValueError for a score that is NaN.
     """
-    tally = Tallier(scores, right)(weights)
-    return precision_recall_of(tally, float(tally.so.sum()) if relevant is None else relevant)
+    counts = ScoreCounter(scores, correct).counts(weights)
+    return precision_recall_of(counts, float(counts.positives.sum()) if relevant is None else relevant)
 
 
-def precision_recall_of(tally: Tally, relevant: float) -> PrecisionRecallCurve:
-    """The curve of scores and whether what is accepted is right, already tallied."""
-    possible = np.isfinite(tally.scores) & (tally.every > 0.0)
-    accepted, right = (np.cumsum(part[possible]) for part in (tally.every, tally.so))
-    return PrecisionRecallCurve(tally.scores[possible], accepted, right, relevant)
+def precision_recall_of(counts: ScoreCounts, relevant: float) -> PrecisionRecallCurve:
+    """The curve of scores that are counted already, labelled by whether what is accepted is correct."""
+    possible = np.isfinite(counts.scores) & (counts.samples > 0.0)
+    accepted, true_positives = (np.cumsum(part[possible]) for part in (counts.samples, counts.positives))
+    return PrecisionRecallCurve(counts.scores[possible], accepted, true_positives, relevant)

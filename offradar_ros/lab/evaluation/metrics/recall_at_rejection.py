@@ -1,8 +1,8 @@
 """Recall@RR: recall of the queries that are left when the most uncertain share r of them is rejected.
 
-Let C(m) be how many of the m most certain queries are right. With m = (1 − r)·Q kept, recall at rejection is C(m) / m.
-Between whole numbers, and between queries of equal uncertainty, C is linear: of equal ones no order is preferred (it is
-the mean over all orders). At r = 1 nothing is left, and recall is NaN.
+Let C(m) be how many of the m most certain queries are answered correctly. With m = (1 − r)·Q kept, recall at rejection
+is C(m) / m. Between whole numbers, and between queries of equal uncertainty, C is linear: of equal ones no order is
+preferred (it is the mean over all orders). At r = 1 nothing is left, and recall is NaN.
 """
 
 from __future__ import annotations
@@ -13,15 +13,15 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from offradar_ros.lab.evaluation.metrics.tally import Tallier, Tally
+from offradar_ros.lab.evaluation.metrics.score_counts import ScoreCounter, ScoreCounts
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class RejectionCurve:
-    """C as a polyline: `kept` (K,) ascending from 0 to the whole weight, `right` (K,) the weight of right ones."""
+    """C as a polyline: `kept` (K,) ascending from 0 to the whole weight, `correct` (K,) the weight of correct ones."""
 
     kept: NDArray[np.float64]
-    right: NDArray[np.float64]
+    correct: NDArray[np.float64]
 
     def recall_at(self, rejected: float) -> float:
         """Recall when a share 0 ≤ `rejected` ≤ 1 is rejected; NaN where nothing is left."""
@@ -29,7 +29,7 @@ class RejectionCurve:
             raise ValueError(f'expected a share of 0 to 1, got {rejected}')
         total = float(self.kept[-1])
         kept = (1.0 - rejected) * total
-        return float(np.interp(kept, self.kept, self.right)) / kept if kept > 0.0 else math.nan
+        return float(np.interp(kept, self.kept, self.correct)) / kept if kept > 0.0 else math.nan
 
     def mean_recall(self, up_to: float) -> float:
         """Mean recall over rejected shares from 0 to `up_to` (at most 1): the area under the curve, over `up_to`.
@@ -45,9 +45,9 @@ class RejectionCurve:
         lowest = (1.0 - up_to) * total
         inner = self.kept > lowest
         kept = np.concatenate([[lowest], self.kept[inner]])
-        right = np.concatenate([[np.interp(lowest, self.kept, self.right)], self.right[inner]])
-        slope = np.diff(right) / np.diff(kept)
-        offset = right[1:] - slope * kept[1:]
+        correct = np.concatenate([[np.interp(lowest, self.kept, self.correct)], self.correct[inner]])
+        slope = np.diff(correct) / np.diff(kept)
+        offset = correct[1:] - slope * kept[1:]
         with np.errstate(divide='ignore', invalid='ignore'):
             bent = np.where(kept[:-1] > 0.0, offset * np.log(kept[1:] / kept[:-1]), 0.0)
         return float(np.sum(bent + slope * np.diff(kept))) / (up_to * total)
@@ -55,11 +55,11 @@ class RejectionCurve:
 
 def rejection_curve(uncertainties: ArrayLike, correct: ArrayLike, weights: ArrayLike | None = None) -> RejectionCurve:
     """The curve of (Q,) uncertainties (infinite ones are rejected first) and (Q,) booleans, weighted by (Q,) ≥ 0."""
-    return rejection_curve_of(Tallier(uncertainties, correct)(weights))
+    return rejection_curve_of(ScoreCounter(uncertainties, correct).counts(weights))
 
 
-def rejection_curve_of(tally: Tally) -> RejectionCurve:
-    """The curve of uncertainties and whether answers are right, already tallied."""
-    weighty = tally.every > 0.0
-    kept, right = (np.concatenate([[0.0], np.cumsum(part[weighty])]) for part in (tally.every, tally.so))
-    return RejectionCurve(kept, right)
+def rejection_curve_of(counts: ScoreCounts) -> RejectionCurve:
+    """The curve of uncertainties that are counted already, labelled by whether answers are correct."""
+    weighted = counts.samples > 0.0
+    kept, correct = (np.concatenate([[0.0], np.cumsum(part[weighted])]) for part in (counts.samples, counts.positives))
+    return RejectionCurve(kept, correct)
