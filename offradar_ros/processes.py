@@ -1,15 +1,16 @@
-"""Long work shared out to processes of this machine's cores."""
+"""Long work in parallel, by processes of this machine's cores."""
 
 from __future__ import annotations
 
 import concurrent.futures
+import contextlib
 import multiprocessing
 import os
 import signal
 import sys
 import threading
-from collections.abc import Callable, Sequence
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from types import FrameType
 from typing import Any, TypeVar
 
@@ -20,42 +21,25 @@ from offradar_ros.errors import DataError
 Progress = Callable[[int, int], None]
 ResultT = TypeVar('ResultT')
 
+_END_S = 2.0
+"""Longest wait for a worker that was asked to end."""
+_CLOSED = 'handle is closed'
+"""What multiprocessing says of a pipe that Python 3.11 closes because one worker died while another was started."""
 
-class WorkerPool(concurrent.futures.ProcessPoolExecutor):
-    """Fresh processes, which use one thread each for images, ignore Ctrl-C and end when this process does.
-
-    Each calls `start` with `arguments` before its first task. BrokenProcessPool is raised wherever one of them died.
-    """
-
-    def __init__(self, processes: int, start: Callable[..., None] | None = None, arguments: Sequence[Any] = ()) -> None:
-        # A fork of a process that runs threads, as learned encoders do, may hang.
-        super().__init__(processes, multiprocessing.get_context('spawn'), _start, (start, *arguments))
-
-    def submit(
-        self, function: Callable[..., ResultT], /, *arguments: Any, **named: Any
-    ) -> concurrent.futures.Future[ResultT]:
-        """As of any executor."""
-        try:
-            return super().submit(function, *arguments, **named)
-        except OSError as error:
-            # One died while another was being started: Python 3.11 then closes what that one is handed. The system's
-            # own errors have a number.
-            if error.errno is not None:
-                raise
-            raise BrokenProcessPool('a process died while another was being started') from error
+_ending = threading.Event()
+"""In a worker: it was asked to end. The task that is then in its queue already cannot be cancelled."""
 
 
-def shared_out(
+def parallel_map(
     function: Callable[..., ResultT],
     tasks: Sequence[tuple[Any, ...]],
     processes: int = 0,
     progress: Progress | None = None,
 ) -> list[ResultT]:
-    """What `function` returns for each of `tasks`, by so many `processes` (0: one a core); with one it is done here.
+    """What `function` returns for each of `tasks`, in their order, by so many `processes` (0: one a core).
 
-    `progress` is told (done, all) after each. The first error ends it and what has not begun is never done; DataError
-    for a process that was killed. Ctrl-C reaches this process alone, which ends the others amid their tasks, by an
-    exception, so that they tidy up; they also end when it dies.
+    With one process, or one task, it is done in this one. `progress` is called with (done, all) after each. The first
+    error ends it: what has not begun is never done. DataError for a process that was killed.
     """
     processes = min(len(tasks), processes or len(os.sched_getaffinity(0)))
     if processes < 2:
@@ -65,46 +49,57 @@ def shared_out(
             if progress:
                 progress(done, len(tasks))
         return results
-    before = set(multiprocessing.active_children())
-    with WorkerPool(processes) as pool:
-        try:
-            futures = [pool.submit(_done, function, task) for task in tasks]
-            for done, future in enumerate(concurrent.futures.as_completed(futures), start=1):
-                future.result()
-                if progress:
-                    progress(done, len(tasks))
-        except KeyboardInterrupt:
-            pool.shutdown(wait=False, cancel_futures=True)
-            workers = set(multiprocessing.active_children()) - before
-            for worker in workers:
-                worker.terminate()
-            # What they still take from their queue may need what the caller is about to close.
-            for worker in workers:
-                worker.join(_END_S)
-            raise
-        except (concurrent.futures.BrokenExecutor, SystemExit) as error:
-            raise DataError(f'a process was killed: expected more memory, or fewer than {processes}') from error
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            raise
+    with worker_pool(processes) as pool:
+        futures = [pool.submit(_unless_ending, function, task) for task in tasks]
+        for done, future in enumerate(concurrent.futures.as_completed(futures), start=1):
+            future.result()
+            if progress:
+                progress(done, len(tasks))
         return [future.result() for future in futures]
 
 
-_END_S = 2.0
-"""So long is waited for a worker that was asked to end."""
+@contextlib.contextmanager
+def worker_pool(
+    processes: int, start: Callable[..., None] | None = None, arguments: Sequence[Any] = ()
+) -> Iterator[ProcessPoolExecutor]:
+    """Fresh processes, each with one thread for images, that call `start` with `arguments` before their first task.
 
-_ENDED = threading.Event()
-"""In a worker: that it was asked to end. The task that is then in its queue already cannot be cancelled."""
+    An error within the block cancels what has not begun; DataError for a process that was killed. Ctrl-C reaches this
+    process alone, which ends the others amid their tasks, by an exception, so that they remove partial files. They
+    also end when this process dies.
+    """
+    before = set(multiprocessing.active_children())
+    # A fork of a process that runs threads, as learned encoders do, may hang.
+    context = multiprocessing.get_context('spawn')
+    with ProcessPoolExecutor(processes, context, _start, (start, *arguments)) as pool:
+        try:
+            yield pool
+        except BaseException as error:
+            pool.shutdown(wait=False, cancel_futures=True)
+            if isinstance(error, KeyboardInterrupt):
+                _end_all(set(multiprocessing.active_children()) - before)
+            killed = isinstance(error, (concurrent.futures.BrokenExecutor, SystemExit))
+            if killed or (isinstance(error, OSError) and error.args == (_CLOSED,)):
+                raise DataError(f'a process was killed: expected more memory, or fewer than {processes}') from error
+            raise
 
 
-def _done(function: Callable[..., ResultT], task: tuple[Any, ...]) -> ResultT:
-    if _ENDED.is_set():
+def _end_all(workers: set[multiprocessing.process.BaseProcess]) -> None:
+    for worker in workers:
+        worker.terminate()
+    # What they still take from their queue may need what the caller is about to close.
+    for worker in workers:
+        worker.join(_END_S)
+
+
+def _unless_ending(function: Callable[..., ResultT], task: tuple[Any, ...]) -> ResultT:
+    if _ending.is_set():
         sys.exit(128 + signal.SIGTERM)
     return function(*task)
 
 
 def _end(_number: int, _frame: FrameType | None) -> None:
-    _ENDED.set()
+    _ending.set()
     sys.exit(128 + signal.SIGTERM)
 
 
@@ -119,7 +114,7 @@ def _start(start: Callable[..., None] | None, *arguments: Any) -> None:
 
 
 def _end_with_parent() -> None:
-    """Workers wait for work on a pipe that they hold open for each other: of a dead parent they would hear nothing."""
+    """Workers wait for tasks on a pipe that they hold open for each other: a dead parent does not close it."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         parent.join()

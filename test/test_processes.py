@@ -1,4 +1,4 @@
-"""Work is shared out, errors come back, and a killed process is said to be one."""
+"""Tasks run in parallel, errors come back, and a killed process is reported as one."""
 
 from __future__ import annotations
 
@@ -15,49 +15,49 @@ from pathlib import Path
 import pytest
 
 from offradar_ros.errors import DataError
-from offradar_ros.processes import shared_out
+from offradar_ros.processes import parallel_map
 
 WAIT_S = 60.0
 
 
 @pytest.mark.parametrize('processes', [1, 2])
-def test_each_task_is_done_and_told_of(tmp_path: Path, processes: int) -> None:
-    told: list[tuple[int, int]] = []
+def test_each_task_is_done_and_its_progress_reported(tmp_path: Path, processes: int) -> None:
+    reported: list[tuple[int, int]] = []
     tasks = [(tmp_path / name, name) for name in ('a', 'b', 'c')]
-    shared_out(Path.write_text, tasks, processes, lambda done, total: told.append((done, total)))
-    assert told == [(1, 3), (2, 3), (3, 3)]
+    parallel_map(Path.write_text, tasks, processes, lambda done, total: reported.append((done, total)))
+    assert reported == [(1, 3), (2, 3), (3, 3)]
     assert [path.read_text() for path, _ in tasks] == ['a', 'b', 'c']
 
 
 @pytest.mark.parametrize('processes', [1, 2])
 def test_results_are_in_the_order_of_the_tasks(processes: int) -> None:
-    assert shared_out(divmod, [(7, 2), (9, 4), (5, 5)], processes) == [(3, 1), (2, 1), (1, 0)]
+    assert parallel_map(divmod, [(7, 2), (9, 4), (5, 5)], processes) == [(3, 1), (2, 1), (1, 0)]
 
 
 def test_what_several_processes_do_leaves_this_one_as_it_is(tmp_path: Path) -> None:
     before = Path.cwd()
-    shared_out(os.chdir, [(tmp_path,), (tmp_path,)], 2)
+    parallel_map(os.chdir, [(tmp_path,), (tmp_path,)], 2)
     assert Path.cwd() == before
 
 
 @pytest.mark.parametrize('processes', [1, 2])
 def test_errors_come_back(tmp_path: Path, processes: int) -> None:
     with pytest.raises(FileNotFoundError, match='nowhere'):
-        shared_out(os.rmdir, [(tmp_path / 'nowhere',), (tmp_path / 'nowhere',)], processes)
+        parallel_map(os.rmdir, [(tmp_path / 'nowhere',), (tmp_path / 'nowhere',)], processes)
 
 
-def test_a_killed_process_is_said_to_be_one() -> None:
+def test_a_killed_process_is_reported_as_one() -> None:
     with pytest.raises(DataError, match='a process was killed'):
-        shared_out(signal.raise_signal, [(signal.SIGKILL,), (signal.SIGKILL,)], 2)
+        parallel_map(signal.raise_signal, [(signal.SIGKILL,), (signal.SIGKILL,)], 2)
 
 
-def test_a_process_that_dies_while_another_is_started_is_said_to_be_one(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_process_that_dies_while_another_is_started_is_reported_as_one(monkeypatch: pytest.MonkeyPatch) -> None:
     def start(_: object) -> None:
         raise OSError('handle is closed')
 
     monkeypatch.setattr(multiprocessing.process.BaseProcess, 'start', start)
     with pytest.raises(DataError, match='a process was killed'):
-        shared_out(abs, [(1,), (2,)], 2)
+        parallel_map(abs, [(1,), (2,)], 2)
 
 
 def test_an_error_of_the_system_is_no_dead_process(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -66,11 +66,12 @@ def test_an_error_of_the_system_is_no_dead_process(monkeypatch: pytest.MonkeyPat
 
     monkeypatch.setattr(multiprocessing.process.BaseProcess, 'start', start)
     with pytest.raises(BlockingIOError, match='Resource temporarily unavailable'):
-        shared_out(abs, [(1,), (2,)], 2)
+        parallel_map(abs, [(1,), (2,)], 2)
 
 
+@pytest.mark.timeout(4 * WAIT_S)
 def test_no_process_outlives_the_one_that_started_it() -> None:
-    code = 'import time; from offradar_ros.processes import shared_out; shared_out(time.sleep, [(900,)] * 2, 2)'
+    code = 'import time; from offradar_ros.processes import parallel_map; parallel_map(time.sleep, [(900,)] * 2, 2)'
     parent = subprocess.Popen([sys.executable, '-c', code])
     try:
         assert within_s(WAIT_S, lambda: len(workers_of(parent.pid)) == 2)
@@ -81,10 +82,13 @@ def test_no_process_outlives_the_one_that_started_it() -> None:
     assert within_s(WAIT_S, lambda: not any(lives(pid) for pid in children))
 
 
-def test_ctrl_c_ends_the_others_which_tidy_up(tmp_path: Path) -> None:
+@pytest.mark.timeout(4 * WAIT_S)
+def test_ctrl_c_ends_the_others_which_remove_partial_files(tmp_path: Path) -> None:
     (tmp_path / 'slow_task.py').write_text(SLOW_TASK)
     tasks = [(str(tmp_path / name),) for name in 'abcd']
-    code = f'from slow_task import slow; from offradar_ros.processes import shared_out; shared_out(slow, {tasks}, 2)'
+    code = (
+        f'from slow_task import slow; from offradar_ros.processes import parallel_map; parallel_map(slow, {tasks}, 2)'
+    )
     # A shell's background jobs, such as a run of these tests may be, and all that they start ignore Ctrl-C.
     command = ['env', '--default-signal=INT', sys.executable, '-c', code]
     paths = os.pathsep.join([str(tmp_path), *sys.path])
@@ -92,11 +96,11 @@ def test_ctrl_c_ends_the_others_which_tidy_up(tmp_path: Path) -> None:
     try:
         assert within_s(WAIT_S, lambda: (tmp_path / 'a').exists() and (tmp_path / 'b').exists())
         parent.send_signal(signal.SIGINT)
-        _, said = parent.communicate(timeout=WAIT_S)
+        _, output = parent.communicate(timeout=WAIT_S)
     finally:
         parent.kill()
         parent.wait()
-    assert said.rstrip().endswith('KeyboardInterrupt')
+    assert output.rstrip().endswith('KeyboardInterrupt')
     assert within_s(WAIT_S, lambda: not any((tmp_path / name).exists() for name in 'abcd'))
 
 
@@ -138,4 +142,4 @@ def within_s(seconds: float, holds: Callable[[], bool]) -> bool:
 
 
 def test_nothing_to_do_is_done() -> None:
-    shared_out(os.rmdir, [], 2)
+    parallel_map(os.rmdir, [], 2)

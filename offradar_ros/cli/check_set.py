@@ -7,7 +7,7 @@ from offradar_ros.cli.joint_progress import Shares, joint_progress, telling
 from offradar_ros.cli.progress import progress_bar
 from offradar_ros.config import PositionConfig, RadarConfig
 from offradar_ros.errors import OffradarError
-from offradar_ros.processes import shared_out
+from offradar_ros.processes import parallel_map
 from offradar_ros.recordings.check import check_recording
 from offradar_ros.recordings.datasets.check.alignment import check_alignment
 from offradar_ros.recordings.datasets.check.findings import Finding, Findings, note, problem
@@ -41,7 +41,7 @@ def check_set(
         progress_bar(f'checking {root.name}') as progress,
         joint_progress(progress, len(sequences)) as shares,
     ):
-        checked = shared_out(_checked, [(folder, how, shares) for folder in sequences], processes)
+        checked = parallel_map(_checked, [(folder, how, shares) for folder in sequences], processes)
     sections = [(folder.name, found.findings) for folder, (found, _) in zip(sequences, checked, strict=True)]
     places = [where for _, where in checked]
     passed_over = [folder.name for folder in folders_in(root) if folder not in sequences]

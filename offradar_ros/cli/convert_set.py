@@ -8,7 +8,7 @@ from offradar_ros.cli.conversion import Conversion, convert_sequence
 from offradar_ros.cli.joint_progress import Shares, joint_progress, telling
 from offradar_ros.config import RadarConfig
 from offradar_ros.errors import OffradarError
-from offradar_ros.processes import shared_out
+from offradar_ros.processes import parallel_map
 from offradar_ros.recordings.bags.writer import BagOptions
 from offradar_ros.recordings.source import open_source
 
@@ -40,7 +40,7 @@ def convert_set(
     outcomes: dict[Path, Outcome] = dict.fromkeys(bags)
     if begun:
         with joint_progress(progress, len(begun)) as shares:
-            made = shared_out(_converted, [(*task, shares) for task in begun], processes)
+            made = parallel_map(_converted, [(*task, shares) for task in begun], processes)
         outcomes.update((bag, outcome) for (_, bag, _), outcome in zip(begun, made, strict=True))
     return outcomes
 

@@ -21,7 +21,7 @@ from offradar_ros import __version__
 from offradar_ros.errors import DataError, RefusedInput
 from offradar_ros.lab.drives.drive import Drive, DriveSource
 from offradar_ros.lab.drives.range_reduction import Reduction, at_azimuths
-from offradar_ros.processes import Progress, shared_out
+from offradar_ros.processes import Progress, parallel_map
 from offradar_ros.types import PolarScan
 
 COLUMNS: dict[str, Any] = {
@@ -55,7 +55,7 @@ def cached_drives(
                 partial.unlink(missing_ok=True)
         paths = [_path(folder, source, reduction) for source in sources]
         missing = {path: source for source, path in zip(sources, paths, strict=True) if not path.is_file()}
-        shared_out(_make, [(source, path, reduction) for path, source in missing.items()], processes, progress)
+        parallel_map(_make, [(source, path, reduction) for path, source in missing.items()], processes, progress)
         return [_read(path) for path in paths]
     except OSError as error:
         raise DataError(f'{folder}: the cache cannot be written or read ({error.strerror or error})') from error

@@ -5,16 +5,14 @@ from __future__ import annotations
 import collections
 import concurrent.futures
 from collections.abc import Callable, Iterator
-from concurrent.futures.process import BrokenProcessPool
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from offradar_ros.errors import OffradarError
 from offradar_ros.geometry import Trajectory
 from offradar_ros.lab.simulation.sequence import SimulatedSequence
-from offradar_ros.processes import WorkerPool
+from offradar_ros.processes import worker_pool
 from offradar_ros.types import PolarScan
 
 T = TypeVar('T')
@@ -28,28 +26,19 @@ _job: tuple[SimulatedSequence, Callable[[PolarScan], object]]
 def made_ahead(sequence: SimulatedSequence, make: Callable[[PolarScan], T], workers: int) -> Iterator[T]:
     """`make(scan)` of every scan, in order; the same whatever the number of processes, 1 for this one alone.
 
-    `make` is a function of a module, and what it returns travels between processes. OffradarError where a process ends
-    before its time.
+    `make` is a function of a module, and what it returns travels between processes. DataError where one was killed.
     """
     if workers <= 1 or len(sequence) < 2:
         yield from (make(sequence.scan(index)) for index in range(len(sequence)))
         return
-    with WorkerPool(workers, _start, (sequence, make)) as pool:
+    with worker_pool(workers, _start, (sequence, make)) as pool:
         waiting: collections.deque[concurrent.futures.Future[Any]] = collections.deque()
-        try:
-            for index in range(len(sequence)):
-                waiting.append(pool.submit(_made, index))
-                if len(waiting) >= _AHEAD * workers:
-                    yield waiting.popleft().result()
-            while waiting:
+        for index in range(len(sequence)):
+            waiting.append(pool.submit(_made, index))
+            if len(waiting) >= _AHEAD * workers:
                 yield waiting.popleft().result()
-        except BrokenProcessPool as error:
-            raise OffradarError(
-                'a process that made scans ended before its time (out of memory?): try fewer workers'
-            ) from error
-        finally:
-            for future in waiting:
-                future.cancel()
+        while waiting:
+            yield waiting.popleft().result()
 
 
 def _start(sequence: SimulatedSequence, make: Callable[[PolarScan], object]) -> None:

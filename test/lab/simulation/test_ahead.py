@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from offradar_ros.errors import OffradarError
+from offradar_ros.errors import DataError
 from offradar_ros.lab.simulation.ahead import ScansAhead, made_ahead
 from offradar_ros.lab.simulation.city import CityPlan, make_city
 from offradar_ros.lab.simulation.picture import Panel, draw_worlds
@@ -51,7 +51,7 @@ def test_an_error_of_another_process_arrives(drive: SimulatedSequence) -> None:
 
 
 def test_a_process_that_dies_is_named(drive: SimulatedSequence) -> None:
-    with pytest.raises(OffradarError, match='ended before its time'):
+    with pytest.raises(DataError, match='a process was killed: expected more memory, or fewer than 2'):
         list(made_ahead(drive, functools.partial(print, Dies()), 2))
 
 
