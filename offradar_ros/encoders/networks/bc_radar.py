@@ -7,7 +7,7 @@ from torch import nn
 
 from offradar_ros.encoders.network_config import NetworkConfig
 from offradar_ros.encoders.networks.feature_map import FeatureMap
-from offradar_ros.encoders.networks.unit_length import unit_length
+from offradar_ros.encoders.networks.l2_normalise import l2_normalise
 
 
 class BcRadarNetwork(nn.Module):
@@ -30,5 +30,5 @@ class BcRadarNetwork(nn.Module):
 
     def embed(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Unit descriptor (N, d) and variance (N, d), all 1, of images (N, H, W)."""
-        descriptor = unit_length(self(images))
+        descriptor = l2_normalise(self(images))
         return descriptor, torch.ones_like(descriptor)

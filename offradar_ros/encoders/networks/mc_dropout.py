@@ -8,7 +8,7 @@ from torch.nn import functional
 
 from offradar_ros.encoders.network_config import NetworkConfig
 from offradar_ros.encoders.networks.feature_map import FeatureMap
-from offradar_ros.encoders.networks.unit_length import unit_length
+from offradar_ros.encoders.networks.l2_normalise import l2_normalise
 
 PASSES = 20
 _MASK_SEED = 20
@@ -19,7 +19,7 @@ class McDropoutNetwork(nn.Module):
 
     Dropout sits between the backbone and the head only, so that the backbone runs once and the T passes cost 20 small
     products. The T masks are drawn once and kept with the weights: the same scan always gives the same embedding, in
-    torch and in ONNX, and all scans are judged by the same committee.
+    torch and in ONNX, and all scans meet the same committee.
 
     With unit embeddings z_1 … z_T and their mean z̄ the descriptor is z̄ / |z̄|, and the variance is the population
     variance over the passes times d, so that U = Σ_i var(z_i) = 1 − |z̄|²: 0 where the passes agree, towards 1 where
@@ -46,11 +46,11 @@ class McDropoutNetwork(nn.Module):
         """(N, T, d) unit embeddings of the fixed masks."""
         flat = self.features(images).flatten(1)
         thinned = flat.unsqueeze(1) * (self.masks.to(flat.dtype) / (1.0 - self.config.dropout))
-        return unit_length(self.head(thinned))
+        return l2_normalise(self.head(thinned))
 
     def embed(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Unit descriptor (N, d) and variance (N, d) of images (N, H, W)."""
         passes = self.passes(images)
         mean = passes.mean(dim=1)
         variance = (passes - mean.unsqueeze(1)).square().mean(dim=1) * self.config.dimension
-        return unit_length(mean), variance
+        return l2_normalise(mean), variance

@@ -7,7 +7,7 @@ from torch import nn
 
 from offradar_ros.encoders.network_config import NetworkConfig
 from offradar_ros.encoders.networks.feature_map import FeatureMap
-from offradar_ros.encoders.networks.unit_length import unit_length
+from offradar_ros.encoders.networks.l2_normalise import l2_normalise
 from offradar_ros.encoders.networks.variational import LOG_VARIANCE_LIMIT
 
 
@@ -33,7 +33,7 @@ class StunNetwork(nn.Module):
             log_variance = log_variance.clamp(-LOG_VARIANCE_LIMIT, LOG_VARIANCE_LIMIT)
         else:
             log_variance = torch.sigmoid(log_variance)
-        return unit_length(self.head(flat)), log_variance
+        return l2_normalise(self.head(flat)), log_variance
 
     def embed(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Unit descriptor (N, d) and variance s² (N, d) of images (N, H, W)."""

@@ -15,7 +15,7 @@ from torch import nn
 
 from offradar_ros.encoders.network_config import NetworkConfig
 from offradar_ros.encoders.networks.feature_map import FeatureMap
-from offradar_ros.encoders.networks.unit_length import unit_length
+from offradar_ros.encoders.networks.l2_normalise import l2_normalise
 
 # exp(±10) stays finite when squared in float32, and no calibrated variance comes near either end.
 LOG_VARIANCE_LIMIT = 10.0
@@ -73,7 +73,7 @@ class VariationalNetwork(nn.Module):
         The losses compare angles, and so does a search among unit vectors.
         """
         z_i = self.z_i(flat)
-        return unit_length(z_i if self.config.descriptor == 'z_i' else z_i + self.mu(flat))
+        return l2_normalise(z_i if self.config.descriptor == 'z_i' else z_i + self.mu(flat))
 
     def forward(self, images: torch.Tensor) -> NetworkOutput:
         """Everything that training needs, of images (N, H, W)."""

@@ -36,7 +36,7 @@ class DataConfig:
 
 @dataclasses.dataclass(frozen=True)
 class ValidationConfig:
-    """What the checkpoints are judged by: worlds and drives that are never trained on."""
+    """What the checkpoints are validated on: worlds and drives that are never trained on."""
 
     worlds: int = parameter(2, 'simulated worlds', minimum=0, maximum=1000)
     first_seed: int = parameter(900_000, 'seed of the first world; the others follow', minimum=0, maximum=2**31)
@@ -102,7 +102,7 @@ class ContrastConfig:
 
     criterion: str = parameter(
         'batch',
-        "batch: Ye et al.'s; temperature: cross-entropy with each row's U as its temperature; hedged: match "
+        "batch: Ye et al.'s; temperature: NT-Xent with each row's U as its temperature; hedged: match "
         'probability averaged over samples of Z',
         choices=('batch', 'temperature', 'hedged'),
     )

@@ -14,11 +14,11 @@ import torch
 
 from offradar_ros.encoders.networks.files import save_network
 from offradar_ros.errors import ModelError
+from offradar_ros.lab.training.batch_norm_statistics import reestimate_batch_norm
 from offradar_ros.lab.training.batches import BatchSampler
 from offradar_ros.lab.training.checkpoint import Progress, load_checkpoint, save_checkpoint
 from offradar_ros.lab.training.config import TrainingConfig
 from offradar_ros.lab.training.images import ImageBatch, image_batches
-from offradar_ros.lab.training.normalisation import settle
 from offradar_ros.lab.training.objective import EmbeddingNetwork, Objective, Views
 from offradar_ros.lab.training.parallel import Group
 from offradar_ros.lab.training.run_log import RunLog, draw_curves
@@ -29,7 +29,8 @@ from offradar_ros.records import unstructure
 CHECKPOINT = 'checkpoint.safetensors'
 BEST = 'best.safetensors'
 LAST = 'last.safetensors'
-_SETTLING_BATCHES = 30
+_STATISTICS_BATCHES = 30
+"""Batches that the statistics of batch normalisation are re-estimated over."""
 
 
 class Loop:
@@ -60,6 +61,7 @@ class Loop:
         self._step, self._best = 0, (-1.0, -1)
         if resume:
             self._restore(load_checkpoint(out / CHECKPOINT, self._network, self._optimiser))
+        self._losses = group.data_parallel(objective)
         if group.rank == 0:
             self._log = RunLog(out / 'log.jsonl', self._step)
             self._validation_log = RunLog(out / 'validation.jsonl', self._step)
@@ -122,16 +124,14 @@ class Loop:
         for parameters in self._optimiser.param_groups:
             parameters['lr'] = rate
         self._network.train()
-        group.share_buffers(self._network)
         self._optimiser.zero_grad(set_to_none=True)
         mixed = {'fp32': None, 'bf16': torch.bfloat16, 'amp': torch.float16}[config.precision]
         with torch.autocast(group.device.type, dtype=mixed, enabled=mixed is not None):
             images = batch.images.to(group.device, non_blocking=True)
             severities = torch.from_numpy(self._sampler.severities[batch.batch.scans]).to(group.device)
-            terms = self.objective.losses(Views(images, severities), step)
+            terms = self._losses(Views(images, severities), step)
         total = torch.stack(list(terms.values())).sum()
         torch.autograd.backward(self._scaler.scale(total))
-        group.average_gradients(self._parameters)
         self._scaler.unscale_(self._optimiser)
         norm = torch.nn.utils.clip_grad_norm_(self._parameters, config.optimiser.clip_norm or math.inf)
         self._scaler.step(self._optimiser)
@@ -162,10 +162,10 @@ class Loop:
             self._log.add(self._step, {**figures, 'learning_rate': rate})
 
     def _validate(self) -> None:
-        """Judge the network and keep it if it is the best so far; the first process does it for all."""
+        """Validate the network and keep it if it is the best so far; the first process does it for all."""
         if not self._validation or self._group.rank:
             return
-        self._settle()
+        self._reestimate_batch_norm()
         figures = validate(
             cast(EmbeddingNetwork, self._network), self._validation, self.config.validation, self._group.device
         )
@@ -175,11 +175,11 @@ class Loop:
             said = ', '.join(f'{name} {value:.3f}' for name, value in figures.items())
             save_network(self.out / BEST, cast(Any, self._network), f'step {self._step}: {said}')
 
-    def _settle(self) -> None:
-        steps = range(self._step, self._step + _SETTLING_BATCHES)
+    def _reestimate_batch_norm(self) -> None:
+        steps = range(self._step, self._step + _STATISTICS_BATCHES)
         batches = image_batches(self._sampler, self.config.network, steps, self.config.threads)
         with contextlib.closing(batches):
-            settle(self._network, (batch.images.to(self._group.device) for batch in batches))
+            reestimate_batch_norm(self._network, (batch.images.to(self._group.device) for batch in batches))
 
     def _save(self) -> None:
         if self._group.rank == 0:
@@ -221,7 +221,7 @@ class _Meter:
         self._images += images
 
     def means(self) -> dict[str, float]:
-        """Read and start anew."""
+        """The means so far; the next ones start from here."""
         figures = {name: float(total) / self._steps for name, total in self._sums.items()}
         figures['images_per_s'] = self._images / max(1e-9, time.monotonic() - self._since)
         self._reset()

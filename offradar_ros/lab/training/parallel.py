@@ -5,12 +5,17 @@ from __future__ import annotations
 import contextlib
 import datetime
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterator
 
 import torch
-from torch import distributed
+from torch import distributed, nn
+from torch.nn.parallel import DistributedDataParallel
 
 from offradar_ros.errors import ConfigError
+from offradar_ros.lab.training.objective import Objective, Views
+
+Losses = Callable[[Views, int], dict[str, torch.Tensor]]
+"""`Objective.losses`."""
 
 
 class Group:
@@ -21,28 +26,24 @@ class Group:
         self.size = size
         self.device = device
 
-    def average_gradients(self, parameters: Iterable[torch.nn.Parameter]) -> None:
-        """Replace each gradient by its mean over the processes."""
-        if self.size == 1:
-            return
-        for parameter in parameters:
-            if parameter.grad is not None:
-                distributed.all_reduce(parameter.grad)
-                parameter.grad /= self.size
+    def data_parallel(self, objective: Objective) -> Losses:
+        """`objective.losses`, for a network on this process's device.
 
-    def share_buffers(self, network: torch.nn.Module) -> None:
-        """Give all processes the first one's buffers (running means), so that one checkpoint stands for all."""
-        if self.size > 1:
-            for buffer in network.buffers():
-                distributed.broadcast(buffer, src=0)
+        With several processes the gradients that follow are means over them, and each call starts from the first one's
+        buffers (batch statistics), so that one checkpoint stands for all.
+        """
+        if self.size == 1:
+            return objective.losses
+        # Which parameters a run's terms use does not change; those of a term of weight 0 keep no gradient.
+        return DistributedDataParallel(_LossModule(objective), static_graph=True)
 
     def first_says(self, numbers: tuple[float, ...]) -> tuple[float, ...]:
         """The first process's numbers, in all; all have to ask, and go on when the first has."""
         if self.size == 1:
             return numbers
-        told = torch.tensor(numbers, dtype=torch.float64, device=self.device)
-        distributed.broadcast(told, src=0)
-        return tuple(told.tolist())
+        sent = torch.tensor(numbers, dtype=torch.float64, device=self.device)
+        distributed.broadcast(sent, src=0)
+        return tuple(sent.tolist())
 
     def any(self, here: bool) -> bool:
         """Whether it is so in any process; all have to ask."""
@@ -51,6 +52,18 @@ class Group:
         flag = torch.tensor(float(here), device=self.device)
         distributed.all_reduce(flag, distributed.ReduceOp.MAX)
         return bool(flag.item())
+
+
+class _LossModule(nn.Module):
+    """An objective as a module, whose forward pass ends in the losses: what DistributedDataParallel wraps."""
+
+    def __init__(self, objective: Objective) -> None:
+        super().__init__()
+        self.network = objective.network
+        self._losses = objective.losses
+
+    def forward(self, views: Views, step: int) -> dict[str, torch.Tensor]:
+        return self._losses(views, step)
 
 
 @contextlib.contextmanager

@@ -24,8 +24,8 @@ from offradar_ros.lab.drives.drive import Drive
 from offradar_ros.lab.training.config import RefinementConfig, TrainingConfig
 from offradar_ros.lab.training.images import images_of
 from offradar_ros.lab.training.loop import BEST
+from offradar_ros.lab.training.losses.pairwise_ranking import pairwise_ranking
 from offradar_ros.lab.training.losses.prior_divergence import prior_divergence
-from offradar_ros.lab.training.losses.ranking import ranking
 from offradar_ros.lab.training.run_log import RunLog, draw_curves
 from offradar_ros.lab.training.searches import searches
 from offradar_ros.lab.training.validation import ValidationDrive, validate
@@ -116,14 +116,14 @@ def refine(
     config: TrainingConfig,
     network: VariationalNetwork,
     taught: Lessons,
-    judged: Sequence[ValidationDrive],
+    validation: Sequence[ValidationDrive],
     out: Path,
     check: Callable[[], None] | None = None,
 ) -> float:
     """Teach the variance head, wherever the network is, by `config.refinement`, and log it in `out`.
 
-    The network is judged before and after, and the better one kept as ``best.safetensors``; its score is returned, NaN
-    where there is nothing to judge it by, and then the later one is kept. `check` is called between steps.
+    The network is validated before and after, and the better one kept as ``best.safetensors``; its score is returned.
+    Without validation drives it is NaN, and the later one is kept. `check` is called between steps.
     """
     log, validation_log = RunLog(out / 'log.jsonl', 0), RunLog(out / 'validation.jsonl', 0)
     device = network.log_variance.weight.device
@@ -141,16 +141,16 @@ def refine(
                     log.add(number, figures)
                 if check:
                     check()
-        figures = validate(network, judged, config.validation, device) if judged else {}
-        if judged:
+        figures = validate(network, validation, config.validation, device) if validation else {}
+        if validation:
             validation_log.add(step, figures)
         # Not lower is better: where recall alone is the score, the second stage does not change it.
         if figures.get('score', step) >= best:
             best = figures.get('score', step)
             said = ', '.join(f'{name} {value:.3f}' for name, value in figures.items())
-            save_network(out / BEST, network, f'second stage, step {step}: {said or "not judged"}')
+            save_network(out / BEST, network, f'second stage, step {step}: {said or "not validated"}')
     draw_curves(out)
-    return best if judged else math.nan
+    return best if validation else math.nan
 
 
 def learn(
@@ -158,7 +158,7 @@ def learn(
 ) -> Iterator[dict[str, torch.Tensor]]:
     """Teach the variance head by `config`, a step each time that this is asked for its loss and the loss's terms.
 
-    L = w₁ ranking(U, wrong) + w₂ ranking(U, −margin) + w₃ ranking(U, severity) + w₄ KL.
+    L = w₁ R(U, wrong) + w₂ R(U, −margin) + w₃ R(U, severity) + w₄ KL, where R is `pairwise_ranking`.
     """
     head = network.log_variance
     device = head.weight.device
@@ -176,8 +176,8 @@ def learn(
         with torch.no_grad():
             mu = network.mu(flat)
         terms = {
-            name: weight * ranking(uncertainties, badness, config.margin)
-            for name, weight, badness in (
+            name: weight * pairwise_ranking(uncertainties, targets, config.margin)
+            for name, weight, targets in (
                 ('wrong', config.wrong_weight, wrong),
                 ('margin', config.margin_weight, -margins),
                 ('severity', config.severity_weight, severities),

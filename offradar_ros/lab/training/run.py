@@ -105,13 +105,13 @@ def _learnt(config: TrainingConfig, out: Path, options: RunOptions, group: Group
     data = _cached(config.network, config.data, options, group, 'training scans')
     if config.fit == 'rad_vlad':
         return RunResult(True, 0, fit_centres(config, data, out), math.nan)
-    judged = _cached(config.network, config.validation, options, group, 'validation scans')
+    validation = _cached(config.network, config.validation, options, group, 'validation scans')
     if config.method in NEED_TEACHER and teacher is None:
-        taught = _teacher(config, out, options, group, data, judged, deadline_s)
+        taught = _teacher(config, out, options, group, data, validation, deadline_s)
         if isinstance(taught, RunResult):
             return taught
         teacher = taught
-    return _train(config, out, options, group, data, judged, deadline_s, teacher)
+    return _train(config, out, options, group, data, validation, deadline_s, teacher)
 
 
 def _given_teacher(config: TrainingConfig) -> nn.Module | None:
@@ -129,13 +129,13 @@ def _teacher(
     options: RunOptions,
     group: Group,
     data: Sequence[Drive],
-    judged: Sequence[Drive],
+    validation: Sequence[Drive],
     deadline_s: float,
 ) -> nn.Module | RunResult:
     """The teacher, trained here, or how far its own run came if that was stopped."""
     network = dataclasses.replace(config.network, method=config.teacher.method)
     teacher = dataclasses.replace(config, network=network, steps=config.teacher.steps)
-    result = _train(teacher, out / TEACHER, options, group, data, judged, deadline_s)
+    result = _train(teacher, out / TEACHER, options, group, data, validation, deadline_s)
     return load_network(result.best)[0] if result.finished else result
 
 
@@ -145,7 +145,7 @@ def _train(
     options: RunOptions,
     group: Group,
     data: Sequence[Drive],
-    judged: Sequence[Drive],
+    validation: Sequence[Drive],
     deadline_s: float,
     teacher: nn.Module | None = None,
 ) -> RunResult:
@@ -158,7 +158,7 @@ def _train(
     objective = make_objective(config, teacher)
     if group.rank == 0:
         _describe(config, out, group, objective.network, data)
-    drives = validation_drives(judged, config.network, config.threads) if judged and group.rank == 0 else ()
+    drives = validation_drives(validation, config.network, config.threads) if validation and group.rank == 0 else ()
     loop = Loop(config, objective, sampler, drives, out, group, resume)
     with _shown(
         options if group.rank == 0 else options._replace(progress=None), f'training {config.method}'
@@ -190,17 +190,17 @@ def _refined(config: TrainingConfig, out: Path, options: RunOptions, group: Grou
     if network.config != config.network:
         raise ConfigError(f'{weights}: expected weights of the configured network, {config.network}')
     data = _cached(config.network, refinement.data, options, group, 'scans to search for')
-    judged = _cached(config.network, config.validation, options, group, 'validation scans')
+    validation = _cached(config.network, config.validation, options, group, 'validation scans')
     score = -1.0
     if group.rank == 0:
         _describe(config, out, group, network, data)
-        drives = validation_drives(judged, config.network, config.threads) if judged else ()
+        drives = validation_drives(validation, config.network, config.threads) if validation else ()
         with _shown(options, 'encoding scans to search for') as progress:
             network = network.to(group.device)
             taught = lessons(network, data, feature_maps(network, data, config.threads, progress, options.check))
         score = refine(config, network, taught, drives, out, options.check)
     (score,) = group.first_says((score,))
-    return RunResult(True, refinement.steps, out / BEST, score if judged else math.nan)
+    return RunResult(True, refinement.steps, out / BEST, score if validation else math.nan)
 
 
 def _require_folder(out: Path, resume: bool) -> None:

@@ -8,10 +8,10 @@ from offradar_ros.encoders.networks.variational import NetworkOutput, Variationa
 from offradar_ros.lab.training.config import ContrastConfig, TrainingConfig
 from offradar_ros.lab.training.losses.batch_contrast import batch_contrast
 from offradar_ros.lab.training.losses.hedged_contrast import hedged_contrast
+from offradar_ros.lab.training.losses.nt_xent import nt_xent
+from offradar_ros.lab.training.losses.pairwise_ranking import pairwise_ranking
 from offradar_ros.lab.training.losses.prior_divergence import prior_divergence
-from offradar_ros.lab.training.losses.ranking import ranking
 from offradar_ros.lab.training.losses.reconstruction import reconstruction_error
-from offradar_ros.lab.training.losses.temperature_contrast import temperature_contrast
 from offradar_ros.lab.training.objective import Views
 
 
@@ -36,7 +36,7 @@ class VariationalObjective:
                 if contrast.weight:
                     terms[name] = contrast.weight * _contrast(contrast, output)
             if config.severity.weight:
-                order = ranking(uncertainty(output.log_variance), views.severities, config.severity.margin)
+                order = pairwise_ranking(uncertainty(output.log_variance), views.severities, config.severity.margin)
                 terms['severity'] = config.severity.weight * order
             if config.kl_weight:
                 risen = min(1.0, (step + 1) / config.kl_warmup_steps) if config.kl_warmup_steps else 1.0
@@ -55,4 +55,4 @@ def _contrast(config: ContrastConfig, output: NetworkOutput) -> torch.Tensor:
     points = {'z_i': output.z_i, 'mean': output.z_i + output.mu, 'z': output.z}[config.on]
     if config.criterion == 'batch':
         return batch_contrast(points, config.temperature, config.negative_weight)
-    return temperature_contrast(points, uncertainty(output.log_variance), config.temperature, config.answers)
+    return nt_xent(points, uncertainty(output.log_variance), config.temperature, config.answers)

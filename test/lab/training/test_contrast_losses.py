@@ -11,9 +11,9 @@ torch = pytest.importorskip('torch')
 
 from offradar_ros.lab.training.losses.batch_contrast import batch_contrast  # noqa: E402
 from offradar_ros.lab.training.losses.hedged_contrast import hedged_contrast  # noqa: E402
+from offradar_ros.lab.training.losses.nt_xent import nt_xent  # noqa: E402
 from offradar_ros.lab.training.losses.prior_divergence import prior_divergence  # noqa: E402
 from offradar_ros.lab.training.losses.reconstruction import reconstruction_error  # noqa: E402
-from offradar_ros.lab.training.losses.temperature_contrast import temperature_contrast  # noqa: E402
 
 
 def points(rows: int = 8, dimension: int = 5, seed: int = 0) -> torch.Tensor:
@@ -39,7 +39,7 @@ def slow_batch_contrast(rows: list[list[float]], temperature: float, weight: flo
     return total / count
 
 
-def slow_temperature_contrast(rows: list[list[float]], uncertainties: list[float], temperature: float) -> float:
+def slow_nt_xent(rows: list[list[float]], uncertainties: list[float], temperature: float) -> float:
     count = len(rows)
     total = 0.0
     for i in range(count):
@@ -87,25 +87,25 @@ def test_without_weight_nothing_is_lost_by_negatives() -> None:
     assert float(batch_contrast(points(), 0.5, 0.0)) == pytest.approx(0.0)
 
 
-def test_temperature_contrast_is_the_sum_that_it_says() -> None:
+def test_nt_xent_is_the_sum_that_it_says() -> None:
     x = points(seed=1)
     u = np.random.default_rng(2).uniform(0.2, 3.0, len(x))
-    assert float(temperature_contrast(x, torch.from_numpy(u), 0.3)) == pytest.approx(
-        slow_temperature_contrast(x.tolist(), u.tolist(), 0.3), rel=1e-9
+    assert float(nt_xent(x, torch.from_numpy(u), 0.3)) == pytest.approx(
+        slow_nt_xent(x.tolist(), u.tolist(), 0.3), rel=1e-9
     )
 
 
-def test_temperature_contrast_knows_the_way_down() -> None:
+def test_nt_xent_knows_the_way_down() -> None:
     x = points(6, 4).requires_grad_()
     u = torch.from_numpy(np.random.default_rng(3).uniform(0.3, 2.0, 6)).requires_grad_()
-    assert torch.autograd.gradcheck(lambda p, v: temperature_contrast(p, v, 0.5), (x, u))
+    assert torch.autograd.gradcheck(lambda p, v: nt_xent(p, v, 0.5), (x, u))
 
 
 def test_a_scan_that_is_mistaken_gains_by_a_higher_u_and_one_that_is_not_by_a_lower() -> None:
     """Row 0 is nearer to row 1 than to its other view, row 2; row 3 is near its own."""
     x = torch.tensor([[1.0, 0.0], [1.0, 0.1], [0.0, 1.0], [0.9, 0.2]], dtype=torch.float64)
     u = torch.ones(4, dtype=torch.float64, requires_grad=True)
-    (gradient,) = torch.autograd.grad(temperature_contrast(x, u, 0.1), u)
+    (gradient,) = torch.autograd.grad(nt_xent(x, u, 0.1), u)
     assert gradient[0] < 0.0
     assert gradient[3] > 0.0
 
@@ -114,8 +114,8 @@ def test_the_more_uncertain_view_may_answer_for_both() -> None:
     x = points(seed=1)
     u = np.random.default_rng(2).uniform(0.2, 3.0, len(x))
     greater = np.maximum(u, np.roll(u, len(u) // 2))
-    assert float(temperature_contrast(x, torch.from_numpy(u), 0.3, 'greater')) == pytest.approx(
-        slow_temperature_contrast(x.tolist(), greater.tolist(), 0.3), rel=1e-9
+    assert float(nt_xent(x, torch.from_numpy(u), 0.3, 'greater')) == pytest.approx(
+        slow_nt_xent(x.tolist(), greater.tolist(), 0.3), rel=1e-9
     )
 
 
@@ -123,11 +123,11 @@ def test_the_more_uncertain_view_may_answer_for_both() -> None:
 def test_the_less_uncertain_view_then_learns_nothing_from_a_failure(answers: str) -> None:
     x = points(6, 4)
     u = torch.tensor([0.5, 2.0, 0.7, 1.5, 0.3, 1.1], dtype=torch.float64, requires_grad=True)
-    loss = temperature_contrast(x, u, 0.3, answers)
+    loss = nt_xent(x, u, 0.3, answers)
     (gradient,) = torch.autograd.grad(loss, u)
     assert (gradient != 0.0).tolist() == [False, True, False, True, False, True]
     if answers == 'worse':
-        assert float(loss.detach()) == pytest.approx(float(temperature_contrast(x, u.detach(), 0.3)))
+        assert float(loss.detach()) == pytest.approx(float(nt_xent(x, u.detach(), 0.3)))
 
 
 def test_hedged_contrast_is_the_log_of_the_mean_over_samples() -> None:
@@ -153,10 +153,10 @@ def test_hedged_contrast_knows_the_way_down() -> None:
     )
 
 
-def test_without_variance_hedged_and_temperature_contrast_are_one() -> None:
+def test_without_variance_hedged_contrast_and_nt_xent_are_one() -> None:
     x = points()
     sure = hedged_contrast(x, torch.full_like(x, -80.0), 0.3, 2)
-    assert float(sure) == pytest.approx(float(temperature_contrast(x, torch.ones(len(x), dtype=x.dtype), 0.3)))
+    assert float(sure) == pytest.approx(float(nt_xent(x, torch.ones(len(x), dtype=x.dtype), 0.3)))
 
 
 def test_divergence_is_that_of_torchs_distributions() -> None:

@@ -55,7 +55,7 @@ CONFIG = TrainingConfig(
 
 @pytest.fixture
 def make_loop(make_drive: MakeDrive, tmp_path: Path) -> Callable[..., Loop]:
-    """A run over two drives of eight places, which it is also judged by."""
+    """A run over two drives of eight places, which it is also validated on."""
 
     def make(
         name: str = 'run',
@@ -177,9 +177,9 @@ def test_the_same_seed_gives_the_same_weights_and_another_others(make_loop: Call
 def test_the_best_weights_are_kept(make_loop: Callable[..., Loop]) -> None:
     loop = make_loop()
     loop.run()
-    judged = read_log(loop.out / 'validation.jsonl')
-    assert [line['step'] for line in judged] == [5, 10, 15]
-    best = max(judged, key=lambda line: line['score'])
+    validated = read_log(loop.out / 'validation.jsonl')
+    assert [line['step'] for line in validated] == [5, 10, 15]
+    best = max(validated, key=lambda line: line['score'])
     assert loop.best == (best['score'], best['step'])
     network, header = load_network(loop.out / BEST)
     assert header.description.startswith(f'step {best["step"]}: score {best["score"]:.3f}')

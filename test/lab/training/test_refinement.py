@@ -56,15 +56,17 @@ def taught(network: VariationalNetwork, drives: list[Drive]) -> Lessons:
 
 
 @pytest.fixture(scope='module')
-def judged(drives: list[Drive]) -> tuple[ValidationDrive, ...]:
+def validation(drives: list[Drive]) -> tuple[ValidationDrive, ...]:
     return validation_drives(drives[:3], CONFIG.network, 1)
 
 
-def refined(taught: Lessons, judged: tuple[ValidationDrive, ...], out: Path, **changes: float) -> VariationalNetwork:
+def refined(
+    taught: Lessons, validation: tuple[ValidationDrive, ...], out: Path, **changes: float
+) -> VariationalNetwork:
     torch.manual_seed(1)
     network = VariationalNetwork(CONFIG.network).eval()
     config = dataclasses.replace(CONFIG, refinement=dataclasses.replace(CONFIG.refinement, **changes))  # type: ignore[arg-type]
-    refine(config, network, taught, judged, out)
+    refine(config, network, taught, validation, out)
     return network
 
 
@@ -90,15 +92,15 @@ def test_lessons_say_which_scans_are_not_found(
 
 
 def test_u_learns_to_tell_and_descriptors_stay(
-    network: VariationalNetwork, taught: Lessons, judged: tuple[ValidationDrive, ...], tmp_path: Path
+    network: VariationalNetwork, taught: Lessons, validation: tuple[ValidationDrive, ...], tmp_path: Path
 ) -> None:
-    after = refined(taught, judged, tmp_path)
-    images = torch.from_numpy(judged[1].images)
+    after = refined(taught, validation, tmp_path)
+    images = torch.from_numpy(validation[1].images)
     with torch.inference_mode():
         (descriptor, before_u), (same, after_u) = network.embed(images), after.embed(images)
     assert torch.equal(descriptor, same)
-    spoiled = np.isin(np.arange(8), (2, 5))
-    assert auroc(after_u.mean(dim=1).numpy(), spoiled) > auroc(before_u.mean(dim=1).numpy(), spoiled)
+    degraded = np.isin(np.arange(8), (2, 5))
+    assert auroc(after_u.mean(dim=1).numpy(), degraded) > auroc(before_u.mean(dim=1).numpy(), degraded)
     state = network.state_dict()
     changed = {name for name, tensor in after.state_dict().items() if not torch.equal(tensor, state[name])}
     assert changed == {'log_variance.weight', 'log_variance.bias'}
@@ -107,13 +109,13 @@ def test_u_learns_to_tell_and_descriptors_stay(
     assert log[-1]['loss'] < log[0]['loss']
 
 
-def test_the_better_weights_are_kept(taught: Lessons, judged: tuple[ValidationDrive, ...], tmp_path: Path) -> None:
+def test_the_better_weights_are_kept(taught: Lessons, validation: tuple[ValidationDrive, ...], tmp_path: Path) -> None:
     better, worse = tmp_path / 'better', tmp_path / 'worse'
     for out in (better, worse):
         out.mkdir()
-    refined(taught, judged, better)
+    refined(taught, validation, better)
     # Taught the opposite: what is found well is to be uncertain.
-    refined(taught._replace(wrong=-taught.wrong, margins=-taught.margins), judged, worse)
+    refined(taught._replace(wrong=-taught.wrong, margins=-taught.margins), validation, worse)
     for out, step in ((better, 60), (worse, 0)):
         scores = {line['step']: line['score'] for line in read_log(out / 'validation.jsonl')}
         assert max(scores, key=lambda at: scores[at]) == step

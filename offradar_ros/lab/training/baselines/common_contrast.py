@@ -6,14 +6,14 @@ import torch
 
 from offradar_ros.lab.training.config import ContrastConfig
 from offradar_ros.lab.training.losses.batch_contrast import batch_contrast
-from offradar_ros.lab.training.losses.temperature_contrast import temperature_contrast
+from offradar_ros.lab.training.losses.nt_xent import nt_xent
 
 
 def common_contrast(config: ContrastConfig, points: torch.Tensor) -> torch.Tensor:
     """Weighted scalar loss of (2m, d) embeddings without a variance, by the criterion that ours is trained with.
 
-    The criteria that use a variance become, for one that is 1 or 0 everywhere, the plain cross-entropy over the batch.
+    The criteria that use a variance become, for one that is 1 or 0 everywhere, NT-Xent.
     """
     if config.criterion == 'batch':
         return config.weight * batch_contrast(points, config.temperature, config.negative_weight)
-    return config.weight * temperature_contrast(points, points.new_ones(len(points)), config.temperature)
+    return config.weight * nt_xent(points, points.new_ones(len(points)), config.temperature)

@@ -1,4 +1,4 @@
-"""Batch normalisation's statistics taken anew, of the weights as they are."""
+"""Re-estimate the statistics of batch normalisation for trained weights."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import torch
 from torch import nn
 
 
-def settle(network: nn.Module, batches: Iterable[torch.Tensor]) -> None:
+def reestimate_batch_norm(network: nn.Module, batches: Iterable[torch.Tensor]) -> None:
     """Give every batch normalisation the mean statistics over `batches` of images; the weights stay as they are.
 
-    While a network learns they are running means that follow the last few batches, each of a few worlds and their
-    radars, and what is saved would favour those. The network is left in evaluation mode.
+    During training they are exponential moving averages, which follow the last few batches, each of a few worlds and
+    their radars; what is saved would favour those. The network is left in evaluation mode.
     """
     momenta = {layer: layer.momentum for layer in network.modules() if isinstance(layer, nn.BatchNorm2d)}
     if momenta:

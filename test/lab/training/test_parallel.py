@@ -1,0 +1,88 @@
+"""Two processes learn from the mean of their gradients, and from the first one's buffers."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+torch = pytest.importorskip('torch')
+
+from offradar_ros.lab.training.objective import Views  # noqa: E402
+from offradar_ros.lab.training.parallel import joined_group  # noqa: E402
+
+PROJECT = Path(__file__).resolve().parents[3]
+
+
+class LineObjective:
+    """Two terms of a small network with batch normalisation and a part that no term uses."""
+
+    def __init__(self) -> None:
+        torch.manual_seed(3)
+        self.network = torch.nn.Sequential(torch.nn.Linear(4, 3), torch.nn.BatchNorm1d(3))
+        self.network.unused = torch.nn.Linear(2, 2)
+
+    def losses(self, views: Views, step: int) -> dict[str, torch.Tensor]:
+        out = self.network[1](self.network[0](views.images))
+        return {'square': out.square().mean() * (step + 1), 'severity': (out[:, 0] * views.severities).mean()}
+
+
+def gradients(network: torch.nn.Module) -> dict[str, torch.Tensor | None]:
+    return {name: None if p.grad is None else p.grad.clone() for name, p in network.named_parameters()}
+
+
+def views_of(rank: int, step: int) -> Views:
+    torch.manual_seed(10 * step + rank)
+    return Views(torch.randn(6, 4), torch.rand(6))
+
+
+def compare() -> None:
+    """What each of two processes checks."""
+    with joined_group('cpu') as group:
+        assert group.size == 2
+        ours, alone = LineObjective(), [LineObjective() for _ in range(2)]
+        losses = group.data_parallel(ours)
+        for step in range(3):
+            if group.rank == 1:
+                ours.network[1].running_mean.fill_(99.0)
+            for objective in (ours, *alone):
+                objective.network.zero_grad(set_to_none=True)
+            sum(losses(views_of(group.rank, step), step).values()).backward()
+            for rank, objective in enumerate(alone):
+                sum(objective.losses(views_of(rank, step), step).values()).backward()
+            first, second = (gradients(objective.network) for objective in alone)
+            for name, found in gradients(ours.network).items():
+                if 'unused' in name:
+                    assert found is None
+                else:
+                    assert torch.allclose(found, (first[name] + second[name]) / 2, rtol=1e-5, atol=1e-7), name
+            # Each process starts from the first one's statistics and adds its own batch to them.
+            expected = alone[group.rank].network[1].running_mean
+            assert torch.allclose(ours.network[1].running_mean, expected, rtol=1e-5, atol=1e-7)
+            alone[1].network[1].load_state_dict(alone[0].network[1].state_dict())
+        assert group.first_says((1.0 + group.rank, 2.0)) == (1.0, 2.0)
+        assert group.any(group.rank == 1)
+        assert not group.any(False)
+        print('agreed', flush=True)
+
+
+def test_one_process_calculates_the_losses_themselves() -> None:
+    with joined_group('cpu') as group:
+        objective = LineObjective()
+        assert group.data_parallel(objective) == objective.losses
+
+
+@pytest.mark.timeout(600)
+def test_two_processes_learn_from_the_mean_of_their_gradients() -> None:
+    command = [sys.executable, '-m', 'torch.distributed.run', '--standalone', '--nproc-per-node', '2', __file__]
+    environment = {**os.environ, 'PYTHONPATH': str(PROJECT), 'OMP_NUM_THREADS': '1'}
+    done = subprocess.run(command, cwd=PROJECT, env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count('agreed') == 2
+
+
+if __name__ == '__main__':
+    compare()
