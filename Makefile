@@ -1,4 +1,4 @@
-# Two commands on a fresh machine: `make demo` and `make test`.
+# Two commands on a fresh machine: `make demo` and `make test`. PYTHON is any of 3.10 to 3.13.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
@@ -33,7 +33,7 @@ bench: $(VENV)/.bench
 	$(BIN)/python benchmarks/encoders.py --out $(BENCH)/encoders.json --picture $(PICTURES)/encoder_cost.png
 	$(BIN)/python benchmarks/search.py --out $(BENCH)/search.json --picture $(PICTURES)/search_cost.png
 
-# The same anew, against the ratios that are committed.
+# The same again, against the ratios that are committed.
 bench-check:
 	$(MAKE) bench BENCH=build/bench/results PICTURES=build/bench/results SECONDS=30
 	$(BIN)/python benchmarks/check_ratios.py build/bench/results
@@ -43,6 +43,7 @@ bag: $(VENV)/.demo
 	$(BIN)/offradar simulate city --out bags --sessions 1 --scans 10 --seed 1 --overwrite
 
 $(VENV)/bin/python:
+	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(None if (3, 10) <= v <= (3, 13) else "expected Python 3.10 to 3.13, got %d.%d: name one, as in make PYTHON=python3.12" % v)'
 	$(PYTHON) -m venv $(VENV)
 
 $(VENV)/.demo: $(VENV)/bin/python $(SOURCES)

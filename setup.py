@@ -1,16 +1,25 @@
-"""Build of the ament_python package; also a plain pip package."""
+"""Build of the ament_python package; also a plain pip package.
+
+Name, version, description, maintainer and licence are those of package.xml, their one place. Nothing is in [project] of
+pyproject.toml: `colcon build --symlink-install` runs this file in a folder that has setup.py, setup.cfg and the
+installed files, but no pyproject.toml.
+"""
 
 from pathlib import Path
+from xml.etree import ElementTree
 
 from setuptools import find_packages, setup
 
-PACKAGE = 'offradar_ros'
+MANIFEST = ElementTree.parse('package.xml').getroot()
+MAINTAINER = MANIFEST.find('maintainer')
+PACKAGE = MANIFEST.findtext('name')
 PARAMS = sorted({path.parent for path in Path('params').rglob('*') if path.is_file()})
+PYTHON_3 = (10, 11, 12, 13)
 NODES = ('encoder_node', 'map_server_node', 'query_node', 'replay_node')
 
 setup(
     name=PACKAGE,
-    version='0.1.0',
+    version=MANIFEST.findtext('version'),
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
@@ -23,7 +32,7 @@ setup(
         # Wheels ignore setup.cfg's install_scripts: these files are what `ros2 run` finds after `pip install`.
         (f'lib/{PACKAGE}', [f'scripts/{name}' for name in (*NODES, 'offradar')]),
     ],
-    python_requires='>=3.10',
+    python_requires=f'>=3.{PYTHON_3[0]}',
     install_requires=[
         'setuptools',
         'cattrs>=22.2',
@@ -56,10 +65,11 @@ setup(
         'torch': ['torch>=2.4', 'safetensors>=0.4', 'onnx>=1.16'],
     },
     zip_safe=False,
-    maintainer='offradar_ros maintainers',
-    maintainer_email='maintainers@offradar-ros.example',
-    description='Uncertainty-aware radar place recognition with map maintenance and introspective querying',
-    license='Apache-2.0',
+    maintainer=MAINTAINER.text,
+    maintainer_email=MAINTAINER.get('email'),
+    description=MANIFEST.findtext('description'),
+    license=MANIFEST.findtext('license'),
+    classifiers=[f'Programming Language :: Python :: 3.{minor}' for minor in PYTHON_3],
     package_data={PACKAGE: ['py.typed', 'weights/*', 'lab/report/*.jinja']},
     entry_points={
         'console_scripts': [

@@ -92,14 +92,21 @@ def unit(module: str) -> str:
 
 
 def imports_of(root: Path) -> list[Import]:
-    """Every import of the package by itself; `from offradar_ros.a import b` is of a.b where that is a module."""
+    """Every import of the package by itself; `from offradar_ros.a import b` is of a.b where that is a module.
+
+    Those of the package root are left out: it loads an export when it is asked for it (test_exports.py).
+    """
     files = {module_name(file, root): file for file in sorted(root.rglob('*.py'))}
     found = []
     for module, file in files.items():
+        if not module:
+            continue
         for node, lazy in walk(ast.parse(file.read_text(encoding='utf-8')), lazy=False):
             for name in imported_names(node):
                 package, _, inner = name.partition('.')
                 if package == PACKAGE:
+                    of_root = inner not in files and '.' not in inner and inner != '__version__'
+                    assert not of_root, f'{module}: {inner} of the package root hides the order'
                     imported = inner if inner in files else inner.rpartition('.')[0]
                     found.append(Import(module, imported, lazy))
     return found
@@ -254,6 +261,11 @@ def test_imports_with_the_order_are_none(tmp_path: Path) -> None:
 def test_a_relative_import_is_found(tmp_path: Path) -> None:
     with pytest.raises(AssertionError, match='relative imports'):
         violations(package(tmp_path, radar__png='from . import image'))
+
+
+def test_an_import_of_an_export_is_found(tmp_path: Path) -> None:
+    with pytest.raises(AssertionError, match=r'radar\.png: Config of the package root'):
+        violations(package(tmp_path, radar__png='from offradar_ros import Config'))
 
 
 def test_a_heavy_import_is_found(tmp_path: Path) -> None:
