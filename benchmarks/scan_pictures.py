@@ -111,7 +111,7 @@ def draw_simulated(path: Path) -> None:
     figure.canvas.draw()
     gray = cv2.cvtColor(np.asarray(figure.canvas.buffer_rgba()), cv2.COLOR_RGBA2GRAY)  # type: ignore[attr-defined]
     # 32 shades of grey: a third of the size, and no difference to the eye.
-    cv2.imwrite(str(path), gray & 0xF8, [cv2.IMWRITE_PNG_COMPRESSION, 9])
+    cv2.imwrite(str(path), np.asarray(gray, np.uint8) & 0xF8, [cv2.IMWRITE_PNG_COMPRESSION, 9])
     plt.close(figure)
     print(f'{path}: written')
 

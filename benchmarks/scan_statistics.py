@@ -58,7 +58,7 @@ def mean_against_range(scans: list[PolarScan], step_m: float = 2.0) -> tuple[Arr
     bins = step_m / scans[0].range_resolution_m
     power = np.stack([scan.power for scan in scans]).mean(axis=(0, 1), dtype=np.float64)
     means = [power[round(k * bins) : round((k + 1) * bins)].mean() for k in range(count)]
-    return (np.arange(count) + 0.5) * step_m, np.array(means)
+    return (np.arange(count, dtype=np.float64) + 0.5) * step_m, np.array(means, np.float64)
 
 
 def _mean(power: NDArray[np.float32], start: int, stop: int) -> float:

@@ -48,7 +48,8 @@ def near_some(means: NDArray[np.float32], count: int, seed: int) -> NDArray[np.f
     """(count, 128) queries: means of some places, each with noise half as long as itself."""
     rng = np.random.default_rng(seed)
     noise = rng.standard_normal((count, DIMENSION), dtype=np.float32) * np.float32(0.5 / np.sqrt(DIMENSION))
-    return means[rng.integers(0, len(means), count)] + noise
+    near: NDArray[np.float32] = means[rng.integers(0, len(means), count)] + noise
+    return near
 
 
 def map_file(folder: Path, places: int, seed: int) -> Path:
