@@ -41,13 +41,13 @@ def test_a_folder_and_a_bag_of_one_street_are_in_one_frame(street: Street, tmp_p
     np.testing.assert_allclose(first.poses[:, 0], 5.0 + 1.25 * np.arange(24), atol=0.05)
     np.testing.assert_allclose(second.poses[:, :2] - first.poses[:, :2], np.tile([0.0, 1.5], (24, 1)), atol=0.05)
     np.testing.assert_allclose(np.diff(first.driven_m), 1.25, atol=0.05)
-    thinned = second.subsampled(5.0)
-    assert len(thinned) == 6
-    np.testing.assert_array_equal(thinned.stamps_ns, second.sequence.stamps_ns[thinned.rows])
-    np.testing.assert_array_equal(thinned.scan(2).power, second.scan(int(thinned.rows[2])).power)
+    sampled = second.subsampled(5.0)
+    assert len(sampled) == 6
+    np.testing.assert_array_equal(sampled.stamps_ns, second.sequence.stamps_ns[sampled.rows])
+    np.testing.assert_array_equal(sampled.scan(2).power, second.scan(int(sampled.rows[2])).power)
     frame = LocalFrame(GeoPoint(*first.sequence.trajectory.positions[0]))  # type: ignore[union-attr]
-    assert thinned.points_lla is not None
-    np.testing.assert_allclose(frame.to_enu(thinned.points_lla)[:, :2], thinned.poses[:, :2], atol=1e-6)
+    assert sampled.points_lla is not None
+    np.testing.assert_allclose(frame.to_enu(sampled.points_lla)[:, :2], sampled.poses[:, :2], atol=1e-6)
 
 
 def test_scans_without_a_position_are_left_out_and_reported(street: Street, tmp_path: Path) -> None:

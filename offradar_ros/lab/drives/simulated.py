@@ -68,7 +68,7 @@ class SimulatedDrive:
         seed: of the world.
         plan: how it is driven; along a street, with the path and as many scans as the traversal has.
         sensor: the size of a scan.
-        stride: every so manieth scan is taken,
+        stride: one scan in so many is taken,
         spacing_m: of those the first in each stretch of so many metres driven, 0 for all,
         scans: and of those so many, 0 for all.
         street: the map and traversal; None for the city of `seed`.

@@ -1,4 +1,4 @@
-"""Everything that a training run can be told: what ``params/train/NAME.yaml`` holds, under the same names."""
+"""All settings of a training run: what ``params/train/NAME.yaml`` holds, under the same names."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ class DataConfig:
     first_seed: int = parameter(10_000, 'seed of the first world; the others follow', minimum=0, maximum=2**31)
     drives: int = parameter(4, 'drives through each world', minimum=1, maximum=100)
     scans: int = parameter(200, 'scans a drive', minimum=1, maximum=100_000)
-    spacing_m: float = parameter(3.0, 'mean way between two scans of a drive', unit='m', minimum=0.1, maximum=100.0)
+    spacing_m: float = parameter(3.0, 'mean distance driven between two scans', unit='m', minimum=0.1, maximum=100.0)
     degraded: float = parameter(0.35, 'share of degraded scans', minimum=0.0, maximum=1.0)
     physics: str = parameter(
-        'drawn', 'of the radar: drawn anew for each world, or the same in all', choices=('nominal', 'drawn')
+        'drawn', 'of the radar: drawn for each world, or the same in all', choices=('nominal', 'drawn')
     )
     bad_weather: float = parameter(0.2, 'share of drives in rain, snow or fog', minimum=0.0, maximum=1.0)
     sequences: tuple[str, ...] = parameter((), 'bags or data-set folders of recorded drives, with positions')
@@ -42,11 +42,11 @@ class ValidationConfig:
     first_seed: int = parameter(900_000, 'seed of the first world; the others follow', minimum=0, maximum=2**31)
     drives: int = parameter(2, 'drives through each world; each is searched from every other', minimum=1, maximum=100)
     scans: int = parameter(150, 'scans a drive', minimum=1, maximum=100_000)
-    spacing_m: float = parameter(4.0, 'mean way between two scans of a drive', unit='m', minimum=0.1, maximum=100.0)
+    spacing_m: float = parameter(4.0, 'mean distance driven between two scans', unit='m', minimum=0.1, maximum=100.0)
     degraded: float = parameter(0.35, 'share of degraded scans', minimum=0.0, maximum=1.0)
     physics: str = parameter(
         'drawn',
-        'of the radar: drawn anew for each world, the same in all, or never trained on',
+        'of the radar: drawn for each world, the same in all, or never trained on',
         choices=('nominal', 'drawn', 'held_out'),
     )
     bad_weather: float = parameter(0.2, 'share of drives in rain, snow or fog', minimum=0.0, maximum=1.0)
@@ -58,7 +58,7 @@ class ValidationConfig:
         minimum=0.0,
         maximum=100,
     )
-    map_spacing_m: float = parameter(5.0, 'one scan in so much way is mapped', unit='m', minimum=0.1, maximum=100.0)
+    map_spacing_m: float = parameter(5.0, 'one scan in so many metres is mapped', unit='m', minimum=0.1, maximum=100.0)
     every_steps: int = parameter(500, 'steps between validations', minimum=1, maximum=10**9)
     recall_weight: float = parameter(1.0, "of Recall@1 in a checkpoint's score", minimum=0.0, maximum=1e6)
     auroc_weight: float = parameter(

@@ -57,7 +57,7 @@ class RunOptions(NamedTuple):
     resume: whether to go on from the folder's checkpoint.
     minutes: stop, with a checkpoint, after so long, counted from the start; None for no limit.
     device: ``auto``, ``cpu`` or ``cuda``.
-    progress: makes what is told (done, total), of a text that says of what.
+    progress: opens a progress bar of a text, as a function of (done, total).
     check: called between drives and steps; may raise KeyboardInterrupt.
     """
 
@@ -169,7 +169,7 @@ def _train(
 
 
 def _refined(config: TrainingConfig, out: Path, options: RunOptions, group: Group, deadline_s: float) -> RunResult:
-    """The second stage, after the first where that is not given. It is short, and not resumed: it is begun anew."""
+    """The second stage, after the first where that is not given. It is short, and not resumed: it starts again."""
     refinement = config.refinement
     if config.fit != 'network' or config.method != 'variational':
         what = config.method if config.fit == 'network' else config.fit

@@ -32,7 +32,7 @@ def simulated_drives(config: DataConfig | ValidationConfig) -> list[SimulatedDri
 def city_drive(seed: int, index: int, config: DataConfig | ValidationConfig) -> SimulatedDrive:
     """Drive `index` of the city of `seed`; every third goes the other way, over the same streets.
 
-    It is driven at its ordinary speed, and every so manieth scan is taken: one in `config.spacing_m` on average.
+    It is driven at its ordinary speed, and one scan in `config.spacing_m` metres is taken, on average.
     """
     rng = np.random.default_rng([seed, index])
     reverse = index % 3 == 2

@@ -1,4 +1,4 @@
-"""How well a network recognises places of worlds that it has never seen, and whether its U tells when it does not."""
+"""How well a network recognises places of worlds that it has never seen, and whether its U shows when it does not."""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ class RawMessage:
 
 
 def is_bag(path: str | Path) -> bool:
-    """Whether `path` is a rosbag2 folder or an unfinished or foreign one that only a bag reader can judge."""
+    """Whether `path` is a rosbag2 folder or an unfinished or foreign one that only a bag reader can check."""
     path = Path(path)
     return (path / 'metadata.yaml').exists() or path.suffix == '.mcap' or any(path.glob('*.mcap'))
 

@@ -46,7 +46,7 @@ class BagSequence:
         return len(self._log_ns)
 
     def scan(self, index: int) -> PolarScan:
-        """Scan `index`, read and decoded anew at each call."""
+        """Scan `index`, read and decoded at each call."""
         log_ns, stamp = self._log_ns[index], int(self.stamps_ns[index])
         with Bag(self.path) as bag:
             raw = next(

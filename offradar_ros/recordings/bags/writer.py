@@ -39,7 +39,7 @@ class BagOptions:
 
     Attributes:
         plain: leave out the 11 metadata columns, as Navtech's driver does; by default they are kept where the source
-            has them, so that each row's azimuth and stamp survive.
+            has them, so that each row's azimuth and stamp are kept.
         position_offset_ns: added to every position's stamp, for data sets whose clocks disagree.
         overwrite: replace an existing bag.
         encoder_size: counts in a rotation, for the metadata columns.

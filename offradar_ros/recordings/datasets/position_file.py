@@ -24,7 +24,7 @@ class PositionFile(NamedTuple):
     reader: Reader
 
     def read(self, tally: Counter[str] | None = None) -> Trajectory:
-        """The trajectory, read anew at each call."""
+        """The trajectory, read at each call."""
         return self.reader(self.path, tally)
 
 

@@ -47,7 +47,7 @@ class RecordedSequence:
         return len(self.files)
 
     def scan(self, index: int) -> PolarScan:
-        """Scan `index`, decoded anew at each call."""
+        """Scan `index`, read and decoded at each call."""
         return self.read_scan(self.files[index], int(self.stamps_ns[index]))
 
     @property

@@ -6,12 +6,12 @@ import decimal
 from pathlib import Path
 
 _LARGEST_NS = 2**63 - 1
-# From 1973 to 2286 the magnitude alone tells the unit: lower bound, factor to ns.
+# From 1973 to 2286 the magnitude alone shows the unit: lower bound, factor to ns.
 _UNITS = ((10**17, 1), (10**14, 10**3), (10**11, 10**6), (10**8, 10**9))
 
 
 def parse_stamp_ns(text: str) -> int:
-    """Nanoseconds of an epoch stamp whose unit its magnitude tells; exact. ValueError if it is no such number."""
+    """Nanoseconds of an epoch stamp whose unit its magnitude shows; exact. ValueError if it is no such number."""
     try:
         value = decimal.Decimal(text.strip())
     except decimal.InvalidOperation:

@@ -54,7 +54,7 @@ def test_poses_are_where_the_scans_were_taken(data: Path) -> None:
     assert first.key != second.key
 
 
-def test_scans_are_thinned_by_the_way_driven(data: Path) -> None:
+def test_scans_are_subsampled_by_distance_driven(data: Path) -> None:
     (drive, _) = opened(data, protocol_of(Recorded('r', sequences=('d0', 'd1')), drive_spacing_m=5.0))
     assert len(drive) == 6
     np.testing.assert_allclose(np.diff(drive.driven_m), 5.0, atol=1.25)

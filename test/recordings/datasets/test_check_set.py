@@ -60,14 +60,14 @@ def test_the_share_is_that_of_all_pairs() -> None:
     assert share_near(points, way, 40.0) == (away_m.min(axis=1) <= 40.0).mean()
 
 
-def test_a_route_is_thinned_by_way_not_by_time() -> None:
+def test_a_route_is_subsampled_by_distance_not_by_time() -> None:
     waiting = np.repeat([[0.0, 0.0, 0.0]], 5000, axis=0)
     moving = np.arange(0.0, 1000.0)[:, None] * (1.3, 0.0, 0.0)
     frame = LocalFrame(GeoPoint(OXFORD.latitude_deg, OXFORD.longitude_deg))
     made = route(frame.to_geodetic(np.concatenate([waiting, moving])), frame)
     assert len(made.scans) == 1000
     # Every fourth scan of those that move: 5.2 m.
-    assert len(made.way) == 250
+    assert len(made.line) == 250
 
 
 @pytest.mark.parametrize(('east_m', 'north_m'), [(60.0, 0.0), (-400.0, 733.0), (5000.0, -20_000.0)])

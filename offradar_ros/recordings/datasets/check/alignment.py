@@ -64,7 +64,7 @@ def _nearest_others(name: str, own: Route, routes: dict[str, Route]) -> list[tup
     found = []
     for other, theirs in routes.items():
         if other != name:
-            away_m, _ = nearest(own.scans, theirs.way)
+            away_m, _ = nearest(own.scans, theirs.line)
             found.append((float((away_m <= NEAR_M).mean()), float(away_m.min()), other))
     return sorted(found, key=lambda item: (-item[0], item[1]))
 

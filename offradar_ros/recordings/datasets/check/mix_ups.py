@@ -32,7 +32,7 @@ def mix_up(points_lla: NDArray[np.float64], other: Route, frame: LocalFrame) -> 
     """What makes (N, 3) latitude°, longitude°, altitude m lie on `other`, whose frame is given; empty if nothing."""
     for text, move in _MIX_UPS.items():
         moved = move(points_lla)
-        if np.abs(moved[:, 0]).max() <= 90.0 and share_near(route(moved, frame).scans, other.way) >= _FITS:
+        if np.abs(moved[:, 0]).max() <= 90.0 and share_near(route(moved, frame).scans, other.line) >= _FITS:
             return text
     offset_m = _offset_m(route(points_lla, frame), other)
     if offset_m is None:
@@ -43,34 +43,34 @@ def mix_up(points_lla: NDArray[np.float64], other: Route, frame: LocalFrame) -> 
 
 def _offset_m(moving: Route, other: Route) -> NDArray[np.float64] | None:
     """East and north in metres that bring one route onto the other; None where no offset does."""
-    if len(moving.way) < 3 or _width_m(moving.way) < _NARROWEST_M:
+    if len(moving.line) < 3 or _width_m(moving.line) < _NARROWEST_M:
         return None
-    points_m, way_m = (_thinned(r.way[:, :2]) for r in (moving, other))
-    offset_m = _most_voted(points_m, way_m)
+    points_m, line_m = (_subsampled(r.line[:, :2]) for r in (moving, other))
+    offset_m = _most_voted(points_m, line_m)
     for _ in range(10):
-        away_m, which = nearest(points_m + offset_m, way_m)
+        away_m, which = nearest(points_m + offset_m, line_m)
         close = away_m <= 2 * _CELL_M
         if not close.any():
             return None
-        offset_m = offset_m + np.median((way_m[which] - points_m - offset_m)[close], axis=0)
-    fits = share_near(moving.scans[:, :2] + offset_m, other.way[:, :2], _FIT_M) >= _FITS
+        offset_m = offset_m + np.median((line_m[which] - points_m - offset_m)[close], axis=0)
+    fits = share_near(moving.scans[:, :2] + offset_m, other.line[:, :2], _FIT_M) >= _FITS
     return offset_m if fits else None
 
 
-def _most_voted(points_m: NDArray[np.float64], way_m: NDArray[np.float64]) -> NDArray[np.float64]:
+def _most_voted(points_m: NDArray[np.float64], line_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """The difference that most pairs of points have, to a cell."""
-    differences_m = (way_m[None, :, :] - points_m[:, None, :]).reshape(-1, 2)
+    differences_m = (line_m[None, :, :] - points_m[:, None, :]).reshape(-1, 2)
     cells, counts = np.unique(np.floor(differences_m / _CELL_M).astype(np.int64) @ (2**32, 1), return_counts=True)
     most = int(cells[np.argmax(counts)])
     north = (most + 2**31) % 2**32 - 2**31
     return (np.array([(most - north) // 2**32, north]) + 0.5) * _CELL_M
 
 
-def _thinned(way_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    return way_m[:: -(-len(way_m) // _MOST_VOTERS)]
+def _subsampled(line_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    return line_m[:: -(-len(line_m) // _MOST_VOTERS)]
 
 
-def _width_m(way_m: NDArray[np.float64]) -> float:
-    """Standard deviation across the direction in which a way extends most."""
-    spread = np.linalg.eigvalsh(np.cov(way_m[:, :2].T))
+def _width_m(line_m: NDArray[np.float64]) -> float:
+    """Standard deviation across the direction in which a line extends most."""
+    spread = np.linalg.eigvalsh(np.cov(line_m[:, :2].T))
     return float(np.sqrt(max(spread[0], 0.0)))

@@ -20,7 +20,7 @@ from offradar_ros.recordings.datasets.sequence import RecordedSequence
 def check_positions(sequence: RecordedSequence, max_gap_s: float) -> Iterator[Finding]:
     """Findings about every position file, then about how the chosen one covers the scans."""
     if not sequence.position_files:
-        yield note('no positions: scans can be encoded and queried, but not mapped or judged')
+        yield note('no positions: scans can be encoded and queried, but not mapped or evaluated')
         return
     readable = 0
     for source in sequence.position_files:

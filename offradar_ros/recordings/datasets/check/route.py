@@ -1,4 +1,4 @@
-"""A sequence's scans on the ground, and how near they are to the way of another."""
+"""A sequence's scans on the ground, and how near they are to the line of another."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ class Route(NamedTuple):
     """Attributes: in one east-north-up frame, metres, altitudes left out so that data sets' heights may disagree.
 
     scans: (N, 3) float64 places of scans, at most 1000, evenly spread.
-    way: (M, 3) float64 of them, 5 m or more apart.
+    line: (M, 3) float64 of them, 5 m or more apart.
     """
 
     scans: NDArray[np.float64]
-    way: NDArray[np.float64]
+    line: NDArray[np.float64]
 
 
 def route(points_lla: NDArray[np.float64], frame: LocalFrame) -> Route:
@@ -38,18 +38,18 @@ def route(points_lla: NDArray[np.float64], frame: LocalFrame) -> Route:
     return Route(points_m[spread], np.array(kept))
 
 
-def nearest(points_m: NDArray[np.float64], way_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """(N,) distance in metres of each point to the nearest of a way, and (N,) which of it that is."""
+def nearest(points_m: NDArray[np.float64], line_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    """(N,) distance in metres of each point to the nearest of a line, and (N,) which of it that is."""
     away_m = np.empty(len(points_m))
     which = np.empty(len(points_m), np.intp)
     for start in range(0, len(points_m), _CHUNK):
         part = slice(start, start + _CHUNK)
-        squared = sum(np.subtract.outer(points_m[part, axis], way_m[:, axis]) ** 2 for axis in range(way_m.shape[1]))
+        squared = sum(np.subtract.outer(points_m[part, axis], line_m[:, axis]) ** 2 for axis in range(line_m.shape[1]))
         which[part] = np.argmin(squared, axis=1)
         away_m[part] = np.sqrt(np.min(squared, axis=1))
     return away_m, which
 
 
-def share_near(points_m: NDArray[np.float64], way_m: NDArray[np.float64], near_m: float = NEAR_M) -> float:
-    """Share of the points that are within `near_m` of a way, 0 to 1."""
-    return float(np.mean(nearest(points_m, way_m)[0] <= near_m))
+def share_near(points_m: NDArray[np.float64], line_m: NDArray[np.float64], near_m: float = NEAR_M) -> float:
+    """Share of the points that are within `near_m` of a line, 0 to 1."""
+    return float(np.mean(nearest(points_m, line_m)[0] <= near_m))

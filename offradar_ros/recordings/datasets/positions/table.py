@@ -35,7 +35,7 @@ class Row(NamedTuple):
         return value
 
     def stamp_ns(self, at: int = 0) -> int:
-        """Cell `at` as nanoseconds; the unit is told by magnitude."""
+        """Cell `at` as nanoseconds; the magnitude shows the unit."""
         try:
             return parse_stamp_ns(self.cells[at])
         except ValueError as error:
