@@ -37,7 +37,7 @@ def replayed(encoder: Candidate, folder: Path, drive: Path) -> dict[str, Any]:
             replay = nodes.start('replay_node', words, 'replay')
             try:
                 if replay.wait(REPLAY_S):
-                    raise SystemExit(f'error: replay failed: {replay.last_words()}')
+                    raise SystemExit(f'error: replay failed: {replay.last_line()}')
             finally:
                 replay.stop()
     told = json.loads(report.read_text(encoding='utf-8'))

@@ -50,7 +50,7 @@ WITH_TORCH = ('encoders.networks', 'encoders.export', 'calibration.shipping', 'l
 LAZY = {
     ('cli.export', 'calibration.shipping'),
     ('cli.export', 'encoders.weights'),
-    ('cli.session', 'ros.sessions'),
+    ('cli.session', 'ros.session_client'),
     ('encoders.export.onnx_export', 'encoders.export.onnx_half'),
     ('encoders.export.onnx_export', 'encoders.export.onnx_int8'),
     ('encoders.export.onnx_export', 'encoders.networks.files'),

@@ -37,7 +37,7 @@ def session(
     action: Annotated[Action, typer.Argument(help='What to ask of the map server.')],
     timeout: Annotated[float, typer.Option(min=0.1, max=3600.0, help='Longest wait for the map server, s.')] = 60.0,
 ) -> None:
-    """Start, end, undo or save a session of the running map server, or clear its map, and print what it says."""
+    """Start, end, undo or save a session of the running map server, or clear its map, and print its answer."""
     if importlib.util.find_spec('rclpy') is None:
         raise OffradarError(f'this command {ros_hint("rclpy", "ros")}')
     # From here on, since loading ROS takes a while too.
@@ -50,11 +50,11 @@ def _ask(service: str, timeout: float, check: Callable[[], None]) -> None:
     import rclpy  # noqa: PLC0415
     from rclpy.signals import SignalHandlerOptions  # noqa: PLC0415
 
-    from offradar_ros.ros.sessions import SessionClient  # noqa: PLC0415
+    from offradar_ros.ros.session_client import SessionClient  # noqa: PLC0415
 
     rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
     node = rclpy.create_node('offradar_session')
-    client = SessionClient(node, timeout, say=partial(typer.echo, err=True), check=check)
+    client = SessionClient(node, timeout, report=partial(typer.echo, err=True), check=check)
     try:
         typer.echo(client.call(service))
     except Signalled as signalled:

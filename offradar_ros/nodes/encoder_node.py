@@ -127,7 +127,7 @@ class EncoderNode(StageNode):
         """The next scan is the first of a recording, whatever its stamp.
 
         Stamps alone cannot tell: a recording that is played again, and is shorter than `radar.restart_after_s`, looks
-        like scans that were sent twice or late, which are refused. Who plays it knows, and says so here.
+        like scans that were sent twice or late, which are refused. Who plays it knows, and calls this service.
         """
         response.success = self.active
         response.message = 'the encoder is not active'

@@ -81,7 +81,7 @@ class MapServerNode(StageNode):
             return
         if self._map.running_session_id is not None:
             _, report = self._stage.end_session()
-            self.say(f'session ended at exit: {report.summary()}')
+            self.log_info(f'session ended at exit: {report.summary()}')
         self._map.close()
         self._map = None
 

@@ -17,7 +17,7 @@ from offradar_ros.messages import stamp_ns
 from offradar_ros.ros import qos
 from offradar_ros.ros.embedding_message import embedding_record
 from offradar_ros.ros.outcome_message import match_message, match_pose_message, rejection_message
-from offradar_ros.ros.place_message import descriptors_record, says_read_the_file
+from offradar_ros.ros.place_message import descriptors_record, is_read_the_file
 from offradar_ros.ros.run import run
 from offradar_ros.ros.stage_node import StageNode
 from offradar_ros.stages.query import QueryStage
@@ -67,7 +67,7 @@ class QueryNode(StageNode):
         self.status.warning = self._query.warning
 
     def _on_map(self, message: PointCloud2) -> None:
-        if says_read_the_file(message):
+        if is_read_the_file(message):
             self._query.read_file()
         else:
             rows = descriptors_record(message, 'map/descriptors')

@@ -24,8 +24,8 @@ from rclpy.utilities import remove_ros_args
 from offradar_ros.errors import OffradarError
 from offradar_ros.recordings.bags.reader import Bag
 from offradar_ros.ros.answer_log import Answers
-from offradar_ros.ros.replay import Player, PlayOptions
-from offradar_ros.ros.sessions import SessionClient
+from offradar_ros.ros.player import Player, PlayOptions
+from offradar_ros.ros.session_client import SessionClient
 
 
 def _arguments(argv: Sequence[str]) -> argparse.Namespace:

@@ -1,4 +1,4 @@
-"""Which publishers and subscriptions are connected: as this node has discovered it, and as the publisher's node says.
+"""Which publishers and subscriptions are connected: as this node has discovered it, and as their publishers report it.
 
 Two nodes find one another in two steps, one on each side. A subscriber may know of a publisher that does not know of it
 yet, and what is published until then is lost. Only the publisher's node can tell, so each node of ours answers the
@@ -53,10 +53,10 @@ def count_reachable(node: Node, topic: str, msgtype: str, offered: QoSProfile) -
 
 
 class Connections:
-    """How many subscriptions the nodes that publish a topic say they are connected to.
+    """How many subscriptions the publishers of a topic are connected to, as their nodes report it.
 
-    Nothing here waits: each call asks the nodes again, and returns what they said to the calls before it. Call it until
-    it says what you wait for, while an executor spins `node`.
+    Nothing here waits: each call asks the nodes again, and returns their answers to earlier calls. Call it until the
+    answer is the one you wait for, while an executor spins `node`.
     """
 
     def __init__(self, node: Node) -> None:

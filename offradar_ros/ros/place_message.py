@@ -84,7 +84,7 @@ def read_the_file_message(stamp_ns: int) -> PointCloud2:
     return to_cloud(np.empty(0, np.dtype([(READ_THE_FILE, 'u1')])), header(stamp_ns, MAP_FRAME))
 
 
-def says_read_the_file(message: PointCloud2) -> bool:
+def is_read_the_file(message: PointCloud2) -> bool:
     """Whether a message on `map/descriptors` points to the file."""
     return [field.name for field in message.fields] == [READ_THE_FILE]
 

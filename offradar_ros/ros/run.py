@@ -35,7 +35,7 @@ def run(make_node: Callable[[], StageNode], args: list[str] | None = None) -> in
     status = 0
     try:
         _initialise(args)
-        # Before the node says that it is ready: an executor made after a signal has shut the context down complains.
+        # Before the node logs that it is ready: an executor made after a signal has shut the context down complains.
         executor = SingleThreadedExecutor()
         node = make_node()
         node.start()
@@ -62,7 +62,7 @@ def _stray(argv: list[str]) -> list[str]:
     try:
         return list(remove_ros_args(argv)[1:])
     except Exception:
-        # What is wrong with the ROS arguments, `_initialise` says.
+        # `_initialise` reports what is wrong with the ROS arguments.
         return []
 
 

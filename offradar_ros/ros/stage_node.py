@@ -178,8 +178,8 @@ class StageNode(LifecycleNode):
             return True
         return False
 
-    def say(self, text: str) -> None:
-        """Log, also at exit, when the log topic is gone."""
+    def log_info(self, text: str) -> None:
+        """Log a line, also at exit, when rclpy cannot any more: then it is printed."""
         if self.context.ok():
             self.get_logger().info(text)
         else:
@@ -189,7 +189,7 @@ class StageNode(LifecycleNode):
     """The input whose rate and latency the diagnostics report."""
 
     def refuse(self, problem: RefusedInput, topic: str) -> None:
-        """Count a drop and say why, each cause at most once in a few seconds."""
+        """Count a drop and log why, each cause at most once in 5 s."""
         self.status.drop(problem.cause)
         now_s = time.monotonic()
         if self.context.ok() and now_s - self._last_logged_s.get(problem.cause, -LOG_PERIOD_S) >= LOG_PERIOD_S:

@@ -67,8 +67,8 @@ def test_a_bad_image_is_counted_and_answered_as_invalid(
     observer: Observer, start_node: Callable[..., StageNode], cause: str
 ) -> None:
     node = start_node(EncoderNode)
-    embeddings = observer.hear(PointCloud2, 'embedding')
-    send = observer.speaker(Image, 'radar_data/b_scan_image', qos.SCANS)
+    embeddings = observer.collect(PointCloud2, 'embedding')
+    send = observer.publisher(Image, 'radar_data/b_scan_image', qos.SCANS)
     send(image(SECOND, **BAD_IMAGES[cause]))
     send(image(2 * SECOND))
     wait_until(lambda: len(embeddings) == 2)
@@ -81,7 +81,7 @@ def test_wrong_size_is_refused_where_the_parameters_say_what_to_expect(
     observer: Observer, start_node: Callable[..., StageNode]
 ) -> None:
     node = start_node(EncoderNode, {'radar.metadata_columns': '11'})
-    send = observer.speaker(Image, 'radar_data/b_scan_image', qos.SCANS)
+    send = observer.publisher(Image, 'radar_data/b_scan_image', qos.SCANS)
     send(image(width=8))
     wait_until(lambda: node.status.drops['wrong_size'] == 1)
 
@@ -90,8 +90,8 @@ def test_repeated_and_backward_stamps_are_dropped_and_a_restart_is_not(
     observer: Observer, start_node: Callable[..., StageNode]
 ) -> None:
     node = start_node(EncoderNode, {'encoder.backlog': 10})
-    embeddings = observer.hear(PointCloud2, 'embedding')
-    send = observer.speaker(Image, 'radar_data/b_scan_image', qos.SCANS)
+    embeddings = observer.collect(PointCloud2, 'embedding')
+    send = observer.publisher(Image, 'radar_data/b_scan_image', qos.SCANS)
     for stamp_s in (100.0, 100.25, 100.25, 100.0, 100.5, 50.0, 50.25):
         send(image(round(stamp_s * SECOND)))
     wait_until(lambda: len(embeddings) == 6)
@@ -104,8 +104,8 @@ def test_the_last_scan_again_is_answered_where_a_recording_starts(
     observer: Observer, start_node: Callable[..., StageNode]
 ) -> None:
     node = start_node(EncoderNode, {'encoder.backlog': 10})
-    embeddings = observer.hear(PointCloud2, 'embedding')
-    send = observer.speaker(Image, 'radar_data/b_scan_image', qos.SCANS)
+    embeddings = observer.collect(PointCloud2, 'embedding')
+    send = observer.publisher(Image, 'radar_data/b_scan_image', qos.SCANS)
     for stamp_s in (100.0, 100.25):
         send(image(round(stamp_s * SECOND)))
     wait_until(lambda: len(embeddings) == 2)
@@ -123,12 +123,12 @@ def test_the_last_scan_again_is_answered_where_a_recording_starts(
 
 def test_drops_are_on_the_diagnostics_topic(observer: Observer, start_node: Callable[..., StageNode]) -> None:
     start_node(EncoderNode)
-    heard = observer.hear(DiagnosticArray, '/diagnostics')
-    send = observer.speaker(Image, 'radar_data/b_scan_image', qos.SCANS)
+    received = observer.collect(DiagnosticArray, '/diagnostics')
+    send = observer.publisher(Image, 'radar_data/b_scan_image', qos.SCANS)
     send(image(encoding='rgb8'))
-    told = wait_until(lambda: [s for m in heard for s in m.status if s.level == DiagnosticStatus.WARN])[0]
-    values = {item.key: item.value for item in told.values}
-    assert told.name == 'encoder: offradar_ros'
+    warning = wait_until(lambda: [s for m in received for s in m.status if s.level == DiagnosticStatus.WARN])[0]
+    values = {item.key: item.value for item in warning.values}
+    assert warning.name == 'encoder: offradar_ros'
     assert values['dropped.wrong_encoding'] == '1'
 
 
@@ -166,10 +166,10 @@ def test_the_query_answers_a_bad_embedding_with_the_reason(
 ) -> None:
     changes, reason = BAD_EMBEDDINGS[name]
     node = start_node(QueryNode)
-    outcomes = observer.hear_outcomes()
-    latched = observer.speaker(PointCloud2, 'map/descriptors', qos.LATCHED)
+    outcomes = observer.collect_outcomes()
+    latched = observer.publisher(PointCloud2, 'map/descriptors', qos.LATCHED)
     latched(descriptors_message(PlaceRows(places(), MODEL.fingerprint, committed=True), 0))
-    send = observer.speaker(PointCloud2, 'embedding', qos.RESULTS)
+    send = observer.publisher(PointCloud2, 'embedding', qos.RESULTS)
     wait_until(lambda: node._query.places == 3)
     send(embedding_message(embedding(SECOND, **changes), 'radar'))
     send(embedding_message(embedding(2 * SECOND), 'radar'))
@@ -183,8 +183,8 @@ def test_the_query_refuses_a_model_that_its_thresholds_are_not_of(
     observer: Observer, start_node: Callable[..., StageNode]
 ) -> None:
     start_node(QueryNode, {'query.model': 'cd' * 32})
-    outcomes = observer.hear_outcomes()
-    send = observer.speaker(PointCloud2, 'embedding', qos.RESULTS)
+    outcomes = observer.collect_outcomes()
+    send = observer.publisher(PointCloud2, 'embedding', qos.RESULTS)
     send(embedding_message(embedding(SECOND), 'radar'))
     send(embedding_message(embedding(2 * SECOND, model='cd' * 32), 'radar'))
     wait_until(lambda: len(outcomes) == 2)
@@ -197,8 +197,8 @@ def test_a_cloud_that_is_no_embedding_is_counted_and_answered(
     observer: Observer, start_node: Callable[..., StageNode], node_type: type[StageNode]
 ) -> None:
     node = start_node(node_type)
-    outcomes = observer.hear_outcomes()
-    send = observer.speaker(PointCloud2, 'embedding', qos.RESULTS)
+    outcomes = observer.collect_outcomes()
+    send = observer.publisher(PointCloud2, 'embedding', qos.RESULTS)
     send(PointCloud2(height=1, width=5))
     wait_until(lambda: node.status.drops['wrong_fields'] == 1)
     if node_type is QueryNode:
@@ -211,15 +211,15 @@ def fix(stamp_ns: int, status: int = NavSatStatus.STATUS_FIX, **changes: float) 
 
 
 class Mapping:
-    """A map server that is told of embeddings and fixes."""
+    """A map server that receives embeddings and fixes."""
 
     def __init__(self, observer: Observer, start_node: Callable[..., StageNode], **parameters: Any) -> None:
         self.node = start_node(MapServerNode, {'map.autosave_s': 0.0} | parameters)
-        self.model = observer.speaker(DiagnosticStatus, 'embedding/model', qos.LATCHED)
-        self.embed = observer.speaker(PointCloud2, 'embedding', qos.RESULTS)
-        self.fix = observer.speaker(NavSatFix, 'gps/fix', qos.POSITIONS)
-        self.updates = observer.hear(PointCloud2, 'map/updates', qos.UPDATES)
-        self.handled = observer.hear(Header, 'map_server/handled', qos.UPDATES)
+        self.model = observer.publisher(DiagnosticStatus, 'embedding/model', qos.LATCHED)
+        self.embed = observer.publisher(PointCloud2, 'embedding', qos.RESULTS)
+        self.fix = observer.publisher(NavSatFix, 'gps/fix', qos.POSITIONS)
+        self.updates = observer.collect(PointCloud2, 'map/updates', qos.UPDATES)
+        self.handled = observer.collect(Header, 'map_server/handled', qos.UPDATES)
         connections = Connections(observer.node)
         wait_until(lambda: all(connections.count(topic) for topic in ('map/updates', 'map_server/handled')))
         self.model(model_message(MODEL))
@@ -301,9 +301,9 @@ def test_every_embedding_is_reported_as_handled_and_only_changes_are_updates(map
 
 def test_odometry_serves_as_position(observer: Observer, start_node: Callable[..., StageNode]) -> None:
     node = start_node(MapServerNode, {'position.source': 'odometry'})
-    observer.speaker(DiagnosticStatus, 'embedding/model', qos.LATCHED)(model_message(MODEL))
-    pose = observer.speaker(Odometry, 'ground_truth/odometry', qos.POSITIONS)
-    embed = observer.speaker(PointCloud2, 'embedding', qos.RESULTS)
+    observer.publisher(DiagnosticStatus, 'embedding/model', qos.LATCHED)(model_message(MODEL))
+    pose = observer.publisher(Odometry, 'ground_truth/odometry', qos.POSITIONS)
+    embed = observer.publisher(PointCloud2, 'embedding', qos.RESULTS)
     for second, x in ((10, 4.0), (11, 8.0)):
         odometry = Odometry(header=header(second * SECOND, 'map'))
         odometry.pose.pose.position.x = x
@@ -321,9 +321,9 @@ def test_a_model_that_arrives_after_the_first_scans_loses_none(
     observer: Observer, start_node: Callable[..., StageNode]
 ) -> None:
     node = start_node(MapServerNode)
-    send_fix = observer.speaker(NavSatFix, 'gps/fix', qos.POSITIONS)
-    embed = observer.speaker(PointCloud2, 'embedding', qos.RESULTS)
-    handled = observer.hear(Header, 'map_server/handled', qos.UPDATES)
+    send_fix = observer.publisher(NavSatFix, 'gps/fix', qos.POSITIONS)
+    embed = observer.publisher(PointCloud2, 'embedding', qos.RESULTS)
+    handled = observer.collect(Header, 'map_server/handled', qos.UPDATES)
     connections = Connections(observer.node)
     wait_until(lambda: connections.count('map_server/handled'))
     send_fix(fix(10 * SECOND))
@@ -331,6 +331,6 @@ def test_a_model_that_arrives_after_the_first_scans_loses_none(
     for i in range(3):
         embed(embedding_message(embedding(10 * SECOND + i), 'radar'))
     wait_until(lambda: len(handled) == 3)
-    observer.speaker(DiagnosticStatus, 'embedding/model', qos.LATCHED)(model_message(MODEL))
+    observer.publisher(DiagnosticStatus, 'embedding/model', qos.LATCHED)(model_message(MODEL))
     wait_until(lambda: len(node._stage.map) == 1)
     assert node.status.drops == {}

@@ -1,4 +1,4 @@
-"""Nodes start by themselves or as told, take parameters within bounds, and end cleanly without losing anything."""
+"""Nodes start by themselves or when asked, take parameters within bounds, and end cleanly without losing anything."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def change(observer: Observer, node: str, transition: int) -> bool:
 @pytest.mark.parametrize(
     ('kind', 'name'), [(EncoderNode, 'encoder'), (MapServerNode, 'map_server'), (QueryNode, 'query')]
 )
-def test_without_autostart_a_node_waits_to_be_told(
+def test_without_autostart_a_node_waits_for_its_transitions(
     observer: Observer, start_node: Callable[..., StageNode], kind: type[StageNode], name: str
 ) -> None:
     start_node(kind, {'autostart': False})
@@ -93,8 +93,8 @@ def test_a_node_that_is_composed_ends_with_destroy_node(domain_id: int) -> None:
 
 def test_the_model_reaches_a_late_subscriber(observer: Observer, start_node: Callable[..., StageNode]) -> None:
     start_node(EncoderNode)
-    heard = observer.hear(DiagnosticStatus, 'embedding/model', qos.LATCHED)
-    model = wait_until(lambda: heard)[0]
+    received = observer.collect(DiagnosticStatus, 'embedding/model', qos.LATCHED)
+    model = wait_until(lambda: received)[0]
     assert model.name == 'ring_key'
     assert len(model.hardware_id) == 64
 
@@ -223,7 +223,7 @@ def test_sessions_are_services(
     observer: Observer, stack: Callable[..., Stack], street_bag: Callable[..., Path], tmp_path: Path
 ) -> None:
     path = tmp_path / 'map.db'
-    descriptors = observer.hear(PointCloud2, 'map/descriptors', qos.LATCHED)
+    descriptors = observer.collect(PointCloud2, 'map/descriptors', qos.LATCHED)
     with stack({'map.path': str(path)}) as nodes:
         nodes.wait_until_ready()
         assert not trigger(observer, 'end_session').success
@@ -258,7 +258,7 @@ def test_no_node_loads_torch(domain_id: int) -> None:
 
 def test_the_encoder_encodes_without_torch(observer: Observer, stack: Callable[..., Stack], street: Any) -> None:
     """What the process has mapped, once it has answered a scan with the trained encoder in ONNX."""
-    embeddings = observer.hear(PointCloud2, 'embedding')
+    embeddings = observer.collect(PointCloud2, 'embedding')
     scan = street(count=1).scan(0)
     image = Image(header=header(scan.stamp_ns, 'radar'), height=400, width=576, step=576, encoding='8UC1')
     image.data = array.array('B', scan.power.tobytes())
@@ -266,7 +266,7 @@ def test_the_encoder_encodes_without_torch(observer: Observer, stack: Callable[.
     with stack(parameters, names=('encoder_node',)) as nodes:
         nodes.wait_until_ready()
         wait_until(lambda: observer.node.count_publishers('embedding') == 1)
-        observer.speaker(Image, 'radar_data/b_scan_image', qos.SCANS)(image)
+        observer.publisher(Image, 'radar_data/b_scan_image', qos.SCANS)(image)
         assert wait_until(lambda: embeddings)[0].width > 0
         mapped = Path(f'/proc/{nodes.nodes["encoder_node"].process.pid}/maps').read_text()
     assert 'onnxruntime' in mapped
@@ -277,7 +277,7 @@ def test_a_node_that_was_cycled_searches_the_same_map(observer: Observer, start_
     rows = [Place(i, 1, i, Pose(10.0 * i, 0.0), 0.9, np.full(8, i, np.float32)) for i in range(3)]
     latched = descriptors_message(PlaceRows(PlaceTable.from_places(rows, 8), 'ab' * 32, committed=True), 0)
     node = start_node(QueryNode, {'autostart': False})
-    observer.speaker(PointCloud2, 'map/descriptors', qos.LATCHED)(latched)
+    observer.publisher(PointCloud2, 'map/descriptors', qos.LATCHED)(latched)
     time.sleep(0.5)
     for _ in range(2):
         assert change(observer, 'query', Transition.TRANSITION_CONFIGURE)
@@ -318,10 +318,10 @@ def test_a_map_too_large_for_a_message_is_read_from_its_file(
     start_node(MapServerNode, {'map.path': path, 'map.start_session': False, 'map.match_distance_m': 1.0})
     query = start_node(QueryNode, {'query.map_path': path})
     info = ModelInfo('ring_key', 'ab' * 32, 8, {})
-    observer.speaker(DiagnosticStatus, 'embedding/model', qos.LATCHED)(model_message(info))
-    embed = observer.speaker(PointCloud2, 'embedding', qos.RESULTS)
-    fix = observer.speaker(NavSatFix, 'gps/fix', qos.POSITIONS)
-    updates = observer.hear(PointCloud2, 'map/updates', qos.UPDATES)
+    observer.publisher(DiagnosticStatus, 'embedding/model', qos.LATCHED)(model_message(info))
+    embed = observer.publisher(PointCloud2, 'embedding', qos.RESULTS)
+    fix = observer.publisher(NavSatFix, 'gps/fix', qos.POSITIONS)
+    updates = observer.collect(PointCloud2, 'map/updates', qos.UPDATES)
     second = 10**9
     for session in range(3):
         assert trigger(observer, 'start_session').success

@@ -59,7 +59,7 @@ def through_nodes(
     *play: str,
     **parameters: Any,
 ) -> list[Outcome]:
-    outcomes = observer.hear_outcomes()
+    outcomes = observer.collect_outcomes()
     with stack(PARAMETERS | ROOMY | {'map.path': str(path)} | parameters) as nodes:
         nodes.wait_until_ready()
         observer.wait_until_connected()

@@ -72,12 +72,12 @@ def held(monkeypatch: pytest.MonkeyPatch, observer: Observer) -> Iterator[HeldEn
 
 
 class Driven:
-    """An encoder node, told of scans at whole seconds."""
+    """An encoder node that receives scans at whole seconds."""
 
     def __init__(self, observer: Observer, start_node: Callable[..., StageNode], **parameters: Any) -> None:
         self.node = start_node(EncoderNode, DEEP | parameters)
-        self._embeddings = observer.hear(PointCloud2, 'embedding', qos.UPDATES)
-        self._send = observer.speaker(Image, 'radar_data/b_scan_image', qos.UPDATES)
+        self._embeddings = observer.collect(PointCloud2, 'embedding', qos.UPDATES)
+        self._send = observer.publisher(Image, 'radar_data/b_scan_image', qos.UPDATES)
         wait_until(lambda: observer.node.count_publishers('embedding') == 1)
 
     def send(self, *seconds: int) -> None:
@@ -98,7 +98,7 @@ def test_the_newest_scan_is_answered_and_the_overtaken_are_counted(
     answered: list[int],
 ) -> None:
     driven = Driven(observer, start_node, **{'encoder.backlog': backlog})
-    reports = observer.hear(DiagnosticArray, '/diagnostics')
+    reports = observer.collect(DiagnosticArray, '/diagnostics')
     driven.send(1)
     held.wait_until_busy()
     driven.send(*range(2, 21))
@@ -109,11 +109,11 @@ def test_the_newest_scan_is_answered_and_the_overtaken_are_counted(
     wait_until(lambda: len(driven.answered) == len(answered))
     assert driven.answered == answered
 
-    def told() -> dict[str, str]:
+    def reported() -> dict[str, str]:
         values = {item.key: item.value for item in reports[-1].status[0].values} if reports else {}
         return values if values.get('handled') == str(len(answered)) else {}
 
-    values = wait_until(told)
+    values = wait_until(reported)
     assert values['dropped.overtaken'] == values['dropped'] == str(overtaken)
     # What a scan waits for is part of its latency.
     assert float(values['latency_p50_ms']) >= 300.0
@@ -158,10 +158,10 @@ def test_a_recording_starts_after_the_scans_that_wait(
 def test_a_signal_in_a_flood_of_scans_ends_the_node_cleanly(
     observer: Observer, stack: Callable[..., Stack], signals: list[signal.Signals]
 ) -> None:
-    embeddings = observer.hear(PointCloud2, 'embedding', qos.UPDATES)
+    embeddings = observer.collect(PointCloud2, 'embedding', qos.UPDATES)
     with stack(names=('encoder_node',)) as nodes:
         nodes.wait_until_ready()
-        send = observer.speaker(Image, 'radar_data/b_scan_image', qos.SCANS)
+        send = observer.publisher(Image, 'radar_data/b_scan_image', qos.SCANS)
         flooding = threading.Event()
 
         def flood() -> None:

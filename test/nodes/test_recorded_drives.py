@@ -64,13 +64,13 @@ def test_the_message_of_a_live_driver_is_accepted_as_it_is(
 ) -> None:
     cdr = (real_data / 'navtech_ros2' / 'b_scan_image.cdr').read_bytes()
     image = rclpy.serialization.deserialize_message(cdr, Image)
-    embeddings = observer.hear(PointCloud2, 'embedding')
-    outcomes = observer.hear_outcomes()
+    embeddings = observer.collect(PointCloud2, 'embedding')
+    outcomes = observer.collect_outcomes()
     with stack() as nodes:
         nodes.wait_until_ready()
         # The map server, the query node and this one.
         observer.wait_until_connected(embedding=3)
-        send = observer.speaker(Image, 'radar_data/b_scan_image', qos.SCANS)
+        send = observer.publisher(Image, 'radar_data/b_scan_image', qos.SCANS)
         send(cdr)
         wait_until(lambda: embeddings and outcomes)
     (embedding,) = embeddings

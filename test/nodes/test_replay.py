@@ -41,8 +41,8 @@ def test_the_recorded_bytes_are_published(
     observer: Observer, alone: Callable[..., Stack], street_bag: Callable[..., Path]
 ) -> None:
     bag = street_bag('drive', count=4)
-    images = observer.hear(Image, 'radar_data/b_scan_image', qos.SCANS, raw=True)
-    fixes = observer.hear(NavSatFix, 'gps/fix', raw=True)
+    images = observer.collect(Image, 'radar_data/b_scan_image', qos.SCANS, raw=True)
+    fixes = observer.collect(NavSatFix, 'gps/fix', raw=True)
     with alone() as nodes:
         replay(nodes, bag, '--rate', '10')
     with Bag(bag) as opened:
@@ -57,8 +57,8 @@ def test_the_clock_is_the_recording(
     observer: Observer, alone: Callable[..., Stack], street_bag: Callable[..., Path]
 ) -> None:
     bag = street_bag('drive', count=4)
-    clocks = observer.hear(Clock, '/clock', qos.UPDATES)
-    observer.hear(Image, 'radar_data/b_scan_image', qos.SCANS)
+    clocks = observer.collect(Clock, '/clock', qos.UPDATES)
+    observer.collect(Image, 'radar_data/b_scan_image', qos.SCANS)
     with alone() as nodes:
         replay(nodes, bag, '--rate', '1')
     with Bag(bag) as opened:
@@ -77,10 +77,15 @@ def test_the_report_holds_what_was_printed(
     with stack() as nodes:
         nodes.wait_until_ready()
         printed = replay(nodes, street_bag('drive', count=6), '--lockstep', '--loop', '2', '--report', str(report))
-    told = json.loads(report.read_text())
-    assert (told['scans'], told['embeddings'], told['rejections'], told['unanswered']) == (12, 12, 12, 0)
-    assert told['reasons'] == {'map_empty': 12}
-    assert len(told['latencies_s']) == 12
+    reported = json.loads(report.read_text())
+    assert (reported['scans'], reported['embeddings'], reported['rejections'], reported['unanswered']) == (
+        12,
+        12,
+        12,
+        0,
+    )
+    assert reported['reasons'] == {'map_empty': 12}
+    assert len(reported['latencies_s']) == 12
     assert '12 rejections (12 map_empty)' in printed
 
 
@@ -99,7 +104,7 @@ def test_nodes_follow_the_clock_of_the_recording(
 
 
 def test_loops_and_new_stamps(observer: Observer, alone: Callable[..., Stack], street_bag: Callable[..., Path]) -> None:
-    images = observer.hear(Image, 'radar_data/b_scan_image', qos.SCANS)
+    images = observer.collect(Image, 'radar_data/b_scan_image', qos.SCANS)
     before_ns = time.time_ns()
     with alone() as nodes:
         replay(nodes, street_bag('drive', count=2), '--rate', '10', '--loop', '2', '--restamp')
@@ -113,7 +118,7 @@ def test_loops_and_new_stamps(observer: Observer, alone: Callable[..., Stack], s
 def test_a_namespace_and_a_remapping_move_every_topic(
     observer: Observer, alone: Callable[..., Stack], street_bag: Callable[..., Path]
 ) -> None:
-    images = observer.hear(Image, '/car/radar/polar', qos.SCANS)
+    images = observer.collect(Image, '/car/radar/polar', qos.SCANS)
     with alone() as nodes:
         renamed = ['--ros-args', '-r', '__ns:=/car', '-r', 'radar_data/b_scan_image:=radar/polar']
         replay(nodes, street_bag('drive', count=2), '--rate', '10', *renamed)
@@ -140,7 +145,7 @@ def test_bad_arguments_and_bad_bags_are_one_line(
         'metadata.yaml': (str(tmp_path / 'foreign'),),
         'not a readable rosbag2 recording': (str(tmp_path / 'foreign' / 'recording.mcap'),),
         '--rate: expected above 0': (str(bag), '--rate', '0'),
-        'nothing subscribed within': (str(bag), '--timeout', '0.5'),
+        'no subscriber within': (str(bag), '--timeout', '0.5'),
     }
     with alone() as nodes:
         for said, arguments in cases.items():
@@ -153,7 +158,7 @@ def test_lockstep_says_when_nothing_answers(
     observer: Observer, alone: Callable[..., Stack], street_bag: Callable[..., Path]
 ) -> None:
     # Something reads the scans and publishes embeddings, in name only.
-    observer.hear(Image, 'radar_data/b_scan_image', qos.SCANS)
+    observer.collect(Image, 'radar_data/b_scan_image', qos.SCANS)
     observer.node.create_publisher(Image, 'matches', qos.RESULTS)
     with alone() as nodes:
         printed = failed(nodes, str(street_bag('drive', count=8)), '--lockstep', '--timeout', '10')
@@ -163,7 +168,7 @@ def test_lockstep_says_when_nothing_answers(
 def test_a_stop_in_the_middle_is_clean(
     observer: Observer, alone: Callable[..., Stack], street_bag: Callable[..., Path]
 ) -> None:
-    images = observer.hear(Image, 'radar_data/b_scan_image', qos.SCANS)
+    images = observer.collect(Image, 'radar_data/b_scan_image', qos.SCANS)
     with alone() as nodes:
         process = nodes.start('replay_node', [str(street_bag('drive')), '--loop', '0'])
         wait_until(lambda: images)
@@ -175,7 +180,7 @@ def test_an_interrupted_session_is_ended_and_kept(
     observer: Observer, stack: Callable[..., Stack], street_bag: Callable[..., Path], tmp_path: Path
 ) -> None:
     bag = street_bag('drive', count=40)
-    embeddings = observer.hear(PointCloud2, 'embedding')
+    embeddings = observer.collect(PointCloud2, 'embedding')
     with stack({'map.path': str(tmp_path / 'map.db')}) as nodes:
         nodes.wait_until_ready()
         process = nodes.start('replay_node', [str(bag), '--session', '--rate', '0.5'], 'interrupted')
@@ -198,7 +203,7 @@ def everything(street: Callable[..., Any], tmp_path: Path) -> Path:
     with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         scans = writer.add_connection('/radar_data/b_scan_image', 'sensor_msgs/msg/Image', typestore=TYPES)
         flags = writer.add_connection('/door_open', 'std_msgs/msg/Bool', typestore=TYPES)
-        said = writer.add_connection('/embedding', 'sensor_msgs/msg/PointCloud2', typestore=TYPES)
+        embeddings = writer.add_connection('/embedding', 'sensor_msgs/msg/PointCloud2', typestore=TYPES)
         old = embedding_message(Embedding(1, np.ones(8, np.float32), np.ones(8, np.float32), 'ab' * 32), 'radar')
         for index in range(len(sequence)):
             stamp = int(sequence.stamps_ns[index])
@@ -206,14 +211,14 @@ def everything(street: Callable[..., Any], tmp_path: Path) -> Path:
             writer.write(scans, stamp, TYPES.serialize_cdr(image, 'sensor_msgs/msg/Image'))
             writer.write(flags, stamp, TYPES.serialize_cdr(types['std_msgs/msg/Bool'](data=True), 'std_msgs/msg/Bool'))
             old.header.stamp.sec, old.header.stamp.nanosec = divmod(stamp, 10**9)
-            writer.write(said, stamp, serialize_message(old))
+            writer.write(embeddings, stamp, serialize_message(old))
     return path
 
 
-def test_what_the_nodes_said_when_it_was_recorded_is_not_played(
+def test_what_the_nodes_published_when_it_was_recorded_is_not_played(
     observer: Observer, stack: Callable[..., Stack], everything: Path
 ) -> None:
-    doors = observer.hear(Bool, 'door_open')
+    doors = observer.collect(Bool, 'door_open')
     with stack(ROOMY) as nodes:
         nodes.wait_until_ready()
         printed = replay(nodes, everything, '--rate', '4', '--restamp')
@@ -225,10 +230,10 @@ def test_what_the_nodes_said_when_it_was_recorded_is_not_played(
     assert all(door.data for door in doors)
 
 
-def test_who_cannot_hear_is_not_waited_for(observer: Observer, stack: Callable[..., Stack], everything: Path) -> None:
+def test_who_cannot_receive_is_not_awaited(observer: Observer, stack: Callable[..., Stack], everything: Path) -> None:
     """Subscriptions that ask for what was sent before they came, which no publisher here keeps."""
-    observer.hear(Bool, 'door_open', qos.LATCHED)
-    observer.hear(PointCloud2, 'embedding', qos.LATCHED)
+    observer.collect(Bool, 'door_open', qos.LATCHED)
+    observer.collect(PointCloud2, 'embedding', qos.LATCHED)
     with stack() as nodes:
         nodes.wait_until_ready()
         printed = replay(nodes, everything, '--lockstep')
@@ -243,7 +248,7 @@ def test_a_listener_that_hangs_is_named_and_given_up(stack: Callable[..., Stack]
         'from std_msgs.msg import Bool\n'
         'rclpy.init()\n'
         'node = rclpy.create_node("listener")\n'
-        'node.create_subscription(Bool, "door_open", lambda _: print("heard", flush=True), 10)\n'
+        'node.create_subscription(Bool, "door_open", lambda _: print("received", flush=True), 10)\n'
         'rclpy.spin(node)\n'
     )
     with stack() as nodes:
@@ -255,7 +260,7 @@ def test_a_listener_that_hangs_is_named_and_given_up(stack: Callable[..., Stack]
                 arguments = [str(everything), '--lockstep', '--loop', '30', '--timeout', '8']
                 process = nodes.start('replay_node', arguments, 'hanging')
                 assert listener.stdout is not None
-                assert listener.stdout.readline() == b'heard\n'
+                assert listener.stdout.readline() == b'received\n'
                 listener.send_signal(signal.SIGSTOP)
                 assert process.wait(4 * WAIT_S) == 0
             finally:
@@ -266,7 +271,7 @@ def test_a_listener_that_hangs_is_named_and_given_up(stack: Callable[..., Stack]
 
 
 @pytest.mark.parametrize('count', [1, 3])
-def test_a_recording_too_short_to_be_told_by_its_stamps_is_played_again(
+def test_a_recording_too_short_for_its_stamps_to_show_it_is_played_again(
     stack: Callable[..., Stack], street_bag: Callable[..., Path], count: int
 ) -> None:
     bag = street_bag('drive', count=count)
@@ -314,7 +319,7 @@ def test_a_flood_of_positions_loses_no_scan(
 def test_a_second_interrupt_does_not_keep_the_session_from_ending(
     observer: Observer, stack: Callable[..., Stack], street_bag: Callable[..., Path], tmp_path: Path, after_s: float
 ) -> None:
-    embeddings = observer.hear(PointCloud2, 'embedding')
+    embeddings = observer.collect(PointCloud2, 'embedding')
     with stack({'map.path': str(tmp_path / 'map.db')}) as nodes:
         nodes.wait_until_ready()
         arguments = [str(street_bag('drive', count=40)), '--session', '--rate', '0.5']

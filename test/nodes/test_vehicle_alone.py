@@ -71,14 +71,14 @@ def test_the_nodes_map_a_scan_and_find_it_again(
     if not encoder and importlib.util.find_spec('onnxruntime') is None:
         pytest.skip('nothing runs the default encoder here')
     scan = street(count=1).scan(0)
-    outcomes, handled = observer.hear_outcomes(), observer.hear(Header, 'map_server/handled', qos.UPDATES)
+    outcomes, handled = observer.collect_outcomes(), observer.collect(Header, 'map_server/handled', qos.UPDATES)
     parameters = {'map.path': str(tmp_path / 'map.db'), 'map.start_session': True, 'query.delta': 100.0}
     with stack(parameters | encoder, environment=bare) as nodes:
         nodes.wait_until_ready(WAIT_S)
         # The map server and the query node.
         observer.wait_until_connected(**{'embedding': 2, 'map_server/handled': 1})
-        send = observer.speaker(Image, 'radar_data/b_scan_image', qos.SCANS)
-        fix = observer.speaker(NavSatFix, 'gps/fix', qos.POSITIONS)
+        send = observer.publisher(Image, 'radar_data/b_scan_image', qos.SCANS)
+        fix = observer.publisher(NavSatFix, 'gps/fix', qos.POSITIONS)
         for second in (10, 11):
             fix(NavSatFix(header=header(second * SECOND, 'gps'), latitude=51.75, longitude=-1.25))
         for second in (10, 20):

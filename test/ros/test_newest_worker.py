@@ -1,4 +1,4 @@
-"""The newest is handled, what it overtakes is dropped and told of, and nothing stops the worker but `stop`."""
+"""The newest is handled, what it overtakes is dropped and reported, and nothing stops the worker but `stop`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ WAIT_S = 60.0
 
 
 class Slow:
-    """A handler that takes up each item, and lays it down when told to."""
+    """A handler that takes up each item, and lays it down when it may."""
 
     def __init__(self) -> None:
         self.begun: list[Any] = []
@@ -51,7 +51,7 @@ def make() -> Iterator[Callable[..., NewestWorker[Any]]]:
 
 
 @pytest.mark.parametrize(('backlog', 'answered'), [(1, [0, 9]), (3, [0, 7, 8, 9])])
-def test_what_is_overtaken_is_dropped_and_told_of(
+def test_what_is_overtaken_is_dropped_and_reported(
     make: Callable[..., NewestWorker[int]], backlog: int, answered: list[int]
 ) -> None:
     slow, overtaken = Slow(), list[int]()

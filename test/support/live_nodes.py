@@ -43,7 +43,7 @@ def wait_until(done: Callable[[], Any], timeout_s: float = WAIT_S) -> Any:
 
 
 class Observer:
-    """A node of the test's own that publishes what it is told to and keeps what it hears."""
+    """A node of the test's own that publishes what the test asks for and keeps what it receives."""
 
     def __init__(self, domain_id: int) -> None:
         self.context = rclpy.context.Context()
@@ -58,7 +58,7 @@ class Observer:
     def close(self) -> None:
         self._executor.shutdown(WAIT_S)
         self._thread.join(WAIT_S)
-        # What is left to the garbage collector may still be heard by a later test in the same domain.
+        # What is left to the garbage collector may still be received by a later test in the same domain.
         for node in (*self._added, self.node):
             node.destroy_node()
         rclpy.shutdown(context=self.context)
@@ -67,12 +67,12 @@ class Observer:
         self._added.append(node)
         self._executor.add_node(node)
 
-    def hear(self, kind: type, topic: str, profile: QoSProfile = qos.RESULTS, *, raw: bool = False) -> list[Any]:
-        heard: list[Any] = []
-        self.node.create_subscription(kind, topic, heard.append, profile, raw=raw)
-        return heard
+    def collect(self, kind: type, topic: str, profile: QoSProfile = qos.RESULTS, *, raw: bool = False) -> list[Any]:
+        received: list[Any] = []
+        self.node.create_subscription(kind, topic, received.append, profile, raw=raw)
+        return received
 
-    def hear_outcomes(self) -> list[Outcome]:
+    def collect_outcomes(self) -> list[Outcome]:
         outcomes: list[Outcome] = []
         self.node.create_subscription(
             PointCloud2, 'matches', lambda m: outcomes.append(match_record(m, 'matches')), qos.UPDATES
@@ -91,8 +91,8 @@ class Observer:
         wanted = {'matches': 1, 'rejections': 1, **subscribers}
         wait_until(lambda: all(connections.count(topic) >= count for topic, count in wanted.items()))
 
-    def speaker(self, kind: type, topic: str, profile: QoSProfile) -> Callable[[Any], None]:
-        """A function that publishes, ready once something listens."""
+    def publisher(self, kind: type, topic: str, profile: QoSProfile) -> Callable[[Any], None]:
+        """A function that publishes; returned when something is subscribed."""
         publisher = self.node.create_publisher(kind, topic, profile)
         wait_until(lambda: publisher.get_subscription_count() > 0)
         return publisher.publish

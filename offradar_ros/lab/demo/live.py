@@ -66,7 +66,7 @@ def _replayed(drive: Drive, nodes: Stack, outcomes: list[Outcome], bars: Bars) -
                     break
                 threading.Event().wait(POLL_S)
             if process.wait(1.0):
-                raise OffradarError(f'replay of {drive.name} failed: {process.last_words()}')
+                raise OffradarError(f'replay of {drive.name} failed: {process.last_line()}')
             progress(len(outcomes), total)
     finally:
         process.stop()

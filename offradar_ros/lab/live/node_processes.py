@@ -76,9 +76,9 @@ class NodeProcess:
         try:
             return self.process.wait(timeout_s)
         except subprocess.TimeoutExpired as error:
-            raise OffradarError(f'{self.name}: still running after {timeout_s:g} s: {self.last_words()}') from error
+            raise OffradarError(f'{self.name}: still running after {timeout_s:g} s: {self.last_line()}') from error
 
-    def last_words(self) -> str:
+    def last_line(self) -> str:
         """The last line of the log."""
         lines = self.log.read_text(encoding='utf-8', errors='replace').strip().splitlines()
         return lines[-1] if lines else 'no output'
@@ -145,14 +145,12 @@ class Stack:
         return {name: node.usage() for name, node in self.nodes.items()}
 
     def wait_until_ready(self, timeout_s: float = 60.0) -> None:
-        """Wait until every node has said that it is active; OffradarError if one ends or takes too long."""
+        """Wait until every node has logged that it is active; OffradarError if one ends or takes too long."""
         deadline_s = time.monotonic() + timeout_s
         for node in self.nodes.values():
             while READY not in node.log.read_text(encoding='utf-8', errors='replace'):
                 if node.process.poll() is not None:
-                    raise OffradarError(
-                        f'{node.name}: ended with status {node.process.returncode}: {node.last_words()}'
-                    )
+                    raise OffradarError(f'{node.name}: ended with status {node.process.returncode}: {node.last_line()}')
                 if time.monotonic() > deadline_s:
-                    raise OffradarError(f'{node.name}: not ready after {timeout_s:g} s: {node.last_words()}')
+                    raise OffradarError(f'{node.name}: not ready after {timeout_s:g} s: {node.last_line()}')
                 time.sleep(0.05)

@@ -1,4 +1,4 @@
-"""A bag's raw messages into running nodes."""
+"""Plays a bag's raw messages into running nodes."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ class Player:
         publisher, timeout_s = self._publishers[self._scan_topic], self._options.timeout_s
         if not spin_until(self._node, lambda: publisher.get_subscription_count() > 0, timeout_s):
             raise OffradarError(
-                f'topic {publisher.topic_name}: nothing subscribed within {timeout_s:g} s: '
+                f'topic {publisher.topic_name}: no subscriber within {timeout_s:g} s: '
                 'start the encoder node, or remap its input'
             )
         if not spin_until(self._node, lambda: not self._absent(), DISCOVERY_S):
@@ -158,8 +158,8 @@ class Player:
         """Tell the encoder that a recording starts: if it is short, its stamps do not show that it is played again."""
         if not self._start_recording.service_is_ready():
             return
-        told = self._start_recording.call_async(Trigger.Request())
-        if not spin_until(self._node, told.done, self._options.timeout_s):
+        answer = self._start_recording.call_async(Trigger.Request())
+        if not spin_until(self._node, answer.done, self._options.timeout_s):
             self._node.get_logger().warning(f'{self._start_recording.service_name}: no answer')
         # What came late of the recording before has the stamps of this one.
         self._log.clear()

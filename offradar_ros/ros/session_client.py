@@ -14,27 +14,33 @@ from offradar_ros.errors import OffradarError
 COMMIT_S = 60.0
 """Longest wait for an answer: a session may have changed a million places."""
 PATIENCE_S = 2.0
-"""A wait longer than this is spoken of."""
+"""A wait longer than this is reported."""
 POLL_S = 0.1
 
 
 class SessionClient:
-    """Calls the services of the node `map_server` and returns what they say; OffradarError if they refuse.
+    """Calls the services of the node `map_server` and returns their answers; OffradarError if they refuse.
 
-    What it waits for is in `waiting_for`, and told to `say` when it takes long. `check` is called some ten times a
-    second while it waits, and may raise to end that.
+    Args:
+        node: the node whose context and namespace are used.
+        timeout_s: longest wait for the map server.
+        report: is given one line when a wait takes long; by default the node logs it.
+        check: is called some ten times a second while it waits, and may raise to end that.
+
+    Attributes:
+        waiting_for: what it waits for, in words.
     """
 
     def __init__(
         self,
         node: Node,
         timeout_s: float,
-        say: Callable[[str], None] | None = None,
+        report: Callable[[str], None] | None = None,
         check: Callable[[], None] = lambda: None,
     ) -> None:
         self._node = node
         self._timeout_s = timeout_s
-        self._say = say or (lambda text: node.get_logger().info(text))
+        self._report = report or (lambda text: node.get_logger().info(text))
         self._check = check
         self.waiting_for = ''
 
@@ -69,7 +75,7 @@ class SessionClient:
     def _wait(self, done: Callable[[], bool], timeout_s: float, hint: str) -> bool:
         executor = SingleThreadedExecutor(context=self._node.context)
         executor.add_node(self._node)
-        started_s, spoken = time.monotonic(), False
+        started_s, reported = time.monotonic(), False
         try:
             while not done():
                 self._check()
@@ -78,9 +84,9 @@ class SessionClient:
                 waited_s = time.monotonic() - started_s
                 if waited_s >= timeout_s:
                     return False
-                if waited_s >= PATIENCE_S and not spoken:
-                    spoken = True
-                    self._say(f'waiting for {self.waiting_for} ({hint})')
+                if waited_s >= PATIENCE_S and not reported:
+                    reported = True
+                    self._report(f'waiting for {self.waiting_for} ({hint})')
                 executor.spin_once(timeout_sec=min(POLL_S, timeout_s - waited_s))
             return True
         finally:
