@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import os
-import threading
 import time
 from pathlib import Path
 from types import TracebackType
@@ -16,6 +15,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import Image, NavSatFix, PointCloud2
 
+from offradar_ros.lab.live.spin_thread import SpinThread
 from offradar_ros.messages import STAMP, STAMP_OFFSET, header_stamp_ns
 from offradar_ros.nodes.encoder_node import SCANS
 from offradar_ros.recordings.bags.reader import Bag, scan_topic
@@ -74,19 +74,17 @@ class LiveScans:
         for kind, topic in ((PointCloud2, 'matches'), (DiagnosticArray, 'rejections')):
             self._node.create_subscription(kind, topic, self._on_answer, qos.UPDATES, raw=True)
         self._node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, qos.RESULTS)
-        self._executor = SingleThreadedExecutor(context=self._context)
-        self._executor.add_node(self._node)
-        self._thread = threading.Thread(target=self._executor.spin, daemon=True)
+        executor = SingleThreadedExecutor(context=self._context)
+        executor.add_node(self._node)
+        self._spin = SpinThread(executor)
 
     def __enter__(self) -> LiveScans:
-        self._thread.start()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._executor.shutdown(SETTLE_S)
-        self._thread.join(SETTLE_S)
+        self._spin.stop()
         self._node.destroy_node()
         rclpy.shutdown(context=self._context)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import threading
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -17,6 +16,7 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import PointCloud2
 
 from offradar_ros.lab.live.node_processes import Stack
+from offradar_ros.lab.live.spin_thread import SpinThread
 from offradar_ros.ros import qos
 from offradar_ros.ros.connections import Connections
 from offradar_ros.ros.outcome_message import match_record, rejection_record
@@ -52,12 +52,10 @@ class Observer:
         self._executor = SingleThreadedExecutor(context=self.context)
         self._executor.add_node(self.node)
         self._added: list[Node] = []
-        self._thread = threading.Thread(target=self._executor.spin, daemon=True)
-        self._thread.start()
+        self._spin = SpinThread(self._executor)
 
     def close(self) -> None:
-        self._executor.shutdown(WAIT_S)
-        self._thread.join(WAIT_S)
+        self._spin.stop()
         # What is left to the garbage collector may still be received by a later test in the same domain.
         for node in (*self._added, self.node):
             node.destroy_node()

@@ -19,6 +19,7 @@ from sensor_msgs.msg import PointCloud2
 from offradar_ros.errors import OffradarError
 from offradar_ros.lab.demo.drives import Bars, Drive
 from offradar_ros.lab.live.node_processes import Stack
+from offradar_ros.lab.live.spin_thread import SpinThread
 from offradar_ros.recordings.bags.reader import Bag, scan_topic
 from offradar_ros.ros import qos
 from offradar_ros.ros.answer_log import REPLIES
@@ -108,12 +109,10 @@ def _listening(domain_id: int) -> Iterator[_Listener]:
     listener = _Listener(context)
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(listener.node)
-    thread = threading.Thread(target=executor.spin, daemon=True)
-    thread.start()
+    spin = SpinThread(executor)
     try:
         yield listener
     finally:
-        executor.shutdown(5.0)
-        thread.join(5.0)
+        spin.stop()
         listener.node.destroy_node()
         rclpy.shutdown(context=context)
