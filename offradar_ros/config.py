@@ -163,16 +163,16 @@ class EncoderConfig:
 
     name: str = parameter(
         'ring_key',
-        'what makes an embedding of a scan; variational is our own',
-        choices=('ring_key', 'rad_vlad', 'variational', 'bc_radar', 'vae', 'mc_dropout', 'stun'),
+        'what makes an embedding of a scan: an encoder by its name (docs/encoders.md); variational is our own',
     )
     weights: str = parameter(
         '', 'weights of a learned encoder: a .onnx or .safetensors file, or the name of weights that come with us'
     )
     backend: str = parameter(
         'auto',
-        'what runs a learned encoder; auto goes by the ending of the weights file',
-        choices=('auto', 'onnx', 'torch'),
+        'what runs a learned encoder; auto takes the first of ONNX Runtime, OpenCV and torch that is installed and '
+        'reads the weights file',
+        choices=('auto', 'onnx', 'opencv', 'torch'),
     )
     device: str = parameter(
         'auto',

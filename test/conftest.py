@@ -16,7 +16,7 @@ from offradar_ros.geometry import GeoPoint, LocalFrame, Trajectory
 from offradar_ros.recordings.bags.writer import write_bag
 from offradar_ros.types import PolarScan
 
-pytest_plugins = ('commands',)
+pytest_plugins = ('commands', 'own_packages')
 
 # However busy the machine is, time is never what a test fails of.
 settings.register_profile('any_machine', deadline=None, suppress_health_check=[HealthCheck.too_slow])

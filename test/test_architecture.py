@@ -53,17 +53,14 @@ LAZY = {
     ('cli.session', 'ros.session_client'),
     ('encoders.export.onnx_export', 'encoders.export.onnx_half'),
     ('encoders.export.onnx_export', 'encoders.export.onnx_int8'),
+    ('encoders.export.onnx_export', 'encoders.export.onnx_opencv'),
     ('encoders.export.onnx_export', 'encoders.networks.files'),
     ('encoders.export.onnx_export', 'encoders.networks.low_rank'),
-    ('encoders.registry', 'encoders.onnx_backend'),
-    ('encoders.registry', 'encoders.torch_backend'),
     ('lab.cli.card', 'encoders.weights'),
     ('lab.cli.demo', 'lab.demo.run'),
     ('lab.cli.train', 'lab.training.config_file'),
     ('lab.cli.train', 'lab.training.recorded_drives'),
     ('lab.cli.train', 'lab.training.run'),
-    ('lab.evaluation.methods', 'encoders.onnx_backend'),
-    ('lab.evaluation.methods', 'encoders.weights'),
 }
 BACKENDS = {'encoders.onnx_backend', 'encoders.torch_backend'}
 """The modules that import a runtime of learned encoders when they are imported."""

@@ -8,6 +8,7 @@ from typing import Any
 
 from offradar_ros.config import CartesianConfig, PolarGridConfig
 from offradar_ros.encoders.fingerprint import canonical_json
+from offradar_ros.encoders.registry import LEARNED
 from offradar_ros.errors import ConfigError
 from offradar_ros.records import structure, unstructure
 
@@ -15,7 +16,6 @@ from offradar_ros.records import structure, unstructure
 CARTESIAN_REDUCTION = 32
 POLAR_REDUCTION = 8
 
-METHODS = ('variational', 'bc_radar', 'vae', 'mc_dropout', 'stun')
 _LARGEST_SIDE = 4096
 
 BACKBONES = ('vgg16', 'compact', 'resnet50')
@@ -56,7 +56,7 @@ class NetworkConfig:
     student: str = 'bounded'
 
     def __post_init__(self) -> None:
-        _expect(self.method in METHODS, 'method', f'one of {", ".join(METHODS)}', self.method)
+        _expect(self.method in LEARNED, 'method', f'one of {", ".join(LEARNED)}', self.method)
         _expect(self.backbone in BACKBONES, 'backbone', f'one of {", ".join(BACKBONES)}', self.backbone)
         _expect(self.descriptor in DESCRIPTORS, 'descriptor', f'one of {", ".join(DESCRIPTORS)}', self.descriptor)
         _expect(1 <= self.dimension <= 65536, 'dimension', '1 to 65536', self.dimension)

@@ -6,10 +6,13 @@ import dataclasses
 
 import numpy as np
 
+from offradar_ros.config import EncoderConfig
 from offradar_ros.encoders.k_means import group_sums, nearest_centres
+from offradar_ros.encoders.pretrained import find_weights
 from offradar_ros.encoders.protocol import ModelInfo
-from offradar_ros.encoders.rad_vlad_codebook import Codebook, repetition
+from offradar_ros.encoders.rad_vlad_codebook import Codebook, load_codebook, repetition
 from offradar_ros.encoders.rad_vlad_rows import spectrum_rows
+from offradar_ros.errors import ConfigError
 from offradar_ros.types import Embedding, PolarScan
 
 
@@ -40,6 +43,14 @@ class RadVladEncoder:
             dimension=codebook.centres.size,
             metadata={key: f'{value}' for key, value in dataclasses.asdict(codebook.rows).items()},
         )
+
+    @classmethod
+    def from_config(cls, config: EncoderConfig) -> RadVladEncoder:
+        """As the registry makes it, of a codebook file; ConfigError for other files, ModelError for unusable ones."""
+        path = find_weights(config.weights, ('.safetensors',))
+        if path.suffix != '.safetensors':
+            raise ConfigError(f'parameter encoder.weights: rad_vlad needs a .safetensors file, got {config.weights!r}')
+        return cls(load_codebook(path))
 
     @property
     def info(self) -> ModelInfo:

@@ -11,7 +11,7 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from offradar_ros.config import RingKeyConfig
+from offradar_ros.config import EncoderConfig, RingKeyConfig
 from offradar_ros.encoders.fingerprint import fingerprint
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.encoders.rings import ring_power
@@ -65,6 +65,11 @@ class RingKeyEncoder:
             dimension=config.rings,
             metadata={key: f'{value}' for key, value in settings.items()},
         )
+
+    @classmethod
+    def from_config(cls, config: EncoderConfig) -> RingKeyEncoder:
+        """As the registry makes it; ConfigError as above."""
+        return cls(config.ring_key)
 
     @property
     def info(self) -> ModelInfo:

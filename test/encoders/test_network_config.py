@@ -9,14 +9,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from offradar_ros.config import CartesianConfig, PolarGridConfig
-from offradar_ros.encoders.network_config import BACKBONES, DESCRIPTORS, METHODS, NetworkConfig
+from offradar_ros.encoders.network_config import BACKBONES, DESCRIPTORS, NetworkConfig
+from offradar_ros.encoders.registry import LEARNED
 from offradar_ros.errors import ConfigError
 
 
 @given(
     st.builds(
         NetworkConfig,
-        method=st.sampled_from(METHODS),
+        method=st.sampled_from(LEARNED),
         backbone=st.sampled_from(BACKBONES),
         dimension=st.integers(1, 4096),
         side_px=st.integers(1, 64).map(lambda n: 32 * n),

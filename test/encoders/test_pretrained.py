@@ -41,15 +41,6 @@ def test_a_name_is_our_own_file(folder: Path, weights: str, suffixes: tuple[str,
     assert find_weights(weights, suffixes) == folder / expected
 
 
-def test_without_onnxruntime_the_other_file_is_taken(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(
-        pretrained.importlib.util, 'find_spec', lambda name: None if name == 'onnxruntime' else object()
-    )
-    assert find_weights('compact', BOTH) == folder / 'compact.safetensors'
-    monkeypatch.setattr(pretrained.importlib.util, 'find_spec', lambda name: None)
-    assert find_weights('compact', BOTH) == folder / 'compact.onnx'
-
-
 @pytest.mark.parametrize('weights', ['compact.onnx', './compact.safetensors', '/abs/net.onnx'])
 def test_a_path_is_taken_as_it_is(folder: Path, weights: str) -> None:
     assert find_weights(weights, BOTH) == Path(weights)

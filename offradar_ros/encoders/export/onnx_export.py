@@ -16,9 +16,9 @@ from offradar_ros.encoders.weights_header import WeightsHeader
 if TYPE_CHECKING:
     import onnx
 
-    from offradar_ros.encoders.networks.registry import Network
+    from offradar_ros.encoders.networks.network import Network
 
-OPSET = 17
+INT8_OPSET = 17
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -51,16 +51,19 @@ def export_onnx(weights_path: str | Path, onnx_path: str | Path, smaller: Smalle
     import onnx  # noqa: PLC0415
 
     from offradar_ros.encoders.export.onnx_half import store_halves  # noqa: PLC0415
+    from offradar_ros.encoders.export.onnx_opencv import OPSET, rewrite_for_opencv  # noqa: PLC0415
     from offradar_ros.encoders.networks.files import load_network  # noqa: PLC0415
 
     network, header = load_network(weights_path)
     if smaller and smaller.low_rank < 1.0:
         header = _factorised(network, header, smaller)
-    model = _graph(network, header)
     if smaller and smaller.int8:
-        model, header = _quantised(model, header, smaller)
-    elif header.stored == 'float16':
-        store_halves(model)
+        model, header = _quantised(_graph(network, header, INT8_OPSET), header, smaller)
+    else:
+        model = _graph(network, header, OPSET)
+        rewrite_for_opencv(model)
+        if header.stored == 'float16':
+            store_halves(model)
     for key, value in header.to_metadata().items():
         model.metadata_props.add(key=key, value=value)
     onnx.checker.check_model(model, full_check=True)
@@ -68,7 +71,7 @@ def export_onnx(weights_path: str | Path, onnx_path: str | Path, smaller: Smalle
     return header
 
 
-def _graph(network: Network, header: WeightsHeader) -> onnx.ModelProto:
+def _graph(network: Network, header: WeightsHeader, opset: int) -> onnx.ModelProto:
     import onnx  # noqa: PLC0415
     import torch  # noqa: PLC0415
 
@@ -91,7 +94,7 @@ def _graph(network: Network, header: WeightsHeader) -> onnx.ModelProto:
             (torch.zeros((1, *header.config.image_shape), dtype=torch.uint8),),
             exported,
             dynamo=False,
-            opset_version=OPSET,
+            opset_version=opset,
             # Batch normalisation stays apart from its convolution, so that the weights are those of the file.
             training=torch.onnx.TrainingMode.PRESERVE,
             input_names=['images'],

@@ -86,7 +86,8 @@ class Compact(nn.Module):
         if self.training:
             return self._amplitudes(both)
         # One batch of all turns: each convolution is then one node of an ONNX graph, and quantised once.
-        turned = torch.cat([torch.cat([both[:, :, k:], both[:, :, :k]], dim=2) for k in COMPACT_TURNS])
+        turns = [torch.cat([both[:, :, k:], both[:, :, :k]], dim=2) if k else both for k in COMPACT_TURNS]
+        turned = torch.cat(turns)
         return self._amplitudes(turned).reshape(len(COMPACT_TURNS), -1, *self.shape).mean(dim=0)
 
     def _amplitudes(self, image: torch.Tensor) -> torch.Tensor:

@@ -6,11 +6,11 @@ import torch
 from torch import nn
 
 from offradar_ros.encoders.network_config import NetworkConfig
-from offradar_ros.encoders.networks.feature_map import FeatureMap
 from offradar_ros.encoders.networks.l2_normalise import l2_normalise
+from offradar_ros.encoders.networks.network import Network
 
 
-class BcRadarNetwork(nn.Module):
+class BcRadarNetwork(Network):
     """Backbone and one linear head whose output is normalised, as the batch criterion compares cosines.
 
     It has no uncertainty, in the paper or here. Its variance is 1, the prior's, for every scan: it is as sure of each
@@ -18,9 +18,7 @@ class BcRadarNetwork(nn.Module):
     """
 
     def __init__(self, config: NetworkConfig) -> None:
-        super().__init__()
-        self.config = config
-        self.features = FeatureMap(config)
+        super().__init__(config, pooled=True)
         self.head = nn.Linear(self.features.flat, config.dimension)
 
     def forward(self, images: torch.Tensor) -> torch.Tensor:

@@ -11,22 +11,20 @@ from offradar_ros.encoders.network_config import NetworkConfig
 from offradar_ros.encoders.networks.backbone import make_backbone
 from offradar_ros.encoders.networks.resnet50 import GeneralisedMean
 
-POOLED = ('bc_radar', 'stun', 'mc_dropout')
-"""Methods whose ResNet-50 is pooled, as by STUN's authors: STUN, its teacher, and dropout. Others rebuild the map."""
-
 
 class FeatureMap(nn.Module):
     """Images (N, H, W) of power 0…255, uint8 or float → the backbone's feature map (N, C, h, w), pooled or not.
 
+    With `pooled` ResNet-50's map is pooled, as by STUN's authors: for methods that do not rebuild the map.
     `shape` is (C, h, w) and `flat` its product, the number of features that a head sees.
     """
 
-    def __init__(self, config: NetworkConfig) -> None:
+    def __init__(self, config: NetworkConfig, pooled: bool = False) -> None:
         super().__init__()
         self.backbone = make_backbone(config)
         self.shape = self.backbone.shape
         self.pool: GeneralisedMean | None = None
-        if config.backbone == 'resnet50' and config.method in POOLED:
+        if pooled and config.backbone == 'resnet50':
             self.pool, self.shape = GeneralisedMean(), (self.shape[0], 1, 1)
         self.flat = math.prod(self.shape)
 

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import torch
 
-from offradar_ros.encoders.networks.registry import Network, make_network
+from offradar_ros.encoders.networks.network import Network
+from offradar_ros.encoders.networks.registry import make_network
 from offradar_ros.encoders.weights import load_weights, save_weights
 from offradar_ros.encoders.weights_header import WeightsHeader
 from offradar_ros.errors import ModelError

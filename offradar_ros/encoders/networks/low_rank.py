@@ -16,7 +16,7 @@ import torch
 from numpy.typing import NDArray
 from torch import nn
 
-from offradar_ros.encoders.networks.registry import Network
+from offradar_ros.encoders.networks.network import Network
 
 _BATCH = 4
 _BISECTIONS = 100

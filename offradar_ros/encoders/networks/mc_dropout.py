@@ -7,14 +7,14 @@ from torch import nn
 from torch.nn import functional
 
 from offradar_ros.encoders.network_config import NetworkConfig
-from offradar_ros.encoders.networks.feature_map import FeatureMap
 from offradar_ros.encoders.networks.l2_normalise import l2_normalise
+from offradar_ros.encoders.networks.network import Network
 
 PASSES = 20
 _MASK_SEED = 20
 
 
-class McDropoutNetwork(nn.Module):
+class McDropoutNetwork(Network):
     """Backbone, dropout and one linear head, of which T = 20 thinned copies vote.
 
     Dropout sits between the backbone and the head only, so that the backbone runs once and the T passes cost 20 small
@@ -29,9 +29,7 @@ class McDropoutNetwork(nn.Module):
     masks: torch.Tensor
 
     def __init__(self, config: NetworkConfig) -> None:
-        super().__init__()
-        self.config = config
-        self.features = FeatureMap(config)
+        super().__init__(config, pooled=True)
         self.head = nn.Linear(self.features.flat, config.dimension)
         drawn = torch.rand((PASSES, self.features.flat), generator=torch.Generator().manual_seed(_MASK_SEED))
         self.register_buffer('masks', drawn >= config.dropout)

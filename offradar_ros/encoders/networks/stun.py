@@ -6,12 +6,12 @@ import torch
 from torch import nn
 
 from offradar_ros.encoders.network_config import NetworkConfig
-from offradar_ros.encoders.networks.feature_map import FeatureMap
 from offradar_ros.encoders.networks.l2_normalise import l2_normalise
+from offradar_ros.encoders.networks.network import Network
 from offradar_ros.encoders.networks.variational import LOG_VARIANCE_LIMIT
 
 
-class StunNetwork(nn.Module):
+class StunNetwork(Network):
     """The student: backbone, a normalised mean and log s². The teacher is a `BcRadarNetwork` of the same backbone.
 
     ``bounded``: log s² is between 0 and 1, as its authors' code has it, so that s² lies between 1 and e for every scan.
@@ -19,9 +19,7 @@ class StunNetwork(nn.Module):
     """
 
     def __init__(self, config: NetworkConfig) -> None:
-        super().__init__()
-        self.config = config
-        self.features = FeatureMap(config)
+        super().__init__(config, pooled=True)
         self.head = nn.Linear(self.features.flat, config.dimension)
         self.log_variance = nn.Linear(self.features.flat, config.dimension)
 

@@ -11,7 +11,7 @@ from torch.nn import functional
 
 from offradar_ros.encoders.network_config import NetworkConfig
 from offradar_ros.encoders.networks.backbone import AzimuthSpectrum
-from offradar_ros.encoders.networks.feature_map import FeatureMap
+from offradar_ros.encoders.networks.network import Network
 
 TARGET_REDUCTION = 4
 # The decoder doubles rows and columns three times.
@@ -36,7 +36,7 @@ class VaeOutput(NamedTuple):
     reconstruction: torch.Tensor
 
 
-class VaeNetwork(nn.Module):
+class VaeNetwork(Network):
     """Backbone, two heads and a decoder to the image; nothing is contrasted.
 
     What is rebuilt is the image itself, not the feature map: without a contrastive term a backbone that also chose its
@@ -46,9 +46,7 @@ class VaeNetwork(nn.Module):
     """
 
     def __init__(self, config: NetworkConfig) -> None:
-        super().__init__()
-        self.config = config
-        self.features = FeatureMap(config)
+        super().__init__(config)
         flat = self.features.flat
         target_rows, target_columns = (length // TARGET_REDUCTION for length in config.image_shape)
         self.spectrum: AzimuthSpectrum | None = None

@@ -14,8 +14,8 @@ import torch
 from torch import nn
 
 from offradar_ros.encoders.network_config import NetworkConfig
-from offradar_ros.encoders.networks.feature_map import FeatureMap
 from offradar_ros.encoders.networks.l2_normalise import l2_normalise
+from offradar_ros.encoders.networks.network import Network
 
 # exp(±10) stays finite when squared in float32, and no calibrated variance comes near either end.
 LOG_VARIANCE_LIMIT = 10.0
@@ -41,13 +41,11 @@ class NetworkOutput(NamedTuple):
     reconstruction: torch.Tensor
 
 
-class VariationalNetwork(nn.Module):
+class VariationalNetwork(Network):
     """Backbone, heads and decoder; images are (N, H, W) uint8 or float power in 0…255."""
 
     def __init__(self, config: NetworkConfig) -> None:
-        super().__init__()
-        self.config = config
-        self.features = FeatureMap(config)
+        super().__init__(config)
         flat, channels = self.features.flat, self.features.shape[0]
         self.z_i = nn.Linear(flat, config.dimension)
         self.mu = nn.Linear(flat, config.dimension)

@@ -7,13 +7,15 @@ from typing import Annotated
 import typer
 
 from offradar_ros.errors import ConfigError
+from offradar_ros.lab.evaluation.methods import METHODS
 from offradar_ros.lab.evaluation.protocol import Group, Protocol, Recorded
 from offradar_ros.lab.evaluation.protocol_file import read_protocol
 from offradar_ros.recordings.source import require_recording
 
 METHODS_HELP = (
-    'ours, bc_radar, vae, mc_dropout, stun with weights; ring_key; rad_vlad, fitted to each map unless weights are '
-    'given. Another NAME is a variant of ours. May be repeated; ours=compact and ring_key if not given.'
+    f'NAME is {", ".join(METHODS)}, or an encoder of an installed package. WEIGHTS is a file, the folder of a training '
+    'run or the name of weights that come with us; ring_key has none, and rad_vlad is fitted to each map without. '
+    'LABEL=NAME:WEIGHTS is a variant under a name of its own. May be repeated; ours=compact and ring_key if not given.'
 )
 DEFAULT_METHODS = ('ring_key', 'ours=compact')
 

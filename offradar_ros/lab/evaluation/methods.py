@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import difflib
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Protocol
@@ -12,26 +11,29 @@ from typing import Protocol
 import numpy as np
 
 from offradar_ros.config import EncoderConfig
-from offradar_ros.encoders.model_files import require_package
-from offradar_ros.encoders.pretrained import find_weights
+from offradar_ros.encoders.entry_points import installed_names
+from offradar_ros.encoders.learned import choose_runtime
 from offradar_ros.encoders.protocol import Encoder
 from offradar_ros.encoders.rad_vlad import RadVladEncoder
 from offradar_ros.encoders.rad_vlad_codebook import load_codebook
 from offradar_ros.encoders.rad_vlad_fit import fit_rad_vlad
-from offradar_ros.encoders.registry import make_encoder
+from offradar_ros.encoders.registry import ENCODERS, LEARNED, make_encoder, unknown_name
 from offradar_ros.errors import ConfigError, DataError, RefusedInput
 from offradar_ros.lab.drives.drive import Drive
 from offradar_ros.recordings.spacing import subsample_by_distance
 from offradar_ros.types import PolarScan
 
-METHODS = ('ours', 'bc_radar', 'vae', 'mc_dropout', 'stun', 'ring_key', 'rad_vlad')
-"""Those that a model card tells of."""
-
 OURS = 'ours'
-_ENCODERS = {name: name for name in METHODS} | {OURS: 'variational'}
+_OUR_ENCODER = 'variational'
+METHODS = {OURS if name == _OUR_ENCODER else name: name for name in ENCODERS}
+"""Encoders by the names that results use, in the order of the paper's tables, ours first."""
+
 PLAIN = EncoderConfig()
 BEST = 'best.safetensors'
 """The weights that a training run leaves in its folder."""
+
+BATCHED_FIRST = ('torch', 'onnx', 'opencv')
+"""Backends in the order that an evaluation prefers: torch encodes batches fastest."""
 
 _ROWS = 20_000
 """So many azimuths of a map are enough to fit the centres of RadVLAD."""
@@ -95,39 +97,37 @@ def _readable(drive: Drive, rows: Iterable[int]) -> Iterator[PolarScan]:
 def open_method(
     text: str, folder: Path, *, seed: int, spacing_m: float, config: EncoderConfig = PLAIN, threads: int = 0
 ) -> Method:
-    """The method of ``NAME``, ``NAME=WEIGHTS`` or ``NAME=RUN``, the folder of a training run.
+    """The method of ``NAME``, ``NAME=WEIGHTS`` or, for a variant under a label of its own, ``LABEL=NAME:WEIGHTS``.
 
-    Any other name than those of `METHODS` is a variant's, of the kind that its safetensors file says. `folder` keeps
-    what is fitted to maps; of `config` the method and the weights are left aside. ConfigError for a name that needs
-    weights without them; ModelError for unusable weights.
+    NAME is one of `METHODS`, or the entry point of an installed encoder; WEIGHTS may be the folder of a training run.
+    `folder` keeps what is fitted to maps; of `config` the encoder's name and weights are left aside. ConfigError for an
+    unknown NAME and for one that needs weights without them; ModelError for unusable weights.
     """
-    name, _, weights = text.partition('=')
-    if name == 'rad_vlad' and not weights:
+    label, encoder, weights = _parsed(text)
+    if encoder == 'rad_vlad' and not weights:
         return RadVladOfMap(folder / 'rad_vlad', seed, spacing_m)
+    config = dataclasses.replace(config, name=encoder, weights=weights, threads=threads)
+    if encoder in LEARNED:
+        weights = str(Path(weights) / BEST if Path(weights).is_dir() else choose_runtime(config, BATCHED_FIRST)[1])
+        config = dataclasses.replace(config, weights=weights)
+    return OneEncoder(label, make_encoder(config), weights)
+
+
+def _parsed(text: str) -> tuple[str, str, str]:
+    """Label, encoder and weights (or nothing) of a ``--method``; ConfigError where they do not fit."""
+    known = METHODS | {name: name for name in installed_names()}
+    label, _, weights = text.partition('=')
+    encoder, colon, rest = weights.partition(':')
+    if colon and encoder in known:
+        if not label or label in known:
+            raise ConfigError(f'--method {text}: expected a label that is no encoder of its own, got {label!r}')
+        name, weights = encoder, rest
+    elif label in known:
+        name = label
+    else:
+        raise ConfigError(f'--method {text}: {unknown_name(label, known)} (a variant is LABEL=NAME:WEIGHTS)')
     if name == 'ring_key' and weights:
         raise ConfigError(f'--method {text}: ring_key has no weights')
-    if not name or (name != 'ring_key' and not weights):
-        meant = difflib.get_close_matches(name, METHODS, 1)
-        hint = f'; did you mean {meant[0]}?' if meant and meant[0] != name else ', such as ours=compact'
-        raise ConfigError(f'--method {text}: expected NAME=WEIGHTS{hint} (only ring_key and rad_vlad need no weights)')
-    if weights and Path(weights).is_dir():
-        weights = str(Path(weights) / BEST)
-    elif weights and name != 'rad_vlad':
-        weights = str(find_weights(weights, ('.safetensors', '.onnx')))
-    encoder = _ENCODERS.get(name) or _kind_of(weights)
-    return OneEncoder(
-        name, make_encoder(dataclasses.replace(config, name=encoder, weights=weights, threads=threads)), weights
-    )
-
-
-def _kind_of(weights: str) -> str:
-    """Name of the encoder that a weights file is of."""
-    if weights.endswith('.onnx'):
-        require_package('onnxruntime', weights)
-        from offradar_ros.encoders.onnx_backend import OnnxEncoder  # noqa: PLC0415
-
-        return OnnxEncoder(weights).info.name
-    require_package('safetensors', weights)
-    from offradar_ros.encoders.weights import read_header  # noqa: PLC0415
-
-    return read_header(weights).config.method
+    if name != 'rad_vlad' and not weights and name in METHODS and ENCODERS[METHODS[name]].needs_weights:
+        raise ConfigError(f'--method {text}: {name} needs weights: expected {name}=WEIGHTS, such as ours=compact')
+    return label, METHODS.get(name, name), weights

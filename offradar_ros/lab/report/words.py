@@ -4,18 +4,11 @@ from __future__ import annotations
 
 import math
 
-from offradar_ros.lab.evaluation.methods import OURS
+from offradar_ros.encoders.registry import ENCODERS
+from offradar_ros.lab.evaluation.methods import METHODS, OURS
 
-NAMES = {
-    'bc_radar': 'BCRadar',
-    'vae': 'VAE',
-    'ring_key': 'RingKey',
-    'stun': 'STUN',
-    'mc_dropout': 'MC Dropout',
-    'rad_vlad': 'FFT-RadVLAD',
-    OURS: 'OURS(O)',
-    f'{OURS} (M)': 'OURS(M)',
-}
+NAMES = {name: ENCODERS[encoder].title for name, encoder in METHODS.items()}
+NAMES |= {OURS: f'{NAMES[OURS]}(O)', f'{OURS} (M)': f'{NAMES[OURS]}(M)'}
 """As the paper's tables call them; others go by their own name."""
 
 

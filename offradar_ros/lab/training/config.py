@@ -6,6 +6,7 @@ import dataclasses
 
 from offradar_ros.config import parameter
 from offradar_ros.encoders.network_config import NetworkConfig
+from offradar_ros.encoders.registry import ENCODERS
 
 
 @dataclasses.dataclass(frozen=True)
@@ -159,11 +160,14 @@ class OptimiserConfig:
     clip_norm: float = parameter(10.0, 'longest gradient; 0 for any', minimum=0.0, maximum=1e9)
 
 
+TEACHERS = tuple(dict.fromkeys(entry.teacher for entry in ENCODERS.values() if entry.teacher))
+
+
 @dataclasses.dataclass(frozen=True)
 class TeacherConfig:
     """Whom a student (STUN) learns from: weights, or a teacher that is trained first."""
 
-    method: str = parameter('bc_radar', 'method that trains the teacher', choices=('bc_radar',))
+    method: str = parameter('bc_radar', 'method that trains the teacher', choices=TEACHERS)
     weights: str = parameter('', 'weights of a teacher trained before; empty trains one')
     steps: int = parameter(5000, 'steps that the teacher is trained for', minimum=1, maximum=10**9)
     student: str = parameter(

@@ -33,7 +33,7 @@ from offradar_ros.lab.training.batches import BatchSampler
 from offradar_ros.lab.training.checkpoint import read_progress
 from offradar_ros.lab.training.config import DataConfig, RefinementConfig, TrainingConfig, ValidationConfig
 from offradar_ros.lab.training.loop import BEST, CHECKPOINT, LAST, Loop
-from offradar_ros.lab.training.objectives import NEED_TEACHER, make_objective
+from offradar_ros.lab.training.objectives import make_objective, needs_teacher
 from offradar_ros.lab.training.parallel import Group, joined_group
 from offradar_ros.lab.training.recorded_drives import recorded_drives
 from offradar_ros.lab.training.refinement import feature_maps, lessons, refine
@@ -106,7 +106,7 @@ def _learnt(config: TrainingConfig, out: Path, options: RunOptions, group: Group
     if config.fit == 'rad_vlad':
         return RunResult(True, 0, fit_centres(config, data, out), math.nan)
     validation = _cached(config.network, config.validation, options, group, 'validation scans')
-    if config.method in NEED_TEACHER and teacher is None:
+    if needs_teacher(config.method) and teacher is None:
         taught = _teacher(config, out, options, group, data, validation, deadline_s)
         if isinstance(taught, RunResult):
             return taught
@@ -116,9 +116,9 @@ def _learnt(config: TrainingConfig, out: Path, options: RunOptions, group: Group
 
 def _given_teacher(config: TrainingConfig) -> nn.Module | None:
     """The teacher that was trained before, if there is one; what the objective says against it is said here, early."""
-    if config.fit != 'network' or (config.method in NEED_TEACHER and not config.teacher.weights):
+    if config.fit != 'network' or (needs_teacher(config.method) and not config.teacher.weights):
         return None
-    teacher = load_network(config.teacher.weights)[0] if config.method in NEED_TEACHER else None
+    teacher = load_network(config.teacher.weights)[0] if needs_teacher(config.method) else None
     make_objective(config, teacher)
     return teacher
 

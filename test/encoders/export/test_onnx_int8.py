@@ -18,11 +18,12 @@ pytest.importorskip('onnxruntime')
 from offradar_ros.encoders import model_files  # noqa: E402
 from offradar_ros.encoders.export.calibration_scans import CalibrationScans, calibration_scans  # noqa: E402
 from offradar_ros.encoders.export.onnx_export import Smaller, export_onnx  # noqa: E402
-from offradar_ros.encoders.network_config import METHODS, NetworkConfig  # noqa: E402
+from offradar_ros.encoders.network_config import NetworkConfig  # noqa: E402
 from offradar_ros.encoders.networks.files import save_network  # noqa: E402
 from offradar_ros.encoders.networks.registry import make_network  # noqa: E402
 from offradar_ros.encoders.onnx_backend import OnnxEncoder  # noqa: E402
 from offradar_ros.encoders.pretrained import find_weights  # noqa: E402
+from offradar_ros.encoders.registry import LEARNED  # noqa: E402
 from offradar_ros.encoders.weights import read_header  # noqa: E402
 from offradar_ros.errors import ModelError  # noqa: E402
 from offradar_ros.lab.simulation.city import CityPlan, make_city  # noqa: E402
@@ -62,7 +63,7 @@ def error(found: np.ndarray, expected: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize(
-    'method, backbone', [*((method, 'compact') for method in METHODS), ('variational', 'vgg16'), ('stun', 'resnet50')]
+    'method, backbone', [*((method, 'compact') for method in LEARNED), ('variational', 'vgg16'), ('stun', 'resnet50')]
 )
 def test_integers_give_nearly_what_floats_give(tmp_path: Path, method: str, backbone: str) -> None:
     config = small(method, backbone)

@@ -10,7 +10,7 @@ import pytest
 
 torch = pytest.importorskip('torch')
 
-from offradar_ros.encoders.network_config import METHODS, NetworkConfig  # noqa: E402
+from offradar_ros.encoders.network_config import NetworkConfig  # noqa: E402
 from offradar_ros.encoders.networks.backbone import (  # noqa: E402
     COMPACT_CONVOLUTIONS,
     AzimuthSpectrum,
@@ -18,6 +18,7 @@ from offradar_ros.encoders.networks.backbone import (  # noqa: E402
     make_backbone,
 )
 from offradar_ros.encoders.networks.registry import make_network  # noqa: E402
+from offradar_ros.encoders.registry import LEARNED  # noqa: E402
 from offradar_ros.radar.spinning import spin  # noqa: E402
 from offradar_ros.types import PolarScan  # noqa: E402
 
@@ -129,7 +130,7 @@ def test_the_whole_backbone_against_loops() -> None:
     np.testing.assert_allclose(found[0], expected, rtol=1e-3, atol=1e-4)
 
 
-@pytest.mark.parametrize('method', METHODS)
+@pytest.mark.parametrize('method', LEARNED)
 def test_no_turn_by_two_rows_changes_an_embedding(method: str, small_config: NetworkConfig) -> None:
     torch.manual_seed(2)
     network = make_network(dataclasses.replace(small_config, method=method))

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from offradar_ros.encoders.registry import LEARNED
 from offradar_ros.errors import ConfigError
 from offradar_ros.lab.training.config import OptimiserConfig, TrainingConfig
 from offradar_ros.lab.training.config_file import read_config, with_values
@@ -21,6 +22,11 @@ PRESETS = Path(__file__).resolve().parents[3] / 'params' / 'train'
 @pytest.mark.parametrize('path', sorted(PRESETS.glob('*.yaml')), ids=lambda path: path.stem)
 def test_every_preset_is_read(path: Path) -> None:
     assert isinstance(read_config(path), TrainingConfig)
+
+
+def test_every_learned_method_has_a_preset() -> None:
+    presets = [read_config(path) for path in PRESETS.glob('*.yaml')]
+    assert {config.method for config in presets if config.fit == 'network'} == set(LEARNED)
 
 
 def test_the_papers_preset_says_what_the_paper_says() -> None:

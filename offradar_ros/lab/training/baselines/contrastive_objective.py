@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import torch
 
-from offradar_ros.encoders.networks.bc_radar import BcRadarNetwork
-from offradar_ros.encoders.networks.mc_dropout import McDropoutNetwork
+from offradar_ros.encoders.networks.registry import make_network
 from offradar_ros.errors import ConfigError
 from offradar_ros.lab.training.baselines.common_contrast import common_contrast
 from offradar_ros.lab.training.config import TrainingConfig
@@ -18,12 +17,12 @@ class ContrastiveObjective:
     Spins and temporally near positives (Gadd et al., 2021) are the batch's, not the loss's.
     """
 
-    def __init__(self, config: TrainingConfig, network: BcRadarNetwork | McDropoutNetwork) -> None:
+    def __init__(self, config: TrainingConfig) -> None:
         """ConfigError for a contrastive term of weight 0, which would leave nothing to learn."""
         self.config = config.loss.invariant
         if not self.config.weight:
             raise ConfigError(f'key loss.invariant.weight: {config.method} learns by this term: expected more than 0')
-        self.network = network
+        self.network = make_network(config.network)
 
     def losses(self, views: Views, step: int) -> dict[str, torch.Tensor]:  # noqa: ARG002
         """Term ``contrast``."""

@@ -1,0 +1,61 @@
+"""Runs an exported network with OpenCV's `dnn`, for machines whose packages come from apt alone. CPU only.
+
+Works with OpenCV 4.6 (Ubuntu 24.04) and later for what `export_onnx` writes of the compact backbone; other networks
+need a later OpenCV or ONNX Runtime, and are refused when they are loaded.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from offradar_ros.encoders.device import no_cuda
+from offradar_ros.encoders.image_encoder import ImageEncoder
+from offradar_ros.encoders.onnx_file import read_in_single_precision, read_metadata
+from offradar_ros.encoders.weights_header import WeightsHeader
+from offradar_ros.errors import ModelError
+
+
+class OpencvEncoder(ImageEncoder):
+    """Learned encoder in OpenCV; ModelError for a file that is missing, damaged or that this OpenCV cannot run."""
+
+    def __init__(self, path: str | Path, threads: int = 0, device: str = 'auto') -> None:
+        """`threads` sets OpenCV's threads for the whole process, 0 leaves them; ConfigError for ``cuda``."""
+        if device == 'cuda':
+            raise no_cuda('the opencv backend runs on the CPU alone')
+        header = WeightsHeader.from_metadata(read_metadata(path), path)
+        super().__init__(header, path, 'cpu')
+        if threads:
+            cv2.setNumThreads(threads)
+        try:
+            self._network = cv2.dnn.readNetFromONNX(np.frombuffer(read_in_single_precision(path), np.uint8))
+            # What it lacks shows when it runs.
+            found = [output.shape for output in self._run(np.zeros((1, *header.config.image_shape), np.uint8))]
+        except cv2.error as error:
+            # The last line of its report names the operator.
+            reason = str(error).strip().splitlines()[-1][:300]
+            raise ModelError(
+                f'{path}: OpenCV {cv2.__version__} cannot run it: pip install onnxruntime, or use a later OpenCV '
+                f'({reason})'
+            ) from error
+        expected = [(1, header.config.dimension)] * 2
+        if found != expected:
+            raise ModelError(f'{path}: expected outputs mean and variance of shape {expected[0]}, got {found}')
+
+    def infer(self, images: NDArray[np.uint8]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Images (N, H, W) uint8 → mean and variance, both (N, d) float32, one image after the other."""
+        answers = [self._run(images[index : index + 1]) for index in range(len(images))]
+        means, variances = (np.concatenate(parts) for parts in zip(*answers, strict=True))
+        return means, variances
+
+    def _run(self, image: NDArray[np.uint8]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Of one image (1, H, W): OpenCV 4.6 takes no more at once."""
+        # Without the wrapper 4.6 takes the last axis for channels.
+        wrapped: Any = cv2.Mat(image, wrap_channels=False)  # type: ignore[no-untyped-call]
+        self._network.setInput(wrapped, 'images')
+        mean, variance = self._network.forward(['mean', 'variance'])
+        return np.asarray(mean, np.float32), np.asarray(variance, np.float32)
