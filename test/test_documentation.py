@@ -18,6 +18,8 @@ import offradar_ros
 from offradar_ros.cli.main import COMMANDS, app
 from offradar_ros.cli.parameters import markdown_table
 from offradar_ros.config import Config, load_config, parameters, read_parameters
+from offradar_ros.encoders.learned import RUNTIMES
+from offradar_ros.encoders.registry import ENCODERS
 from offradar_ros.recordings.datasets.registry import LAYOUTS
 from offradar_ros.recordings.datasets.splits import read_split
 
@@ -153,3 +155,10 @@ def test_the_oxford_split_is_as_documented() -> None:
 def test_every_layout_is_documented() -> None:
     page = text_of('docs/datasets.md')
     assert all(f'\n| `{name}` | ' in page for name in LAYOUTS)
+
+
+def test_every_encoder_is_documented() -> None:
+    page = text_of('docs/encoders.md')
+    rows = re.findall(r'^\| `(\w+)` \| ([\w -]+) \| (yes|no) \|', page, re.MULTILINE)
+    assert rows == [(name, entry.title, 'yes' if entry.needs_weights else 'no') for name, entry in ENCODERS.items()]
+    assert re.findall(r'^\| `(\w+)` \| `\.\w+` \|', page, re.MULTILINE) == list(RUNTIMES)

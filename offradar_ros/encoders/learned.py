@@ -98,7 +98,9 @@ def _missing(runtime: Runtime) -> list[str]:
 def _does_not_fit(config: EncoderConfig, path: Path, suffixes: Sequence[str]) -> str:
     backends = [name for name, runtime in RUNTIMES.items() if runtime.suffix == path.suffix]
     if backends:
-        expected = ' or '.join(('auto', *backends))
-        return f'parameter encoder.backend: expected {expected} for {config.weights}, got {config.backend!r}'
+        return (
+            f'parameter encoder.backend: expected one of auto, {", ".join(backends)} for {config.weights}, '
+            f'got {config.backend!r}'
+        )
     expected = ' or '.join(dict.fromkeys(suffixes))
     return f'parameter encoder.weights: {config.name} needs a {expected} file, got {config.weights!r}'

@@ -66,7 +66,7 @@ def test_backend_goes_by_the_ending(
         ),
         (
             EncoderConfig(name='variational', weights='net.onnx', backend='torch'),
-            "encoder.backend: expected auto or onnx for net.onnx, got 'torch'",
+            "encoder.backend: expected one of auto, onnx, opencv for net.onnx, got 'torch'",
         ),
     ],
 )
