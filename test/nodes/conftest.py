@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import fcntl
 import itertools
 import os
+import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -21,8 +23,17 @@ _domains = itertools.cycle(range(_FIRST, _FIRST + 20))
 
 
 @pytest.fixture
-def domain_id() -> int:
-    return next(_domains)
+def domain_id() -> Iterator[int]:
+    """A domain that no other run of the tests on this machine uses meanwhile: their nodes would answer one another."""
+    for domain in itertools.islice(_domains, 20):
+        with Path(tempfile.gettempdir(), f'offradar_ros_test_domain_{domain}').open('w') as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                continue
+            yield domain
+            return
+    pytest.fail('every ROS domain of this worker is in use by another run of the tests')
 
 
 @pytest.fixture
