@@ -52,9 +52,15 @@ class Audience:
         return [
             topic
             for topic, publisher in self._publishers.items()
-            if publisher.get_subscription_count()
-            < count_reachable(self._node, publisher.topic_name, self._msgtypes[topic], publisher.qos_profile)
+            if publisher.get_subscription_count() < self._reachable(publisher.topic_name)
         ]
+
+    def _reachable(self, name: str) -> int:
+        own = (self._node.get_namespace(), self._node.get_name())
+        offers = self._node.get_publishers_info_by_topic(name)
+        return max(
+            (count_reachable(self._node, name, o) for o in offers if (o.node_namespace, o.node_name) == own), default=0
+        )
 
     def has_others(self, topic: str, answers: Iterable[str]) -> bool:
         """Whether a node reads the topic that publishes none of the topics `answers`."""

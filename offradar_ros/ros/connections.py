@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
+from rclpy.qos import QoSCompatibility, qos_check_compatible
 from rclpy.task import Future
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_srvs.srv import Trigger
@@ -40,14 +40,15 @@ def serve_subscribers(node: Node, outputs: Sequence[Publisher]) -> None:
     node.create_service(Trigger, f'~/{SERVICE}', answer)
 
 
-def count_reachable(node: Node, topic: str, msgtype: str, offered: QoSProfile) -> int:
-    """How many subscriptions of the resolved name `topic` a publisher of this type and quality of service can reach.
+def count_reachable(node: Node, topic: str, offer: TopicEndpointInfo) -> int:
+    """How many subscriptions of the resolved name `topic` the publisher `offer` can reach.
 
-    Those of another type, or that ask for more than is offered, are never connected to it.
+    Those of another type, or that ask for more than is offered, are never connected to it. `offer` is as the graph has
+    it: the profile that a publisher was made with leaves deadline and lease open, and would seem to reach nobody.
     """
     return sum(
-        subscription.topic_type == msgtype
-        and qos_check_compatible(offered, subscription.qos_profile)[0] != QoSCompatibility.ERROR
+        subscription.topic_type == offer.topic_type
+        and qos_check_compatible(offer.qos_profile, subscription.qos_profile)[0] != QoSCompatibility.ERROR
         for subscription in node.get_subscriptions_info_by_topic(topic)
     )
 
@@ -75,8 +76,7 @@ class Connections:
         """Whether a publisher of the topic is connected to every subscription that it can reach."""
         name = self._node.resolve_topic_name(topic)
         return any(
-            self._reported(offer, name) == count_reachable(self._node, name, offer.topic_type, offer.qos_profile)
-            for offer in self._offers(name)
+            self._reported(offer, name) == count_reachable(self._node, name, offer) for offer in self._offers(name)
         )
 
     def _offers(self, name: str) -> list[TopicEndpointInfo]:

@@ -1,0 +1,72 @@
+"""A node reports to whom it is connected, and another can tell whether that is everybody whom it can reach."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+import pytest
+import rclpy
+from live_nodes import wait_until
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from std_msgs.msg import Header
+from std_srvs.srv import Trigger
+
+from offradar_ros.lab.live.spin_thread import SpinThread
+from offradar_ros.ros import qos
+from offradar_ros.ros.connections import SERVICE, Connections, count_reachable, serve_subscribers
+
+
+@pytest.fixture
+def make() -> Iterator[Callable[[str], Node]]:
+    """Makes nodes that spin in one context."""
+    context = rclpy.context.Context()
+    rclpy.init(context=context, domain_id=97)
+    executor = SingleThreadedExecutor(context=context)
+    spin = SpinThread(executor)
+
+    def make(name: str) -> Node:
+        node = Node(name, context=context, enable_rosout=False)
+        executor.add_node(node)
+        return node
+
+    yield make
+    spin.stop()
+    rclpy.shutdown(context=context)
+
+
+def test_subscribers_are_counted_by_the_node_that_publishes(make: Callable[[str], Node]) -> None:
+    source, watcher = make('source'), make('watcher')
+    outputs = [source.create_publisher(Header, topic, qos.RESULTS) for topic in ('~/some', 'other')]
+    serve_subscribers(source, outputs)
+    connections = Connections(watcher)
+    assert connections.count('nothing') == 0
+    assert not connections.is_complete('source/some')
+    subscription = watcher.create_subscription(Header, 'source/some', print, qos.RESULTS)
+    wait_until(lambda: connections.count('source/some') == 1 and connections.is_complete('source/some'))
+    # It asks for what was sent before it came, which this publisher does not keep: never connected, nor waited for.
+    watcher.create_subscription(Header, 'source/some', print, qos.LATCHED)
+    wait_until(lambda: len(watcher.get_subscriptions_info_by_topic('/source/some')) == 2)
+    (offer,) = watcher.get_publishers_info_by_topic('/source/some')
+    assert count_reachable(watcher, '/source/some', offer) == 1
+    assert connections.is_complete('source/some')
+    watcher.destroy_subscription(subscription)
+    wait_until(lambda: connections.count('source/some') == 0)
+    assert connections.count('other') == 0
+
+
+def test_another_service_of_that_name_counts_for_nothing(make: Callable[[str], Node]) -> None:
+    source, watcher = make('source'), make('watcher')
+    source.create_publisher(Header, 'some', qos.RESULTS)
+    asked: list[Trigger.Request] = []
+
+    def answer(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        asked.append(request)
+        response.message = 'nobody'
+        return response
+
+    source.create_service(Trigger, f'~/{SERVICE}', answer)
+    connections = Connections(watcher)
+    wait_until(lambda: connections.count('some') or len(asked) > 2)
+    assert connections.count('some') == 0
+    assert not connections.is_complete('some')
