@@ -34,9 +34,8 @@ class _Extreme(NamedTuple):
 def draw_extremes(several: Sequence[Answers], worlds: Worlds, path: Path) -> None:
     """Ten most uncertain scans (top) and ten least uncertain ones, each as an image above its ring key.
 
-    A ring key is the mean power against range, in the recorded bytes. Titles say U and what the simulation spoiled, or
-    which recording it is of. Scans that the encoder refuses are left out;
-    nothing is drawn where all are.
+    A ring key is the mean power against range, in the recorded bytes. Titles say U, and how the simulation degraded the
+    scan or which recording it is of. Scans that the encoder refuses are left out; nothing is drawn where all are.
     """
     scans = _sorted(several, worlds)
     if not scans:
@@ -50,9 +49,9 @@ def draw_extremes(several: Sequence[Answers], worlds: Worlds, path: Path) -> Non
         for column, extreme in enumerate(row):
             _draw(axes[2 * number][column], axes[2 * number + 1][column], extreme, to_image)
     simulated = all(extreme.drive.layout == 'simulation' for extreme in scans)
-    told = ', simulated' if simulated else ''
+    word = ', simulated' if simulated else ''
     figure.suptitle(
-        f'Most (top) and least uncertain scans of {several[0].pair.method}{told}, with their ring keys',
+        f'Most (top) and least uncertain scans of {several[0].pair.method}{word}, with their ring keys',
         fontsize='medium',
     )
     figure.savefig(path)
@@ -78,9 +77,9 @@ def _draw(image_axis: Any, key_axis: Any, extreme: _Extreme, to_image: PolarToCa
     scan = drive.scan(row)
     image_axis.imshow(to_image(scan), cmap='gray', vmin=0, vmax=160)
     image_axis.set_axis_off()
-    kind = str(drive.kinds[row])
-    spoiled = f'{kind} {drive.severities[row]:.2f}' if kind else 'clean' if drive.severities[row] == 0.0 else drive.name
-    image_axis.set_title(f'U {uncertainty:.4g}\n{spoiled}', fontsize='small')
+    kind, known_clean = str(drive.kinds[row]), drive.severities[row] == 0.0
+    condition = f'{kind} {drive.severities[row]:.2f}' if kind else 'clean' if known_clean else drive.name
+    image_axis.set_title(f'U {uncertainty:.4g}\n{condition}', fontsize='small')
     reach_m = min(scan.max_range_m, FURTHEST_M)
     key = ring_power(scan, _RINGS, reach_m, CartesianConfig().min_range_m).mean(axis=0)
     key_axis.plot((np.arange(_RINGS) + 0.5) * reach_m / _RINGS, key, linewidth=0.8)

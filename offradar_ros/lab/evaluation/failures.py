@@ -1,4 +1,4 @@
-"""Wrong answers, drawn: the query beside the place that it found and the place that it should have found."""
+"""Pictures of wrong answers: the query, the place that it found and the place that it should have found."""
 
 from __future__ import annotations
 
@@ -65,12 +65,12 @@ def _surest(several: Sequence[Answers], worlds: Worlds) -> list[_Failure]:
     ]
     picked: list[_Failure] = []
     for failure in sorted(failures, key=lambda f: f.uncertainty):
-        if len(picked) < SHOWN and not any(_alike(failure, other, worlds) for other in picked):
+        if len(picked) < SHOWN and not any(_of_one_place(failure, other, worlds) for other in picked):
             picked.append(failure)
     return picked
 
 
-def _alike(one: _Failure, other: _Failure, worlds: Worlds) -> bool:
+def _of_one_place(one: _Failure, other: _Failure, worlds: Worlds) -> bool:
     """Whether two failures are of one stretch of road."""
     if (one.answers.pair.group, one.answers.pair.world) != (other.answers.pair.group, other.answers.pair.world):
         return False

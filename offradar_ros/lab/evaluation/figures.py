@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros.lab.evaluation.answers import Answers
+from offradar_ros.lab.evaluation.methods import OURS
 from offradar_ros.lab.evaluation.metrics.recall_at_rejection import rejection_curve
 from offradar_ros.lab.evaluation.protocol import ALL, Protocol
 
@@ -33,7 +34,7 @@ def draw_rejection_curves(several: Sequence[Answers], protocol: Protocol, path: 
                     for a in several
                     if a.pair.method == method and a.pair.spacing_m == spacing_m and group in (ALL, a.pair.group)
                 ]
-                axis.plot(SHARES, _curve(chosen), label=method, linewidth=2.0 if method == 'ours' else 1.0)
+                axis.plot(SHARES, _curve(chosen), label=method, linewidth=2.0 if method == OURS else 1.0)
             axis.set_title(f'{group}, a map every {spacing_m:g} m', fontsize='small')
             axis.set_xlabel('share of queries rejected, most uncertain first', fontsize='small')
             axis.grid(alpha=0.3)

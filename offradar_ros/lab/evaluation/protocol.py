@@ -178,9 +178,9 @@ class Protocol:
         groups: what is driven.
         lanes: one drive each through every procedural world.
         scans: scans of each such drive.
-        drive_spacing_m: way between two scans of a drive, on average; 0 takes every scan of a recorded one.
+        drive_spacing_m: metres driven between two scans of a drive, on average; 0 takes every scan of a recorded one.
         degraded: share of the scans that are degraded.
-        map_spacings_m: way between two scans of a map, on average; the first is the one of the headlines; 0 maps all.
+        map_spacings_m: the same of a map, 0 maps all; the first is the one of the headlines.
         tolerance_m: a place nearer than this is the right one.
         negative_m: a place farther than this is a wrong one; those between count neither way in figures of pairs.
         exclusion_s: above 0 every drive is also searched for in its own map, less the places of so many seconds

@@ -25,7 +25,7 @@ from offradar_ros.sequence import RadarSequence
 from offradar_ros.types import PolarScan
 
 NOISE_CORRELATION_M = 0.165
-"""A receiver's range bins are finer than it resolves: its noise is alike over neighbours, as recorded noise is.
+"""A receiver's range bins are finer than it resolves: its noise is correlated over neighbours, as recorded noise is.
 
 Standard deviation of the filter; `offradar_ros.lab.simulation.physics` fits it to the same recordings.
 """

@@ -30,7 +30,7 @@ ItemT = TypeVar('ItemT')
 FoundT = TypeVar('FoundT')
 
 Bar = Callable[[str], AbstractContextManager[Callable[[int, int], None]]]
-"""Opens a progress bar of this text, told of what is done and of how much there is."""
+"""Opens a progress bar of this text: a function of how much is done and how much there is."""
 
 Worlds = dict[tuple[str, str], list[Drive]]
 """Drives by group and world."""
@@ -109,11 +109,11 @@ def measure(
                 continue
             made = [embed(method.encoder_for(drive), drive) for drive in drives]
             asked = [(m, q) for m, q in itertools.product(made, repeat=2) if searched(m.drive, q.drive, protocol)]
-            told = _together(lambda pair: list(_search(method.name, pair[0], pair[1], protocol)), asked)
+            searches = _together(lambda pair: list(_search(method.name, pair[0], pair[1], protocol)), asked)
             for number, spacing_m in enumerate(protocol.map_spacings_m):
-                several = _ablations([answers[number] for answers in told], made, protocol)
+                several = _ablations([answers[number] for answers in searches], made, protocol)
                 ablations.setdefault((drives[0].group, spacing_m), []).extend(several)
-            found += itertools.chain.from_iterable(told)
+            found += itertools.chain.from_iterable(searches)
         if not method.fitted:
             made = [embed(method.encoder_for(drive), drive) for drive in clean]
             validation = [u for m in made for u in m.uncertainties.tolist()]
@@ -170,7 +170,7 @@ def _encoded(method: Method, worlds: Worlds, protocol: Protocol) -> Iterator[tup
 
 
 class _Embedder:
-    """Embeds drives, and tells one bar of all scans."""
+    """Embeds drives, with one progress bar for all scans."""
 
     def __init__(self, folder: Path, progress: Callable[[int, int], None], total: int) -> None:
         self._folder, self._progress, self._total, self._done = folder, progress, total, 0

@@ -31,7 +31,7 @@ class PlannedDrive:
     source: SimulatedDrive
 
 
-def simulated_drives(protocol: Protocol, real_worlds: Path | None) -> Iterator[PlannedDrive]:
+def simulated_drives(protocol: Protocol, streets: Path | None) -> Iterator[PlannedDrive]:
     """Every drive of every group, and the validation drives; those of streets only where a folder of them is given."""
     spacing_m = protocol.drive_spacing_m
     for group in protocol.groups:
@@ -40,9 +40,9 @@ def simulated_drives(protocol: Protocol, real_worlds: Path | None) -> Iterator[P
             for index, lane in enumerate(protocol.lanes):
                 drive = city_drive(seed, index, lane, physics, protocol.scans, spacing_m, degraded)
                 yield PlannedDrive(group.name, index, drive)
-        for street in group.streets if real_worlds else ():
+        for street in group.streets if streets else ():
             for index in range(len(street.traversals)):
-                drive = street_drive(street, index, physics, spacing_m, degraded, str(real_worlds))
+                drive = street_drive(street, index, physics, spacing_m, degraded, str(streets))
                 yield PlannedDrive(group.name, index, drive)
     validation = protocol.validation
     for seed in validation.cities:

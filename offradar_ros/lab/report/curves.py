@@ -20,7 +20,7 @@ from offradar_ros.lab.report.source import Source
 from offradar_ros.lab.report.words import NAMES
 
 COLOURS = ('#0072B2', '#E69F00', '#009E73', '#CC79A7', '#56B4E9', '#8C8C8C', '#D55E00')
-"""Okabe and Ito's, which most people tell apart; ours has the last."""
+"""Colours of Okabe and Ito, which people with most kinds of colour vision can distinguish; ours has the last."""
 
 
 WORTH_A_LOOK = 0.2

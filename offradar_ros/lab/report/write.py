@@ -1,4 +1,4 @@
-"""A report as files: one self-contained HTML page, Markdown with pictures beside it, a CSV file a table."""
+"""A report as files: one self-contained HTML page, Markdown with pictures in a folder, a CSV file for each table."""
 
 from __future__ import annotations
 

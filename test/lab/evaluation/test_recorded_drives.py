@@ -117,8 +117,8 @@ def test_an_unreadable_scan_is_refused_not_fatal(data: Path, tmp_path: Path, str
     with pytest.raises(RefusedInput, match=damaged.name):
         drive.scan(2)
     options = quiet_options(tmp_path / 'out', tmp_path)
-    told = encode_drives(protocol_of(Recorded('r', sequences=('a', 'b'))), ['ring_key'], options)
-    assert [(m.method, m.drives, m.scans, m.refused) for m in told] == [('ring_key', 2, 12, 1)]
+    encoded = encode_drives(protocol_of(Recorded('r', sequences=('a', 'b'))), ['ring_key'], options)
+    assert [(m.method, m.drives, m.scans, m.refused) for m in encoded] == [('ring_key', 2, 12, 1)]
 
 
 def quiet_options(out: Path, data: Path) -> Options:
@@ -138,7 +138,7 @@ def test_a_recorded_road_is_evaluated_both_ways(data: Path, tmp_path: Path) -> N
     results = evaluate(protocol, ['ring_key'], quiet_options(tmp_path, data))
     figures = results.groups['g']['0']['ring_key']
     assert (figures.pairs, figures.queries, figures.with_positive) == (6, 144, 144)
-    # The reflectors of the street are alike from a lane beside: most scans are found, but not all.
+    # The reflectors of the street look the same from a lane beside: most scans are found, but not all.
     assert figures.recall_at_1.value > 0.8
     assert np.isnan(figures.recall_at_1_clean.value)
     assert results.maintenance['g']['0']['ring_key'].ordered_pairs == 6

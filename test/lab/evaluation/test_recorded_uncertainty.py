@@ -51,10 +51,10 @@ def test_flooding_adds_power_of_the_level_asked_for() -> None:
 def test_flooding_is_the_same_over_what_the_receiver_resolves_and_no_further() -> None:
     degraded = flooded(scan(np.zeros((400, 600), np.uint8)), np.random.default_rng(1), 30.0).astype(float)
     degraded -= degraded.mean()
-    alike = [np.mean(degraded[:, k:] * degraded[:, : 600 - k]) / np.mean(degraded**2) for k in (1, 4, 40)]
-    assert alike[0] > 0.9
-    assert 0.3 < alike[1] < 0.9
-    assert abs(alike[2]) < 0.05
+    correlations = [np.mean(degraded[:, k:] * degraded[:, : 600 - k]) / np.mean(degraded**2) for k in (1, 4, 40)]
+    assert correlations[0] > 0.9
+    assert 0.3 < correlations[1] < 0.9
+    assert abs(correlations[2]) < 0.05
 
 
 @contextlib.contextmanager
