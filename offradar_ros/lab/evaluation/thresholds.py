@@ -33,7 +33,7 @@ NOT_DEPLOYED = Deployed()
 class Thresholds:
     """`static` ascending, none where nothing was validated on; `deployed` is the one in use, NaN where none is."""
 
-    static: tuple[float, ...] = ()
+    static: tuple[Measure, ...] = ()
     deployed: Measure = math.nan
 
 

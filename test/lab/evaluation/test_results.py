@@ -18,7 +18,6 @@ from offradar_ros.lab.evaluation.results.arrays import SCANS, map_arrays, read_a
 from offradar_ros.lab.evaluation.results.file import FORMAT, read_results, write_results
 from offradar_ros.lab.evaluation.results.method import MethodRecord
 from offradar_ros.lab.evaluation.results.search import SearchFigures
-from offradar_ros.lab.evaluation.results.searches import MaintainedMap
 from offradar_ros.lab.evaluation.results.uncertainty import RecordedUncertainty, UncertaintyFigures
 from offradar_ros.lab.evaluation.stored_record import StoredFormat
 
@@ -32,7 +31,7 @@ def test_results_are_read_as_written(street_evaluation: StreetEvaluation, tmp_pa
     assert json.loads(path.read_text())['methods']['ours']['cost']['search_ms'] is None
 
 
-RECORDS = (SearchFigures, AblationFigures, UncertaintyFigures, RecordedUncertainty, MethodRecord, MaintainedMap)
+RECORDS = (SearchFigures, AblationFigures, UncertaintyFigures, RecordedUncertainty, MethodRecord)
 
 
 @pytest.mark.parametrize('kind', RECORDS)
