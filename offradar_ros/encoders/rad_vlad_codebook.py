@@ -30,9 +30,9 @@ def repetition(sizes: NDArray[np.integer], silent: int = 0) -> float:
     Rows are alike that are of one group, and a `silent` one is like any other. Unlike entropy the chance does not
     depend on how many of the rows were counted (Simpson's index, unbiased).
     """
-    heard = sizes.astype(np.float64)
-    total = heard.sum() + silent
-    different = heard.sum() ** 2 - (heard * heard).sum()
+    counted = sizes.astype(np.float64)
+    total = counted.sum() + silent
+    different = counted.sum() ** 2 - (counted * counted).sum()
     return 1.0 - float(different / (total * (total - 1.0))) if total > 1.0 else 0.0
 
 

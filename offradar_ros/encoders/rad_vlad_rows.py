@@ -66,12 +66,12 @@ def spectrum_rows(scan: PolarScan, settings: RowSettings) -> NDArray[np.float64]
     power = ring_power(scan, settings.bins, settings.max_range_m, settings.min_range_m)
     spectra = np.abs(np.fft.rfft(power, axis=1)) * settings.weights
     norms = np.sqrt((spectra * spectra).sum(axis=1))
-    heard = norms > 0.0
-    if not heard.any():
+    powered = norms > 0.0
+    if not powered.any():
         raise RefusedInput(
             'no_signal',
             f'scan at {scan.stamp_ns} ns holds no power between {settings.min_range_m:g} m and '
             f'{settings.max_range_m:g} m',
         )
-    rows: NDArray[np.float64] = np.rint(spectra[heard] / (norms[heard, np.newaxis] * _PART)) * _PART
+    rows: NDArray[np.float64] = np.rint(spectra[powered] / (norms[powered, np.newaxis] * _PART)) * _PART
     return rows
