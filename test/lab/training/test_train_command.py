@@ -32,7 +32,8 @@ from offradar_ros.lab.training.simulated_drives import city_drive
 PROJECT = Path(__file__).resolve().parents[3]
 SMOKE = PROJECT / 'params' / 'train' / 'smoke.yaml'
 ALONE = {**os.environ, 'OMP_NUM_THREADS': '1', 'CUDA_VISIBLE_DEVICES': ''}
-WAIT_S = 180.0
+WAIT_S = 900.0
+"""Until a run is given up: many times what it takes, as the machine may be busy."""
 
 
 @pytest.fixture(scope='module')
