@@ -23,6 +23,7 @@ ResultT = TypeVar('ResultT')
 
 _END_S = 2.0
 """Longest wait for a worker that was asked to end."""
+_AGAIN_S = 0.01
 _CLOSED = 'handle is closed'
 """What multiprocessing says of a pipe that Python 3.11 closes because one worker died while another was started."""
 
@@ -103,11 +104,20 @@ def _end(_number: int, _frame: FrameType | None) -> None:
     sys.exit(128 + signal.SIGTERM)
 
 
+def _end_after_all(ignored: Any) -> None:
+    """Python drops an exception that is raised within a finaliser, and prints it: the exit is asked for once more."""
+    if ignored.exc_type is SystemExit:
+        threading.Timer(_AGAIN_S, signal.pthread_kill, (threading.main_thread().ident, signal.SIGTERM)).start()
+    else:
+        sys.__unraisablehook__(ignored)
+
+
 def _start(start: Callable[..., None] | None, *arguments: Any) -> None:
     cv2.setNumThreads(1)
     # A terminal's Ctrl-C reaches every process of it.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _end)
+    sys.unraisablehook = _end_after_all
     threading.Thread(target=_end_with_parent, daemon=True).start()
     if start is not None:
         start(*arguments)

@@ -143,7 +143,7 @@ def test_ctrl_c_leaves_what_is_finished_and_the_next_run_goes_on(
     process.send_signal(signal.SIGINT)
     said = ''.join(process.communicate(timeout=WAIT_S))
     assert process.returncode != 0
-    assert 'Traceback' not in said
+    assert 'Traceback' not in said, said
     assert sorted(path.name for path in out.iterdir()) == sorted(NAMES)
     pipe.unlink()
     assert done('convert', data_set, out).count('there already') == 3
