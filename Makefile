@@ -47,11 +47,11 @@ $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
 $(VENV)/.demo: $(VENV)/bin/python $(SOURCES)
-	$(INSTALL) '.[ros,plot,onnx]'
+	$(INSTALL) '.[ros,plot]'
 	touch $@
 
 $(VENV)/.test: $(VENV)/bin/python $(SOURCES)
-	$(INSTALL) '.[ros,plot,onnx,torch,test]'
+	$(INSTALL) '.[ros,plot,torch,test]'
 	touch $@
 
 $(VENV)/.bench: $(VENV)/.test

@@ -162,11 +162,12 @@ class EncoderConfig:
     """Which encoder, and where it runs."""
 
     name: str = parameter(
-        'ring_key',
+        'variational',
         'what makes an embedding of a scan: an encoder by its name (docs/encoders.md); variational is our own',
     )
     weights: str = parameter(
-        '', 'weights of a learned encoder: a .onnx or .safetensors file, or the name of weights that come with us'
+        'compact',
+        'weights of a learned encoder: a .onnx or .safetensors file, or the name of weights that come with us',
     )
     backend: str = parameter(
         'auto',

@@ -6,7 +6,9 @@ from offradar_ros.encoders.registry import make_encoder
 
 
 def test_the_stamp_is_of_the_model_that_is_written() -> None:
-    config = replace_values(Config(), {'encoder.ring_key.variance_scale': 4.0, 'encoder.ring_key.rings': 64})
+    config = replace_values(
+        Config(), {'encoder.name': 'ring_key', 'encoder.ring_key.variance_scale': 4.0, 'encoder.ring_key.rings': 64}
+    )
     before = make_encoder(config.encoder)
     values = calibrated_parameters(config, before, 0.5, delta=0.3, levels=20, level=7)
     written = load_config(overrides=values)

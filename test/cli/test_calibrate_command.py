@@ -8,6 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from commands import RING_KEY
 
 from offradar_ros.config import load_config, read_parameters, write_parameters
 from offradar_ros.encoders.registry import make_encoder
@@ -25,7 +26,7 @@ def test_u_is_1_on_average_and_delta_reaches_its_extremes(
     done: Callable[..., str], street_bag: Callable[..., Path], tmp_path: Path
 ) -> None:
     bag, params = street_bag('bag', count=8), tmp_path / 'calibrated.yaml'
-    said = done('calibrate', bag, '--out', params)
+    said = done('calibrate', bag, *RING_KEY, '--out', params)
     found = uncertainties(params, [BagSequence(bag).scan(i) for i in range(8)])
     assert found.mean() == pytest.approx(1.0, abs=1e-6)
     config = load_config(params)
@@ -36,7 +37,7 @@ def test_u_is_1_on_average_and_delta_reaches_its_extremes(
 
 
 def test_a_recorded_drive(done: Callable[..., str], real_data: Path, tmp_path: Path) -> None:
-    done('calibrate', real_data / 'radiate_tiny_foggy', '--out', tmp_path / 'params.yaml')
+    done('calibrate', real_data / 'radiate_tiny_foggy', *RING_KEY, '--out', tmp_path / 'params.yaml')
     done('convert', real_data / 'radiate_tiny_foggy', tmp_path / 'bag')
     bag = BagSequence(tmp_path / 'bag')
     found = uncertainties(tmp_path / 'params.yaml', [bag.scan(i) for i in range(len(bag))])
@@ -47,7 +48,9 @@ def test_other_settings_of_the_encoder_are_kept(
     done: Callable[..., str], street_bag: Callable[..., Path], tmp_path: Path
 ) -> None:
     given, params = tmp_path / 'given.yaml', tmp_path / 'params.yaml'
-    given.write_text('encoder: {ring_key: {rings: 32, variance_scale: 40.0}}\nquery: {levels: 4, level: 1}\n')
+    given.write_text(
+        'encoder: {name: ring_key, ring_key: {rings: 32, variance_scale: 40.0}}\nquery: {levels: 4, level: 1}\n'
+    )
     bag = street_bag('bag', count=4)
     done('calibrate', bag, '--out', params, '--params', given)
     config = load_config(params)
@@ -66,10 +69,10 @@ def test_scans_that_are_refused_are_left_out(
 ) -> None:
     black = np.zeros((576, 400), np.uint8)
     cv2.imwrite(str(radiate_folder / 'Navtech_Polar' / '000002.png'), black)
-    assert done('calibrate', radiate_folder, '--out', tmp_path / 'params.yaml').startswith('4 of 5 scans')
+    assert done('calibrate', radiate_folder, *RING_KEY, '--out', tmp_path / 'params.yaml').startswith('4 of 5 scans')
     for frame in range(1, 6):
         cv2.imwrite(str(radiate_folder / 'Navtech_Polar' / f'{frame:06d}.png'), black)
-    said = refused('calibrate', radiate_folder, '--out', tmp_path / 'none.yaml')
+    said = refused('calibrate', radiate_folder, *RING_KEY, '--out', tmp_path / 'none.yaml')
     assert 'city_1: expected at least 2 scans that can be encoded, got 0; 5 of 5 scans refused: no_signal: ' in said
     assert not (tmp_path / 'none.yaml').exists()
 
@@ -88,14 +91,16 @@ def test_one_scan_is_too_few_and_few_are_noted(
     done: Callable[..., str], refused: Callable[..., str], street_bag: Callable[..., Path], tmp_path: Path
 ) -> None:
     out = tmp_path / 'out.yaml'
-    said = refused('calibrate', street_bag('one', count=1), '--out', out)
+    said = refused('calibrate', street_bag('one', count=1), *RING_KEY, '--out', out)
     assert 'expected at least 2 scans that can be encoded, got 1' in said
-    lines = done('calibrate', street_bag('few', count=3), '--out', out).splitlines()
+    lines = done('calibrate', street_bag('few', count=3), *RING_KEY, '--out', out).splitlines()
     assert lines[1].endswith('0 of these scans, and one more like them with a chance of at most 0.2500')
     assert lines[2].startswith('note: 3 scans are too few to reject 0.01 of ordinary ones (99 are enough)')
     assert lines[3].startswith('note: nothing is known of wrong answers')
     assert lines[4:] == [f'{out}: written']
-    again = done('calibrate', street_bag('more', count=20), '--out', out, '--reject-at-most', '0.05').splitlines()
+    again = done(
+        'calibrate', street_bag('more', count=20), *RING_KEY, '--out', out, '--reject-at-most', '0.05'
+    ).splitlines()
     assert len(again) == 4
     assert again[3] == f'{out}: replaced'
 
@@ -104,7 +109,7 @@ def test_the_threshold_is_the_lowest_static_one_that_rejects_few_enough(
     done: Callable[..., str], street_bag: Callable[..., Path], tmp_path: Path
 ) -> None:
     bag, params = street_bag('bag', count=40, spoiled=(3, 17, 30)), tmp_path / 'params.yaml'
-    said = done('calibrate', bag, '--out', params, '--reject-at-most', '0.2', '--levels', '50')
+    said = done('calibrate', bag, *RING_KEY, '--out', params, '--reject-at-most', '0.2', '--levels', '50')
     found = np.sort(uncertainties(params, [BagSequence(bag).scan(i) for i in range(40)]))
     query = load_config(params).query
     # The 33rd of 40: ⌈41 · 0.8⌉.
@@ -119,7 +124,7 @@ def test_the_parameters_are_stamped_with_the_model_that_they_are_for(
     done: Callable[..., str], street_bag: Callable[..., Path], tmp_path: Path
 ) -> None:
     bag, params, db = street_bag('bag', count=6), tmp_path / 'params.yaml', tmp_path / 'map.db'
-    done('calibrate', bag, '--out', params)
+    done('calibrate', bag, *RING_KEY, '--out', params)
     config = load_config(params)
     assert config.query.model == make_encoder(config.encoder).info.fingerprint
     assert 'map_empty' in done('drive', bag, '--params', params, '--map', db, '--session', 'one')
@@ -155,7 +160,7 @@ def test_every_other_parameter_of_the_file_is_kept(
 def test_a_place_that_cannot_be_written_is_refused_before_the_work(
     offradar: Callable[..., Any], street_bag: Callable[..., Path], tmp_path: Path
 ) -> None:
-    ran = offradar('calibrate', street_bag('bag', count=2), '--out', tmp_path / 'no' / 'params.yaml')
+    ran = offradar('calibrate', street_bag('bag', count=2), *RING_KEY, '--out', tmp_path / 'no' / 'params.yaml')
     assert ran.status == 1
     assert 'encoding' not in ran.err
 
@@ -163,10 +168,12 @@ def test_a_place_that_cannot_be_written_is_refused_before_the_work(
 def test_bad_input_is_refused(refused: Callable[..., str], street_bag: Callable[..., Path], tmp_path: Path) -> None:
     bag, out = street_bag('bag', count=2), tmp_path / 'params.yaml'
     (tmp_path / 'bad.yaml').write_text('query: {delta: -1.0}')
-    (tmp_path / 'learned.yaml').write_text('encoder: {name: variational}')
-    assert 'the parameter file cannot be written' in refused('calibrate', bag, '--out', tmp_path / 'no' / 'params.yaml')
-    assert 'the parameter file cannot be written' in refused('calibrate', bag, '--out', tmp_path)
-    assert 'no such folder' in refused('calibrate', tmp_path / 'nothing', '--out', out)
+    (tmp_path / 'learned.yaml').write_text("encoder: {name: variational, weights: ''}")
+    assert 'the parameter file cannot be written' in refused(
+        'calibrate', bag, *RING_KEY, '--out', tmp_path / 'no' / 'params.yaml'
+    )
+    assert 'the parameter file cannot be written' in refused('calibrate', bag, *RING_KEY, '--out', tmp_path)
+    assert 'no such folder' in refused('calibrate', tmp_path / 'nothing', *RING_KEY, '--out', out)
     assert 'query.delta: expected at least 0' in refused(
         'calibrate', bag, '--out', out, '--params', tmp_path / 'bad.yaml'
     )

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from commands import RING_KEY
 
 from offradar_ros.config import load_config, read_parameters
 from offradar_ros.encoders.registry import make_encoder
@@ -30,7 +31,7 @@ def road(tmp_path_factory: pytest.TempPathFactory, street: Callable[..., Any]) -
 def test_three_drives_give_a_threshold_that_is_used(done: Callable[..., str], road: list[Path], tmp_path: Path) -> None:
     params, db, plot = tmp_path / 'params.yaml', tmp_path / 'map.db', tmp_path / 'plot.png'
     pytest.importorskip('matplotlib')
-    said = done('calibrate', *road, '--out', params, *EVERY, '--error-rate', '0.1', '--plot', plot)
+    said = done('calibrate', *road, *RING_KEY, '--out', params, *EVERY, '--error-rate', '0.1', '--plot', plot)
     assert said.startswith(f'{3 * COUNT} scans of 3 drives, 0 refused: ')
     assert 'at most 0.1 of the answers are wrong, with confidence 0.95' in said
     assert said.splitlines()[-2:] == [f'{plot}: written', f'{params}: written']
@@ -48,7 +49,7 @@ def test_what_was_given_is_kept_and_the_drives_give_the_scale(
     done: Callable[..., str], road: list[Path], tmp_path: Path
 ) -> None:
     given, params = tmp_path / 'given.yaml', tmp_path / 'params.yaml'
-    given.write_text('query: {levels: 8, level: 8, top_k: 3}\nmap: {path: town.db}\n')
+    given.write_text('encoder: {name: ring_key}\nquery: {levels: 8, level: 8, top_k: 3}\nmap: {path: town.db}\n')
     options = ['--params', given, *EVERY, '--error-rate', '0.2', '--confidence', '0.9']
     said = done('calibrate', *road[:2], '--out', params, *options)
     assert '80 scans of 2 drives' in said
@@ -61,10 +62,12 @@ def test_a_rate_that_cannot_be_kept_is_refused_and_nothing_is_written(
     refused: Callable[..., str], road: list[Path], tmp_path: Path
 ) -> None:
     out = tmp_path / 'params.yaml'
-    said = refused('calibrate', *road, '--out', out, *EVERY, '--error-rate', '0.01')
+    said = refused('calibrate', *road, *RING_KEY, '--out', out, *EVERY, '--error-rate', '0.01')
     assert 'expected at least 299 scans that can be answered, got 120' in said
     # A scan every 5 m of three drives of 49 m.
-    assert 'expected at least 59 scans that can be answered, got 30' in refused('calibrate', *road, '--out', out)
+    assert 'expected at least 59 scans that can be answered, got 30' in refused(
+        'calibrate', *road, *RING_KEY, '--out', out
+    )
     assert not out.exists()
 
 
@@ -74,10 +77,10 @@ def test_what_is_no_road_is_refused(
     out = tmp_path / 'params.yaml'
     aside = write_bag(street(count=4, lane_m=400.0, name='aside'), tmp_path / 'aside')
     assert 'drive_0: no scan within 25 m of another drive, the nearest 400 m away' in refused(
-        'calibrate', road[0], aside, '--out', out
+        'calibrate', road[0], aside, *RING_KEY, '--out', out
     )
-    assert 'expected each folder once' in refused('calibrate', road[0], road[0], '--out', out)
-    assert 'no such folder' in refused('calibrate', road[0], tmp_path / 'nothing', '--out', out)
+    assert 'expected each folder once' in refused('calibrate', road[0], road[0], *RING_KEY, '--out', out)
+    assert 'no such folder' in refused('calibrate', road[0], tmp_path / 'nothing', *RING_KEY, '--out', out)
     assert not out.exists()
 
 
@@ -88,7 +91,7 @@ def test_drives_without_positions_are_named(
         trajectory = None
 
     lost = write_bag(Lost(count=4, name='lost'), tmp_path / 'lost')
-    said = refused('calibrate', road[0], lost, '--out', tmp_path / 'params.yaml')
+    said = refused('calibrate', road[0], lost, *RING_KEY, '--out', tmp_path / 'params.yaml')
     assert f'{lost}: expected positions beside the scans, and there are none' in said
 
 
@@ -97,11 +100,13 @@ def test_a_plot_is_of_several_drives_and_can_be_written(
 ) -> None:
     pytest.importorskip('matplotlib')
     out, nowhere = tmp_path / 'params.yaml', tmp_path / 'no' / 'p.png'
-    said = refused('calibrate', road[0], '--out', out, '--plot', tmp_path / 'p.png')
+    said = refused('calibrate', road[0], *RING_KEY, '--out', out, '--plot', tmp_path / 'p.png')
     assert '--plot: one drive has no wrong answers' in said
-    ran = offradar('calibrate', *road, '--out', out, '--plot', nowhere)
+    ran = offradar('calibrate', *road, *RING_KEY, '--out', out, '--plot', nowhere)
     assert ran.err == f'error: {nowhere}: cannot be written (No such file or directory)\n'
-    said = refused('calibrate', *road, '--out', out, *EVERY, '--error-rate', '0.2', '--plot', tmp_path / 'p.doc')
+    said = refused(
+        'calibrate', *road, *RING_KEY, '--out', out, *EVERY, '--error-rate', '0.2', '--plot', tmp_path / 'p.doc'
+    )
     assert f"{tmp_path / 'p.doc'}: the plot cannot be written (Format 'doc' is not supported" in said
     assert not out.exists()
 
@@ -114,6 +119,6 @@ def test_without_matplotlib_only_the_plot_is_refused(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr('importlib.util.find_spec', lambda name, *rest: None)
-    options = ['--out', tmp_path / 'params.yaml', *EVERY, '--error-rate', '0.2']
+    options = [*RING_KEY, '--out', tmp_path / 'params.yaml', *EVERY, '--error-rate', '0.2']
     assert "pip install '.[plot]'" in refused('calibrate', *road, *options, '--plot', tmp_path / 'p.png')
     done('calibrate', *road, *options)

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from commands import RING_KEY
 
 from offradar_ros.config import MapConfig, load_config
 from offradar_ros.mapping.sessions import SessionMap
@@ -43,7 +44,10 @@ def drives(street_bag: Callable[..., Path]) -> list[Path]:
 @pytest.fixture
 def params(tmp_path: Path) -> Path:
     path = tmp_path / 'params.yaml'
-    path.write_text('encoder: {ring_key: {variance_scale: 2.1}}\nmap: {match_distance_m: 4.0}\nquery: {delta: 0.4}\n')
+    path.write_text(
+        'encoder: {name: ring_key, ring_key: {variance_scale: 2.1}}\n'
+        'map: {match_distance_m: 4.0}\nquery: {delta: 0.4}\n'
+    )
     return path
 
 
@@ -98,7 +102,7 @@ def test_a_map_of_another_model_is_refused_and_kept(
     db = tmp_path / 'map.db'
     done('drive', drives[0], '--params', params, '--map', db, '--session', 'one')
     before = db.read_bytes()
-    for arguments in ([], ['--session', 'two']):
+    for arguments in (RING_KEY, [*RING_KEY, '--session', 'two']):
         assert re.search(
             f'{db}: holds embeddings of ring_key [0-9a-f]+, not of ring_key [0-9a-f]+',
             refused('drive', drives[1], '--map', db, *arguments),

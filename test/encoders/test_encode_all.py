@@ -32,7 +32,7 @@ class Drive:
 
 def encoder_of(kind: str, request: pytest.FixtureRequest) -> Encoder:
     if kind == 'ring_key':
-        return make_encoder(EncoderConfig())
+        return make_encoder(EncoderConfig(name='ring_key'))
     weights: Path = request.getfixturevalue('small_onnx' if kind == 'onnx' else 'small_weights')
     return make_encoder(EncoderConfig(name='variational', weights=str(weights)))
 

@@ -31,8 +31,14 @@ def test_what_an_entry_names_is_there(entry: EncoderEntry) -> None:
         assert hasattr(pkgutil.resolve_name(entry.objective), 'losses')
 
 
-def test_ring_key_is_the_default_and_gets_its_settings() -> None:
-    encoder = make_encoder(EncoderConfig(ring_key=RingKeyConfig(rings=24)))
+def test_the_default_is_the_encoder_that_ships() -> None:
+    assert (EncoderConfig().name, EncoderConfig().weights) == ('variational', 'compact')
+    info = make_encoder(EncoderConfig()).info
+    assert (info.name, info.metadata['file']) == ('variational', 'compact.onnx')
+
+
+def test_the_ring_key_is_one_parameter_away_and_gets_its_settings() -> None:
+    encoder = make_encoder(EncoderConfig(name='ring_key', ring_key=RingKeyConfig(rings=24)))
     assert isinstance(encoder, Encoder)
     assert (encoder.info.name, encoder.info.dimension) == ('ring_key', 24)
 
@@ -57,9 +63,9 @@ def test_backend_goes_by_the_ending(
             EncoderConfig(name='magic'),
             'encoder.name: expected one of variational, bc_radar, vae, mc_dropout, stun, ring_key, rad_vlad, got',
         ),
-        (EncoderConfig(name='variational'), 'encoder.weights: expected a .onnx or .safetensors file'),
+        (EncoderConfig(name='variational', weights=''), 'encoder.weights: expected a .onnx or .safetensors file'),
         (EncoderConfig(name='variational', weights='net.pth'), "got 'net.pth'"),
-        (EncoderConfig(name='rad_vlad'), 'encoder.weights: expected a .safetensors file'),
+        (EncoderConfig(name='rad_vlad', weights=''), 'encoder.weights: expected a .safetensors file'),
         (
             EncoderConfig(name='rad_vlad', weights='net.onnx'),
             "encoder.weights: rad_vlad needs a .safetensors file, got 'net.onnx'",
@@ -116,7 +122,7 @@ def test_the_ring_key_loads_neither_runtime_nor_ros() -> None:
     loaded = modules_after("""
         from offradar_ros.config import EncoderConfig
         from offradar_ros.encoders.registry import make_encoder
-        make_encoder(EncoderConfig())
+        make_encoder(EncoderConfig(name='ring_key'))
     """)
     assert 'offradar_ros' in loaded
     assert not loaded & {'torch', 'rclpy', 'onnx', 'onnxruntime'}

@@ -19,6 +19,7 @@ from offradar_ros.ros.stage_node import StageNode
 
 # Domains above 101 use ports that Linux gives to other programs; each worker has twenty of its own.
 _FIRST = 10 + 20 * int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0').removeprefix('gw'))
+RING_KEY = {'encoder.name': 'ring_key'}
 _domains = itertools.cycle(range(_FIRST, _FIRST + 20))
 
 
@@ -45,11 +46,11 @@ def observer(domain_id: int) -> Iterator[Observer]:
 
 @pytest.fixture
 def start_node(observer: Observer) -> Iterator[Callable[..., StageNode]]:
-    """Starts a node within the test: `start_node(EncoderNode, {'radar.profile': 'cts350x'})`."""
+    """Starts a node within the test: `start_node(EncoderNode, {'radar.profile': 'cts350x'})`, with the ring key."""
     nodes: list[StageNode] = []
 
     def start(kind: type[StageNode], parameters: dict[str, Any] | None = None) -> StageNode:
-        given = [Parameter(name, value=value) for name, value in (parameters or {}).items()]
+        given = [Parameter(name, value=value) for name, value in (RING_KEY | (parameters or {})).items()]
         node = kind(context=observer.context, parameter_overrides=given)
         nodes.append(node)
         node.start()
@@ -63,9 +64,11 @@ def start_node(observer: Observer) -> Iterator[Callable[..., StageNode]]:
 
 @pytest.fixture
 def stack(tmp_path: Path, domain_id: int) -> Callable[..., Stack]:
-    """The three nodes as processes: `with stack({'map.path': …}) as nodes:`."""
+    """The three nodes as processes, with the ring key: `with stack({'map.path': …}) as nodes:`."""
 
     def make(parameters: dict[str, Any] | None = None, **options: Any) -> Stack:
-        return Stack(tmp_path / 'logs', domain_id, {'map.start_session': False} | (parameters or {}), **options)
+        return Stack(
+            tmp_path / 'logs', domain_id, RING_KEY | {'map.start_session': False} | (parameters or {}), **options
+        )
 
     return make

@@ -25,7 +25,10 @@ from rcl_interfaces.srv import DescribeParameters, SetParameters
 from sensor_msgs.msg import Image, NavSatFix, PointCloud2
 from std_srvs.srv import Trigger
 
+from offradar_ros.encoders.onnx_file import read_metadata
+from offradar_ros.encoders.pretrained import find_weights
 from offradar_ros.encoders.protocol import ModelInfo
+from offradar_ros.encoders.weights_header import WeightsHeader
 from offradar_ros.lab.live.node_processes import Stack, isolated_environment
 from offradar_ros.mapping.store import MapStore
 from offradar_ros.nodes.encoder_node import EncoderNode
@@ -97,6 +100,17 @@ def test_the_model_reaches_a_late_subscriber(observer: Observer, start_node: Cal
     model = wait_until(lambda: received)[0]
     assert model.name == 'ring_key'
     assert len(model.hardware_id) == 64
+
+
+def test_without_parameters_the_encoder_is_the_one_that_ships(observer: Observer) -> None:
+    node = EncoderNode(context=observer.context)
+    node.start()
+    observer.add(node)
+    received = observer.collect(DiagnosticStatus, 'embedding/model', qos.LATCHED)
+    model = wait_until(lambda: received)[0]
+    shipped = WeightsHeader.from_metadata(read_metadata(find_weights('compact', ('.onnx',))), 'compact.onnx')
+    assert (model.name, model.hardware_id) == ('variational', shipped.fingerprint)
+    node.close()
 
 
 def set_parameter(observer: Observer, node: str, name: str, value: ParameterValue) -> Any:

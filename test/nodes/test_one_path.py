@@ -18,7 +18,13 @@ from offradar_ros.recordings.bags.reader import Bag
 from offradar_ros.recordings.drive import drive
 from offradar_ros.types import Match, Outcome, PlaceTable
 
-PARAMETERS = {'map.match_distance_m': 4.0, 'query.top_k': 3, 'query.delta': 0.4, 'encoder.ring_key.variance_scale': 2.1}
+PARAMETERS = {
+    'map.match_distance_m': 4.0,
+    'query.top_k': 3,
+    'query.delta': 0.4,
+    'encoder.name': 'ring_key',
+    'encoder.ring_key.variance_scale': 2.1,
+}
 SCANS = 16
 
 

@@ -20,8 +20,8 @@ def test_the_node_answers_with_an_encoder_of_another_package(
     own_encoder: str, observer: Observer, start_node: Callable[..., StageNode]
 ) -> None:
     node = start_node(EncoderNode, {'encoder.name': own_encoder})
-    embeddings = observer.hear(PointCloud2, 'embedding', qos.RESULTS)
-    send = observer.speaker(Image, 'radar_data/b_scan_image', qos.SCANS)
+    embeddings = observer.collect(PointCloud2, 'embedding', qos.RESULTS)
+    send = observer.publisher(Image, 'radar_data/b_scan_image', qos.SCANS)
     wait_until(lambda: observer.node.count_publishers('embedding') == 1)
     power = np.random.default_rng(1).integers(1, 200, (400, 576), np.uint8)
     data = array.array('B', power.tobytes())

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import array
-import importlib.util
 import os
 import signal
 import subprocess
@@ -18,6 +17,7 @@ from sensor_msgs.msg import Image, NavSatFix
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
+from offradar_ros.config import EncoderConfig
 from offradar_ros.lab.live.node_processes import Stack
 from offradar_ros.ros import qos
 from offradar_ros.ros.stamps import header
@@ -59,7 +59,9 @@ def test_nothing_of_it_is_found(bare: dict[str, str]) -> None:
     assert ran.stdout == "['numpy']\n"
 
 
-@pytest.mark.parametrize('encoder', [{'encoder.name': 'ring_key'}, {}], ids=['ring key', 'default'])
+@pytest.mark.parametrize(
+    'encoder', [{'encoder.name': 'ring_key'}, {'encoder.name': EncoderConfig.name}], ids=['ring key', 'default']
+)
 def test_the_nodes_map_a_scan_and_find_it_again(
     observer: Observer,
     stack: Callable[..., Stack],
@@ -68,8 +70,6 @@ def test_the_nodes_map_a_scan_and_find_it_again(
     bare: dict[str, str],
     encoder: dict[str, str],
 ) -> None:
-    if not encoder and importlib.util.find_spec('onnxruntime') is None:
-        pytest.skip('nothing runs the default encoder here')
     scan = street(count=1).scan(0)
     outcomes, handled = observer.collect_outcomes(), observer.collect(Header, 'map_server/handled', qos.UPDATES)
     parameters = {'map.path': str(tmp_path / 'map.db'), 'map.start_session': True, 'query.delta': 100.0}

@@ -90,6 +90,7 @@ def driven(path: Path, config: Config, session_map: SessionMap, session: str | N
 
 
 VALUES = {
+    'encoder.name': 'ring_key',
     'encoder.ring_key.variance_scale': 2.1,
     'map.match_distance_m': 3.0,
     'query.top_k': 3,

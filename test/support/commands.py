@@ -13,6 +13,9 @@ import pytest
 
 from offradar_ros.cli.main import main
 
+RING_KEY = ('--params', Path(__file__).with_name('ring_key.yaml'))
+"""Options of a command whose test needs a quick encoder, whichever it is."""
+
 BAR = re.compile('━+.* left ')
 
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from commands import RING_KEY
 from typer.testing import CliRunner
 
 from offradar_ros.cli.main import app
@@ -159,7 +160,7 @@ def test_a_calibrated_encoder_is_evaluated_with_its_threshold(
     street_bag: Callable[..., Path], tmp_path: Path, done: Callable[..., str]
 ) -> None:
     bags = [street_bag(f'day_{number}', count=16, noise_seed=number) for number in range(3)]
-    done('calibrate', bags[0], '--out', tmp_path / 'car.yaml')
+    done('calibrate', bags[0], *RING_KEY, '--out', tmp_path / 'car.yaml')
     written = yaml.safe_load((tmp_path / 'car.yaml').read_text())['/**']['ros__parameters']
     named = ['--map', bags[1], '--query', bags[2], '--params', tmp_path / 'car.yaml', '--method', 'ring_key']
     said = done('evaluate', *named, '--out', tmp_path / 'out', '--no-pictures')
