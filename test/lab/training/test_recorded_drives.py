@@ -96,6 +96,7 @@ def test_a_sequence_within_the_region_is_an_error(data_set: DataConfig) -> None:
         recorded_drives(data_set)[0].open()
 
 
+@pytest.mark.timeout(900)
 def test_a_run_learns_from_the_split_and_says_what_is_missing(data_set: DataConfig, tmp_path: Path) -> None:
     settings = ['data.worlds=0', f'data.split={data_set.split}', f'data.root={data_set.root}', 'steps=2']
     settings += ['validation.worlds=0', 'batch.places=2', 'batch.negative_m=3', 'batch.positive_m=1.5']
@@ -111,6 +112,7 @@ def test_a_run_learns_from_the_split_and_says_what_is_missing(data_set: DataConf
     assert said['scans'] == sum(len(drive.open()) for drive in recorded_drives(data_set))
 
 
+@pytest.mark.timeout(900)
 def test_a_run_learns_from_bags(street_bag: Callable[..., Path], tmp_path: Path) -> None:
     bags = [str(street_bag(name, lane_m=lane_m, noise_seed=7)) for name, lane_m in (('first', 0.0), ('second', 1.0))]
     settings = ['data.worlds=0', f'data.sequences=[{", ".join(bags)}]', 'steps=2', 'validation.worlds=0']

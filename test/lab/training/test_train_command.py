@@ -34,6 +34,7 @@ SMOKE = PROJECT / 'params' / 'train' / 'smoke.yaml'
 ALONE = {**os.environ, 'OMP_NUM_THREADS': '1', 'CUDA_VISIBLE_DEVICES': ''}
 WAIT_S = 900.0
 """Until a run is given up: many times what it takes, as the machine may be busy."""
+pytestmark = pytest.mark.timeout(2 * WAIT_S)
 
 
 @pytest.fixture(scope='module')
