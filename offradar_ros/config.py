@@ -296,7 +296,7 @@ class QueryConfig:
 
 @dataclasses.dataclass(frozen=True)
 class Config:
-    """Everything that the pipeline, the command line and the nodes can be told."""
+    """Every parameter of the pipeline, the command line and the nodes."""
 
     radar: RadarConfig = dataclasses.field(default_factory=RadarConfig)
     encoder: EncoderConfig = dataclasses.field(default_factory=EncoderConfig)

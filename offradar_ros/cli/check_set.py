@@ -21,7 +21,7 @@ Section = tuple[str, tuple[Finding, ...]]
 
 
 class HowToCheck(NamedTuple):
-    """Attributes: what applies to each sequence, as `offradar check` is told it."""
+    """Attributes: what applies to each sequence: options of `offradar check`."""
 
     layout: str
     radar: RadarConfig

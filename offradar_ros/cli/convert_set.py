@@ -17,7 +17,7 @@ Outcome = Union[Conversion, str, None]
 
 
 class HowToConvert(NamedTuple):
-    """Attributes: what applies to each sequence, as `offradar convert` is told it."""
+    """Attributes: what applies to each sequence: options of `offradar convert`."""
 
     layout: str
     options: BagOptions
@@ -46,7 +46,7 @@ def convert_set(
 
 
 def _converted(source: Path, bag: Path, how: HowToConvert, shares: Shares) -> Union[Conversion, str]:
-    """That a sequence cannot be converted stops no other: its error is told at the end."""
+    """That a sequence cannot be converted stops no other: its error is reported at the end."""
     try:
         sequence = open_source(source, how.layout, RadarConfig())
         return convert_sequence(sequence, bag, how.options, how.skip_unreadable, telling(shares))

@@ -53,8 +53,8 @@ def read_progress(path: Path) -> Progress:
         raise ModelError(f'{path}: no such checkpoint')
     try:
         with safetensors.safe_open(path, framework='pt') as opened:
-            said = json.loads((opened.metadata() or {})[_STATE])
-        return structure(Progress, said)
+            stored = json.loads((opened.metadata() or {})[_STATE])
+        return structure(Progress, stored)
     except (safetensors.SafetensorError, OSError, KeyError, ValueError, ConfigError) as error:
         raise ModelError(f'{path}: not a checkpoint of a training run ({first_line(error)})') from error
 

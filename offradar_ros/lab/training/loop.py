@@ -172,8 +172,8 @@ class Loop:
         self._validation_log.add(self._step, figures)
         if figures['score'] > self._best[0]:
             self._best = figures['score'], self._step
-            said = ', '.join(f'{name} {value:.3f}' for name, value in figures.items())
-            save_network(self.out / BEST, cast(Any, self._network), f'step {self._step}: {said}')
+            figures_text = ', '.join(f'{name} {value:.3f}' for name, value in figures.items())
+            save_network(self.out / BEST, cast(Any, self._network), f'step {self._step}: {figures_text}')
 
     def _reestimate_batch_norm(self) -> None:
         steps = range(self._step, self._step + _STATISTICS_BATCHES)

@@ -147,8 +147,8 @@ def refine(
         # Not lower is better: where recall alone is the score, the second stage does not change it.
         if figures.get('score', step) >= best:
             best = figures.get('score', step)
-            said = ', '.join(f'{name} {value:.3f}' for name, value in figures.items())
-            save_network(out / BEST, network, f'second stage, step {step}: {said or "not validated"}')
+            figures_text = ', '.join(f'{name} {value:.3f}' for name, value in figures.items())
+            save_network(out / BEST, network, f'second stage, step {step}: {figures_text or "not validated"}')
     draw_curves(out)
     return best if validation else math.nan
 

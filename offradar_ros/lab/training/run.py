@@ -115,7 +115,7 @@ def _learnt(config: TrainingConfig, out: Path, options: RunOptions, group: Group
 
 
 def _given_teacher(config: TrainingConfig) -> nn.Module | None:
-    """The teacher that was trained before, if there is one; what the objective says against it is said here, early."""
+    """The teacher that was trained before, if there is one; what the objective refuses is reported here, early."""
     if config.fit != 'network' or (needs_teacher(config.method) and not config.teacher.weights):
         return None
     teacher = load_network(config.teacher.weights)[0] if needs_teacher(config.method) else None
@@ -239,13 +239,13 @@ def _cached(
     if group.rank == 0:
         with _shown(options, text) as progress:
 
-            def tell(done: int, total: int) -> None:
+            def report(done: int, total: int) -> None:
                 if progress:
                     progress(done, total)
                 if options.check:
                     options.check()
 
-            cached_drives(sources, options.cache, reduction=reduction, progress=tell)
+            cached_drives(sources, options.cache, reduction=reduction, progress=report)
     group.first_says((0.0,))
     return cached_drives(sources, options.cache, reduction=reduction)
 
@@ -268,7 +268,7 @@ def _describe(config: TrainingConfig, out: Path, group: Group, network: nn.Modul
     out.mkdir(parents=True, exist_ok=True)
     write_record(out / 'config.yaml', config)
     device = torch.cuda.get_device_name(group.device) if group.device.type == 'cuda' else platform.processor()
-    said = {
+    facts = {
         'offradar_ros': __version__,
         'revision': _revision(),
         'python': platform.python_version(),
@@ -286,7 +286,7 @@ def _describe(config: TrainingConfig, out: Path, group: Group, network: nn.Modul
         'drives': len(data),
     }
     with (out / 'run.jsonl').open('a', encoding='utf-8') as file:
-        file.write(json.dumps(said) + '\n')
+        file.write(json.dumps(facts) + '\n')
 
 
 def _revision() -> str:
