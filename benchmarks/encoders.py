@@ -19,6 +19,7 @@ from offradar_ros.config import EncoderConfig
 from offradar_ros.encoders.network_config import NetworkConfig
 from offradar_ros.encoders.networks.mc_dropout import PASSES
 from offradar_ros.encoders.onnx_backend import OnnxEncoder
+from offradar_ros.encoders.opencv_backend import OpencvEncoder
 from offradar_ros.encoders.pretrained import find_weights
 from offradar_ros.encoders.rad_vlad import RadVladEncoder
 from offradar_ros.encoders.rad_vlad_fit import fit_rad_vlad
@@ -54,6 +55,7 @@ def encoders(folder: Path, drive: Path, scans: Sequence[PolarScan], device: str)
         'compact': make_encoder(
             EncoderConfig(name='variational', weights='compact', backend='onnx', device=device)
         ).encode,
+        'compact_opencv': OpencvEncoder(find_weights('compact', ('.onnx',))).encode,
         'stun_resnet50': OnnxEncoder(stun, device=device).encode,
         'mc_dropout_head': OnnxEncoder(exported(dropout, folder), device=device).encode,
         'mc_dropout_full': full_passes(vgg16, device),

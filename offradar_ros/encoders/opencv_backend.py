@@ -28,6 +28,11 @@ class OpencvEncoder(ImageEncoder):
         if device == 'cuda':
             raise no_cuda('the opencv backend runs on the CPU alone')
         header = WeightsHeader.from_metadata(read_metadata(path), path)
+        if header.stored == 'int8':
+            raise ModelError(
+                f'{path}: OpenCV does not compute 8-bit integers as ONNX Runtime does: pip install onnxruntime, or use '
+                f'weights in single or half precision'
+            )
         super().__init__(header, path, 'cpu')
         if threads:
             cv2.setNumThreads(threads)

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from absent_packages import environment_without
 from live_nodes import WAIT_S, Observer, wait_until
 from sensor_msgs.msg import Image, NavSatFix
 from std_msgs.msg import Header
@@ -25,30 +26,12 @@ from offradar_ros.types import Match
 
 SECOND = 10**9
 ABSENT = ('rosbags', 'torch', 'matplotlib', 'typer', 'rich')
-WITHOUT = f"""
-import sys
-
-class Without:
-    def __init__(self, finder):
-        self._finder = finder
-
-    def find_spec(self, name, path=None, target=None):
-        return None if name.partition('.')[0] in {ABSENT} else self._finder.find_spec(name, path, target)
-
-    def __getattr__(self, name):
-        return getattr(self._finder, name)
-
-sys.meta_path[:] = [Without(finder) for finder in sys.meta_path]
-"""
 
 
 @pytest.fixture
 def bare(tmp_path: Path) -> dict[str, str]:
     """Environment of a Python that finds none of `ABSENT`."""
-    folder = tmp_path / 'bare'
-    folder.mkdir()
-    (folder / 'sitecustomize.py').write_text(WITHOUT)
-    return {'PYTHONPATH': os.pathsep.join([str(folder), *filter(None, [os.environ.get('PYTHONPATH')])])}
+    return environment_without(ABSENT, tmp_path / 'bare')
 
 
 def test_nothing_of_it_is_found(bare: dict[str, str]) -> None:

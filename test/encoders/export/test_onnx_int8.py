@@ -22,6 +22,7 @@ from offradar_ros.encoders.network_config import NetworkConfig  # noqa: E402
 from offradar_ros.encoders.networks.files import save_network  # noqa: E402
 from offradar_ros.encoders.networks.registry import make_network  # noqa: E402
 from offradar_ros.encoders.onnx_backend import OnnxEncoder  # noqa: E402
+from offradar_ros.encoders.opencv_backend import OpencvEncoder  # noqa: E402
 from offradar_ros.encoders.pretrained import find_weights  # noqa: E402
 from offradar_ros.encoders.registry import LEARNED  # noqa: E402
 from offradar_ros.encoders.weights import read_header  # noqa: E402
@@ -72,6 +73,8 @@ def test_integers_give_nearly_what_floats_give(tmp_path: Path, method: str, back
     scans = CalibrationScans(images(8, config.image_shape), '8 images')
     header = export_onnx(weights, tmp_path / 'int8.onnx', Smaller(scans, int8=True))
     exact, integer = OnnxEncoder(tmp_path / 'float.onnx'), OnnxEncoder(tmp_path / 'int8.onnx')
+    with pytest.raises(ModelError, match='OpenCV does not compute 8-bit integers as ONNX Runtime does'):
+        OpencvEncoder(tmp_path / 'int8.onnx')
     assert integer.header == header
     assert header.config == config
     given = images(12, config.image_shape, seed=10)
