@@ -146,6 +146,7 @@ def test_own_recordings(street_bag: Callable[..., Path], tmp_path: Path, done: C
     figures = results.groups['own']['5']['ring_key']
     assert (figures.pairs, figures.queries) == (2, 32)
     assert results.maintenance['own']['5']['ring_key'].ordered_pairs == 2
+    assert figures.at_deployed_threshold is not None
     assert figures.at_deployed_threshold.threshold == pytest.approx(1.2)
     # Thresholds of another model say nothing of this one's U.
     (tmp_path / 'car.yaml').write_text('query: {delta: 0.4, levels: 4, level: 3, model: abc}\n')
@@ -170,6 +171,7 @@ def test_a_calibrated_encoder_is_evaluated_with_its_threshold(
     query = written['query']
     expected = 1.0 - query['delta'] + 2.0 * query['delta'] * query['level'] / query['levels']
     figures = results.groups['own']['5']['ring_key']
+    assert figures.at_deployed_threshold is not None
     assert figures.at_deployed_threshold.threshold == pytest.approx(expected)
     assert results.protocol.title == 'Own recordings'
     # A single pair has no interval.

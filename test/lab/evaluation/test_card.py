@@ -18,7 +18,8 @@ from offradar_ros.lab.evaluation.card.make import CardSources, make_card
 from offradar_ros.lab.evaluation.card.markdown import card_markdown
 from offradar_ros.lab.evaluation.protocol import Group, Protocol, Recorded
 from offradar_ros.lab.evaluation.protocol_file import read_protocol
-from offradar_ros.lab.evaluation.results.results import Results
+from offradar_ros.lab.evaluation.results.ablation import AblationFigures
+from offradar_ros.lab.evaluation.results.results import ByMap, Results
 from offradar_ros.shipped import shipped_file
 
 SHIPPED = Path(__file__).parents[3] / 'offradar_ros' / 'weights'
@@ -77,7 +78,9 @@ def recorded(results: Results) -> Results:
         name: {method: dataclasses.replace(u, mean_by_kind={'recorded': u.mean}) for method, u in methods.items()}
         for name, methods in results.uncertainty.items()
     }
-    nothing = {name: {spacing: {} for spacing in spacings} for name, spacings in results.maintenance.items()}
+    nothing: ByMap[AblationFigures] = {
+        name: {spacing: {} for spacing in spacings} for name, spacings in results.maintenance.items()
+    }
     return dataclasses.replace(
         results, protocol=protocol, uncertainty=uncertainty, maintenance=nothing, recorded=None, skipped=()
     )

@@ -11,7 +11,7 @@ import pytest
 from offradar_ros.config import RingKeyConfig
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.encoders.ring_key import RingKeyEncoder
-from offradar_ros.errors import ConfigError, DataError, RefusedInput
+from offradar_ros.errors import DataError, RefusedInput
 from offradar_ros.lab.evaluation import embedding_cache
 from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive, embedded, encode
 from offradar_ros.lab.evaluation.methods import open_method
@@ -70,8 +70,8 @@ def test_networks_are_run_in_batches_as_one_by_one(
     torch.manual_seed(1)
     network = make_network(NetworkConfig(backbone='compact', side_px=32, resolution_m=4.0))
     network_files.save_network(tmp_path / 'best.safetensors', network)
-    # A run's folder, under a name that only this comparison knows.
-    method = open_method(f'variant={tmp_path}', tmp_path, seed=0, spacing_m=5.0, threads=1)
+    # The folder of a training run, under a label of its own.
+    method = open_method(f'variant=ours:{tmp_path}', tmp_path, seed=0, spacing_m=5.0, threads=1)
     assert (method.name, Path(method.weights).name) == ('variant', 'best.safetensors')
     drive = embedded_street(0, 20).drive
     encoder = method.encoder_for(drive)
@@ -93,13 +93,14 @@ def test_rad_vlad_is_fitted_to_each_map_once(embedded_street: Callable[..., Embe
     assert len(list(tmp_path.rglob('*.safetensors'))) == 2
 
 
-def test_methods_by_name(tmp_path: Path, embedded_street: Callable[..., EmbeddedDrive]) -> None:
+def test_the_ring_key_is_one_encoder_for_every_map(
+    embedded_street: Callable[..., EmbeddedDrive], tmp_path: Path
+) -> None:
     method = open_method('ring_key', tmp_path, seed=0, spacing_m=5.0)
-    info = method.encoder_for(embedded_street(0, 3).drive).info
-    assert info.fingerprint == RingKeyEncoder(RingKeyConfig()).info.fingerprint
-    for text in ('ours', '', 'stun='):
-        with pytest.raises(ConfigError, match='expected NAME=WEIGHTS'):
-            open_method(text, tmp_path, seed=0, spacing_m=5.0)
+    assert not method.fitted
+    for index in range(2):
+        info = method.encoder_for(embedded_street(index, 3).drive).info
+        assert info.fingerprint == RingKeyEncoder(RingKeyConfig()).info.fingerprint
 
 
 def test_a_long_drive_goes_on_block_by_block(

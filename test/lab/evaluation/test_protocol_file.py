@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -98,7 +99,9 @@ VALUES = st.recursive(
 
 @settings(max_examples=60, deadline=None)
 @given(st.dictionaries(st.sampled_from([*Protocol.__dataclass_fields__, 'other']), VALUES, max_size=4), st.booleans())
-def test_anything_else_is_a_config_error(tmp_path_factory: pytest.TempPathFactory, tree: dict, whole: bool) -> None:
+def test_anything_else_is_a_config_error(
+    tmp_path_factory: pytest.TempPathFactory, tree: dict[str, Any], whole: bool
+) -> None:
     path = tmp_path_factory.mktemp('protocol') / 'p.yaml'
     path.write_text(yaml.safe_dump(yaml.safe_load(GOOD) | tree if whole else tree, allow_unicode=True))
     try:

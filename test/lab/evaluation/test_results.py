@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -41,7 +42,7 @@ def test_any_record_is_read_as_written(
     kind: type, tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
 ) -> None:
     folder = tmp_path_factory.mktemp('records')
-    stored = StoredFormat(kind, 'test', 1, 'a test', 'test again')
+    stored: StoredFormat[Any] = StoredFormat(kind, 'test', 1, 'a test', 'test again')
     stored.write(folder / 'first.json', data.draw(st.builds(kind)))
     stored.write(folder / 'second.json', stored.read(folder / 'first.json'))
     assert (folder / 'first.json').read_bytes() == (folder / 'second.json').read_bytes()
