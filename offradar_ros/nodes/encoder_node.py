@@ -57,7 +57,8 @@ class EncoderNode(StageNode):
     Each is answered, but for those dropped because more came than can be encoded (`overtaken`): the newest goes first.
     """
 
-    stages = ('radar', 'encoder')
+    parameter_groups = ('radar', 'encoder')
+    stage: EncodeStage
 
     def __init__(self, **options: Any) -> None:
         super().__init__('encoder', **options)
@@ -77,14 +78,14 @@ class EncoderNode(StageNode):
     def configure(self) -> None:
         """Load the encoder."""
         self.close()
-        self._stage = EncodeStage(make_encoder(self.config.encoder), self.config.radar.restart_after_s)
+        self.stage = EncodeStage(make_encoder(self.config.encoder), self.config.radar.restart_after_s)
         self._worker = NewestWorker(self._answer, self._overtaken, self.config.encoder.backlog)
 
     def activated(self) -> None:
         """Tell the map and the query which model this is."""
-        info = self._stage.encoder.info
+        info = self.stage.encoder.info
         self._model.publish(model_message(info))
-        device = self._stage.encoder.runs_on
+        device = self.stage.encoder.runs_on
         self.status.facts |= {'model': info.name, 'fingerprint': info.fingerprint, 'dimension': str(info.dimension)}
         self.status.facts['device'] = device
         self.get_logger().info(
@@ -149,8 +150,8 @@ class EncoderNode(StageNode):
     def _encode(self, scan: Received) -> None:
         if scan.recording != self._encoded_recording:
             self._encoded_recording = scan.recording
-            self._stage.start_recording()
-        encoded = self._stage.encode(stamp_ns(scan.header.stamp), scan.decode)
+            self.stage.start_recording()
+        encoded = self.stage.encode(stamp_ns(scan.header.stamp), scan.decode)
         if encoded.restarted:
             self.get_logger().info('stamps jumped back: the recording starts again')
         if encoded.embedding is not None:

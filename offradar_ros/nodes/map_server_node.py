@@ -36,8 +36,9 @@ POLL_S = 0.02
 class MapServerNode(StageNode):
     """Keeps, over repeated sessions, the most certain scan of each place (Algorithm 1)."""
 
-    stages = ('position', 'map')
+    parameter_groups = ('position', 'map')
     timed_topic = 'embedding'
+    stage: MapStage
 
     def __init__(self, **options: Any) -> None:
         super().__init__('map_server', **options)
@@ -66,13 +67,13 @@ class MapServerNode(StageNode):
     def configure(self) -> None:
         """Open the map."""
         self._map = SessionMap(self.config.map)
-        self._stage = MapStage(self.config, self._map)
+        self.stage = MapStage(self.config, self._map)
 
     def activated(self) -> None:
         """Publish the map and, where `map.start_session` is true, start a session."""
         self._publish_committed()
-        self.get_logger().info(f'active: map {self.config.map.path or "in memory"}: {len(self._stage.map)} places')
-        if self.config.map.start_session and self._stage.map.running_session_id is None:
+        self.get_logger().info(f'active: map {self.config.map.path or "in memory"}: {len(self.stage.map)} places')
+        if self.config.map.start_session and self.stage.map.running_session_id is None:
             self.get_logger().info(self._start_session())
 
     def close(self) -> None:
@@ -80,41 +81,41 @@ class MapServerNode(StageNode):
         if self._map is None:
             return
         if self._map.running_session_id is not None:
-            _, report = self._stage.end_session()
+            _, report = self.stage.end_session()
             self.log_info(f'session ended at exit: {report.summary()}')
         self._map.close()
         self._map = None
 
     def periodic(self) -> None:
         """Refresh the view and save the running session."""
-        session_map = self._stage.map
+        session_map = self.stage.map
         self.status.facts |= {
             'places': str(len(session_map)),
             'mean_uncertainty': f'{session_map.mean_uncertainty:.4f}' if len(session_map) else '',
             'session': '' if session_map.running_session_id is None else str(session_map.running_session_id),
         }
-        view = self._stage.changed_view()
+        view = self.stage.changed_view()
         if view is not None:
             self._map_view.publish(map_message(view, self._last_stamp_ns))
-        self.guarded('map', self._stage.autosave)
+        self.guarded('map', self.stage.autosave)
 
     def _on_model(self, message: DiagnosticStatus) -> None:
-        self._publish_updates(self._stage.adopt_model(model_record(message, 'embedding/model')))
+        self._publish_updates(self.stage.adopt_model(model_record(message, 'embedding/model')))
 
     def _on_embedding(self, message: PointCloud2) -> None:
         self._last_stamp_ns = stamp_ns(message.header.stamp)
         try:
-            self._publish_updates(self._stage.add_embedding(embedding_record(message, 'embedding')))
+            self._publish_updates(self.stage.add_embedding(embedding_record(message, 'embedding')))
         finally:
             # For a replay in lockstep, which sends the next scan when this one is in the map, or refused.
             if self._handled.get_subscription_count():
                 self._handled.publish(Header(stamp=message.header.stamp))
 
     def _on_fix(self, message: NavSatFix) -> None:
-        self._publish_updates(self._stage.add_point(stamp_ns(message.header.stamp), point_from_fix(message)))
+        self._publish_updates(self.stage.add_point(stamp_ns(message.header.stamp), point_from_fix(message)))
 
     def _on_odometry(self, message: Odometry) -> None:
-        self._publish_updates(self._stage.add_pose(stamp_ns(message.header.stamp), pose_from_odometry(message)))
+        self._publish_updates(self.stage.add_pose(stamp_ns(message.header.stamp), pose_from_odometry(message)))
 
     def _publish_updates(self, updates: Iterable[MapUpdate]) -> None:
         for update in updates:
@@ -127,7 +128,7 @@ class MapServerNode(StageNode):
             self._updates.publish(self._rows_message(table, stamp, committed=committed))
 
     def _publish_committed(self) -> None:
-        committed = self._stage.committed()
+        committed = self.stage.committed()
         if committed is None:
             return
         if committed.form is Form.FILE:
@@ -139,7 +140,7 @@ class MapServerNode(StageNode):
             self._map_view.publish(map_message(committed.table, self._last_stamp_ns))
 
     def _rows_message(self, table: PlaceTable, stamp: int, *, committed: bool) -> PointCloud2:
-        model = self._stage.map.model
+        model = self.stage.map.model
         return descriptors_message(PlaceRows(table, model.fingerprint if model else '', committed), stamp)
 
     def _answering(self, serve: Callable[[], str]) -> Callable[..., Awaitable[Trigger.Response]]:
@@ -164,7 +165,7 @@ class MapServerNode(StageNode):
 
     async def _wait_for_positions(self) -> None:
         """Wait while scans wait for positions that are still coming in."""
-        while self._map is not None and self._stage.expects_positions:
+        while self._map is not None and self.stage.expects_positions:
             turn = Future()
             timer = self.create_timer(
                 POLL_S,
@@ -176,27 +177,27 @@ class MapServerNode(StageNode):
             self.destroy_timer(timer)
 
     def _start_session(self) -> str:
-        return self._stage.start_session(self.now_ns())
+        return self.stage.start_session(self.now_ns())
 
     def _end_session(self) -> str:
         # What is merged now stays merged and is published, also where the session cannot be committed.
-        self._publish_updates(self._stage.flush())
-        updates, report = self._stage.end_session()
+        self._publish_updates(self.stage.flush())
+        updates, report = self.stage.end_session()
         self._publish_updates(updates)
         self._publish_committed()
         return report.summary()
 
     def _undo_session(self) -> str:
-        undone = self._stage.undo_session()
+        undone = self.stage.undo_session()
         self._publish_committed()
         return str(undone)
 
     def _save(self) -> str:
-        self._stage.save()
-        return f'saved {len(self._stage.map)} places'
+        self.stage.save()
+        return f'saved {len(self.stage.map)} places'
 
     def _clear(self) -> str:
-        backup = self._stage.clear()
+        backup = self.stage.clear()
         self._publish_committed()
         return f'map cleared, kept as {backup}' if backup else 'map cleared'
 

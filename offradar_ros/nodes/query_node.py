@@ -27,12 +27,12 @@ from offradar_ros.types import Embedding, Match
 class QueryNode(StageNode):
     """Answers each embedding exactly once, on `matches` (and `match_pose`) or on `rejections`."""
 
-    stages = ('query',)
+    parameter_groups = ('query',)
     timed_topic = 'embedding'
 
     def __init__(self, **options: Any) -> None:
         super().__init__('query', **options)
-        self._query = QueryStage(self.config.query)
+        self.stage = QueryStage(self.config.query)
         self._matches = self.publisher(PointCloud2, 'matches', qos.RESULTS)
         self._poses = self.publisher(PoseWithCovarianceStamped, 'match_pose', qos.RESULTS)
         self._rejections = self.publisher(DiagnosticArray, 'rejections', qos.RESULTS)
@@ -42,41 +42,41 @@ class QueryNode(StageNode):
 
     def configure(self) -> None:
         """Start with an empty map, or with the file that `query.map_path` names."""
-        self._query = QueryStage(self.config.query)
-        if self._query.open_file():
+        self.stage = QueryStage(self.config.query)
+        if self.stage.open_file():
             path = self.config.query.map_path
             self.get_logger().warning(f'query.map_path: {path} does not exist yet: waiting for the map server')
 
     def activated(self) -> None:
         """Say what is searched."""
-        self.get_logger().info(f'active: {self._query.places} places, rejects U above {self._query.threshold:.4f}')
+        self.get_logger().info(f'active: {self.stage.places} places, rejects U above {self.stage.threshold:.4f}')
 
     def apply(self, config: Config) -> None:
         """Thresholds may change while the node runs."""
         if config == self.config:
             return
         super().apply(config)
-        self._query.reconfigure(config.query)
-        self.get_logger().info(f'rejects U above {self._query.threshold:.4f}')
+        self.stage.reconfigure(config.query)
+        self.get_logger().info(f'rejects U above {self.stage.threshold:.4f}')
 
     def periodic(self) -> None:
         """Say what is searched, and with which threshold."""
-        self.status.facts |= {'places': str(self._query.places), 'threshold': f'{self._query.threshold:.4f}'}
-        if math.isfinite(self._query.mean_uncertainty):
-            self.status.facts['mean_uncertainty'] = f'{self._query.mean_uncertainty:.4f}'
-        self.status.warning = self._query.warning
+        self.status.facts |= {'places': str(self.stage.places), 'threshold': f'{self.stage.threshold:.4f}'}
+        if math.isfinite(self.stage.mean_uncertainty):
+            self.status.facts['mean_uncertainty'] = f'{self.stage.mean_uncertainty:.4f}'
+        self.status.warning = self.stage.warning
 
     def _on_map(self, message: PointCloud2) -> None:
         if is_read_the_file(message):
-            self._query.read_file()
+            self.stage.read_file()
         else:
             rows = descriptors_record(message, 'map/descriptors')
-            self._query.load(rows.table, rows.model)
-        self.get_logger().info(f'map of {self._query.places} places')
+            self.stage.load(rows.table, rows.model)
+        self.get_logger().info(f'map of {self.stage.places} places')
 
     def _on_update(self, message: PointCloud2) -> None:
         rows = descriptors_record(message, 'map/updates')
-        self._query.update(rows.table, rows.model, committed=rows.committed)
+        self.stage.update(rows.table, rows.model, committed=rows.committed)
 
     def _on_embedding(self, message: PointCloud2) -> None:
         try:
@@ -84,7 +84,7 @@ class QueryNode(StageNode):
         except RefusedInput as problem:
             self.refuse(problem, 'embedding')
             embedding = Embedding(stamp_ns(message.header.stamp), np.empty(0, np.float32), np.empty(0, np.float32))
-        outcome = self._query.query(embedding)
+        outcome = self.stage.query(embedding)
         if isinstance(outcome, Match):
             self.status.counts['matched'] += 1
             self._matches.publish(match_message(outcome))

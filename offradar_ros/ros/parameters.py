@@ -34,13 +34,13 @@ def descriptor(bounds: Bounds, value: bool | int | float | str) -> ParameterDesc
     return described
 
 
-def declare(node: Node, config: Config, stages: Sequence[str], overrides: Sequence[RosParameter] = ()) -> Config:
-    """Declare the parameters of some stages, and return the configuration that they give.
+def declare(node: Node, config: Config, groups: Sequence[str], overrides: Sequence[RosParameter] = ()) -> Config:
+    """Declare the parameters of some groups, and return the configuration that they give.
 
     Args:
         node: where they are declared.
         config: the defaults.
-        stages: names of the parts of the configuration that the node takes, such as ``query``.
+        groups: names of the parts of the configuration that the node takes, such as ``query``.
         overrides: those that the node was constructed with (``parameter_overrides``).
 
     Raises:
@@ -50,7 +50,7 @@ def declare(node: Node, config: Config, stages: Sequence[str], overrides: Sequen
     _refuse_unknown(given, config)
     values: dict[str, Any] = {}
     for leaf in parameters(config):
-        if leaf.name.split('.')[0] in stages:
+        if leaf.name.split('.')[0] in groups:
             try:
                 values[leaf.name] = node.declare_parameter(
                     leaf.name, leaf.value, descriptor(leaf.bounds, leaf.value)
@@ -70,7 +70,7 @@ def _given(node: Node, overrides: Sequence[RosParameter]) -> dict[str, Any]:
 
 
 def _refuse_unknown(given: Iterable[str], config: Config) -> None:
-    """A misspelt name would silently leave the default in force. Names of other nodes' stages are theirs."""
+    """ConfigError for a misspelt name, which would leave the default in force. Names of other groups are not ours."""
     known = [leaf.name for leaf in parameters(config)]
     ours = {name.split('.')[0] for name in known}
     for name in given:
@@ -79,7 +79,7 @@ def _refuse_unknown(given: Iterable[str], config: Config) -> None:
 
 
 def changed(config: Config, updates: Sequence[RosParameter]) -> Config:
-    """The configuration after `updates`; those of other stages and of rclpy itself are passed over."""
+    """The configuration after `updates`; those of other groups and of rclpy itself are ignored."""
     known = {leaf.name for leaf in parameters(config)}
     return replace_values(config, {p.name: p.value for p in updates if p.name in known})
 

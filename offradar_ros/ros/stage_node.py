@@ -31,15 +31,19 @@ LOG_PERIOD_S = 5.0
 class StageNode(LifecycleNode):
     """A lifecycle node around one stage of the core.
 
-    Subclasses name the configuration `stages` they declare, and build their core objects in `configure`, which may
-    raise OffradarError. Inputs are ignored unless the node is active.
+    Subclasses build their core objects in `configure`, which may raise OffradarError. Inputs are ignored unless the
+    node is active.
     """
 
-    stages: tuple[str, ...] = ()
+    parameter_groups: tuple[str, ...] = ()
+    """The parts of the configuration whose parameters the node declares, such as ``query``."""
+    timed_topic = ''
+    """The input whose rate and latency the diagnostics report."""
 
     def __init__(self, name: str, **options: Any) -> None:
         super().__init__(name, **options)
-        self.config = parameters.declare(self, Config(), self.stages, options.get('parameter_overrides') or ())
+        overrides = options.get('parameter_overrides') or ()
+        self.config = parameters.declare(self, Config(), self.parameter_groups, overrides)
         self._autostart = self.declare_parameter(
             'autostart', True, ParameterDescriptor(description='configure and activate at start', read_only=True)
         ).value
@@ -184,9 +188,6 @@ class StageNode(LifecycleNode):
             self.get_logger().info(text)
         else:
             print(f'[{self.get_name()}]: {text}', flush=True)
-
-    timed_topic = ''
-    """The input whose rate and latency the diagnostics report."""
 
     def refuse(self, problem: RefusedInput, topic: str) -> None:
         """Count a drop and log why, each cause at most once in 5 s."""

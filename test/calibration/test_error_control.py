@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from offradar_ros.calibration.error_control import (
     Counts,
@@ -61,7 +62,7 @@ def test_counts_are_those_of_a_loop() -> None:
 
 
 def passed(answered: list[int], wrong: list[int], rate: float = 0.05, confidence: float = 0.95) -> list[bool]:
-    return passing(Counts(np.array(answered), np.array(wrong)), rate, confidence).tolist()
+    return [bool(level) for level in passing(Counts(np.array(answered), np.array(wrong)), rate, confidence)]
 
 
 def test_levels_that_answer_too_few_do_not_end_the_tests() -> None:
@@ -95,7 +96,7 @@ def test_the_wanted_rate_is_broken_as_seldom_as_promised(name: str, scans: int) 
     rng = np.random.default_rng(11)
     wanted, confidence, draws = 0.1, 0.8, 1500
 
-    def chance(u: np.ndarray) -> np.ndarray:
+    def chance(u: NDArray[np.float64]) -> NDArray[np.float64]:
         if name == 'steep':
             return np.clip(0.03 + 2.0 * np.maximum(u - 1.0, 0.0), 0.0, 0.9)
         return np.full(len(u), wanted + 1e-3)

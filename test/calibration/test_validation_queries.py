@@ -14,7 +14,7 @@ from offradar_ros.errors import DataError
 def street(index: int, count: int) -> EncodedDrive:
     """Scans 4 m apart; the descriptor is the place's, and noise that grows with U."""
     rng = np.random.default_rng([0, index])
-    driven_m = 4.0 * np.arange(count)
+    driven_m = 4.0 * np.arange(count, dtype=np.float64)
     severities = np.where(rng.random(count) < 0.4, rng.uniform(0.05, 1.0, count), 0.0)
     waves = np.random.default_rng(5).uniform(0.01, 0.2, 24)
     places = np.cos(driven_m[:, None] * waves)

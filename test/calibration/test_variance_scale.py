@@ -14,7 +14,7 @@ from offradar_ros.sequence import RadarSequence
 
 @pytest.mark.parametrize('scale_before', [1.0, 0.3])
 def test_the_factor_makes_mean_uncertainty_one(street: Callable[..., RadarSequence], scale_before: float) -> None:
-    drive = street(count=4, spoiled=(2,))
+    drive = street(count=4, degraded=(2,))
 
     def uncertainties(scale: float) -> list[float]:
         encoder = RingKeyEncoder(RingKeyConfig(variance_scale=scale))

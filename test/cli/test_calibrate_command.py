@@ -108,7 +108,7 @@ def test_one_scan_is_too_few_and_few_are_noted(
 def test_the_threshold_is_the_lowest_static_one_that_rejects_few_enough(
     done: Callable[..., str], street_bag: Callable[..., Path], tmp_path: Path
 ) -> None:
-    bag, params = street_bag('bag', count=40, spoiled=(3, 17, 30)), tmp_path / 'params.yaml'
+    bag, params = street_bag('bag', count=40, degraded=(3, 17, 30)), tmp_path / 'params.yaml'
     said = done('calibrate', bag, *RING_KEY, '--out', params, '--reject-at-most', '0.2', '--levels', '50')
     found = np.sort(uncertainties(params, [BagSequence(bag).scan(i) for i in range(40)]))
     query = load_config(params).query

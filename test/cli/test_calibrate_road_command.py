@@ -23,7 +23,7 @@ def road(tmp_path_factory: pytest.TempPathFactory, street: Callable[..., Any]) -
     """Three drives along one street; some scans of each are noise."""
     folder = tmp_path_factory.mktemp('road')
     drives = [
-        street(count=COUNT, lane_m=1.0 * i, noise_seed=i, spoiled=(5 + i, 21 + i), name=f'drive_{i}') for i in range(3)
+        street(count=COUNT, lane_m=1.0 * i, noise_seed=i, degraded=(5 + i, 21 + i), name=f'drive_{i}') for i in range(3)
     ]
     return [write_bag(drive, folder / drive.name) for drive in drives]
 
@@ -87,10 +87,7 @@ def test_what_is_no_road_is_refused(
 def test_drives_without_positions_are_named(
     refused: Callable[..., str], road: list[Path], street: Callable[..., Any], tmp_path: Path
 ) -> None:
-    class Lost(street):  # type: ignore[misc]
-        trajectory = None
-
-    lost = write_bag(Lost(count=4, name='lost'), tmp_path / 'lost')
+    lost = write_bag(street(count=4, name='lost').with_trajectory(None), tmp_path / 'lost')
     said = refused('calibrate', road[0], lost, *RING_KEY, '--out', tmp_path / 'params.yaml')
     assert f'{lost}: expected positions beside the scans, and there are none' in said
 

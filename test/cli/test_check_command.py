@@ -72,11 +72,7 @@ def test_a_bag(offradar: Callable[..., Any], street_bag: Callable[..., Path]) ->
 def test_a_bag_whose_clocks_disagree(offradar: Callable[..., Any], street: Callable[..., Any], tmp_path: Path) -> None:
     drive = street(count=4)
     early = dataclasses.replace(drive.trajectory, stamps_ns=drive.trajectory.stamps_ns - 4 * 10**9)
-
-    class OtherClock(type(drive)):  # type: ignore[misc]
-        trajectory = early
-
-    ran = offradar('check', write_bag(OtherClock(count=4), tmp_path / 'bag'))
+    ran = offradar('check', write_bag(drive.with_trajectory(early), tmp_path / 'bag'))
     assert ran.status == 1
     problems = [text for level, text in lines(ran) if level == 'problem']
     # Positions last from 5 s before the first scan to 2.2 s before it.
@@ -130,7 +126,12 @@ def test_a_folder_of_recordings_is_told_which_they_are(
     refused: Callable[..., str], street_bag: Callable[..., Path], tmp_path: Path, command: str
 ) -> None:
     (tmp_path / 'bags').mkdir()
-    options = {'check': [], 'convert': [tmp_path / 'out'], 'calibrate': ['--out', tmp_path / 'out']}[command]
+    all_options: dict[str, list[object]] = {
+        'check': [],
+        'convert': [tmp_path / 'out'],
+        'calibrate': ['--out', tmp_path / 'out'],
+    }
+    options = all_options[command]
 
     def said() -> str:
         return refused(command, tmp_path / 'bags', *options).partition('no radar scans recognised: ')[2]

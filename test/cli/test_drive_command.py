@@ -237,21 +237,13 @@ def test_a_session_without_positions_says_why_nothing_was_mapped(
     done: Callable[..., str], street: Callable[..., Any], tmp_path: Path
 ) -> None:
     drive = street(count=4)
-
-    class Lost(type(drive)):  # type: ignore[misc]
-        trajectory = None
-
-    bag = write_bag(Lost(count=4), tmp_path / 'bag')
+    bag = write_bag(drive.with_trajectory(None), tmp_path / 'bag')
     said = done('drive', bag, '--map', tmp_path / 'map.db', '--session', 'one')
     assert (
         'note: nothing was mapped: the bag has no sensor_msgs/msg/NavSatFix, which position.source: fix asks for'
     ) in said
     late = dataclasses.replace(drive.trajectory, stamps_ns=drive.trajectory.stamps_ns + 5 * 10**9)
-
-    class Late(type(drive)):  # type: ignore[misc]
-        trajectory = late
-
-    bag = write_bag(Late(count=4), tmp_path / 'late')
+    bag = write_bag(drive.with_trajectory(late), tmp_path / 'late')
     said = done('drive', bag, '--map', tmp_path / 'map.db', '--session', 'one')
     assert 'note: nothing was mapped: 4 scans no_position' in said
     # What was dropped is a table of its own.

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from live_nodes import Observer
+from live_nodes import NodeT, Observer, StartNode
 from rclpy.parameter import Parameter
 
 from offradar_ros.lab.live.node_processes import Stack
@@ -45,11 +45,10 @@ def observer(domain_id: int) -> Iterator[Observer]:
 
 
 @pytest.fixture
-def start_node(observer: Observer) -> Iterator[Callable[..., StageNode]]:
-    """Starts a node within the test: `start_node(EncoderNode, {'radar.profile': 'cts350x'})`, with the ring key."""
+def start_node(observer: Observer) -> Iterator[StartNode]:
     nodes: list[StageNode] = []
 
-    def start(kind: type[StageNode], parameters: dict[str, Any] | None = None) -> StageNode:
+    def start(kind: Callable[..., NodeT], parameters: dict[str, Any] | None = None) -> NodeT:
         given = [Parameter(name, value=value) for name, value in (RING_KEY | (parameters or {})).items()]
         node = kind(context=observer.context, parameter_overrides=given)
         nodes.append(node)

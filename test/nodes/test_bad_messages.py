@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import array
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import pytest
 from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from live_nodes import Observer, wait_until
+from live_nodes import Observer, StartNode, wait_until
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Image, NavSatFix, NavSatStatus, PointCloud2
 from std_msgs.msg import Header
@@ -46,7 +45,7 @@ def image(stamp_ns: int = SECOND, **changes: Any) -> Image:
     return Image(**(fields | changes))
 
 
-BAD_IMAGES = {
+BAD_IMAGES: dict[str, dict[str, Any]] = {
     'wrong_encoding': {'encoding': 'bgr8'},
     'short_step': {'step': 500},
     'short_data': {'data': array.array('B', bytes(576 * 399))},
@@ -63,9 +62,7 @@ BAD_IMAGES = {
 
 
 @pytest.mark.parametrize('cause', BAD_IMAGES)
-def test_a_bad_image_is_counted_and_answered_as_invalid(
-    observer: Observer, start_node: Callable[..., StageNode], cause: str
-) -> None:
+def test_a_bad_image_is_counted_and_answered_as_invalid(observer: Observer, start_node: StartNode, cause: str) -> None:
     node = start_node(EncoderNode)
     embeddings = observer.collect(PointCloud2, 'embedding')
     send = observer.publisher(Image, 'radar_data/b_scan_image', qos.SCANS)
@@ -78,7 +75,7 @@ def test_a_bad_image_is_counted_and_answered_as_invalid(
 
 
 def test_wrong_size_is_refused_where_the_parameters_say_what_to_expect(
-    observer: Observer, start_node: Callable[..., StageNode]
+    observer: Observer, start_node: StartNode
 ) -> None:
     node = start_node(EncoderNode, {'radar.metadata_columns': '11'})
     send = observer.publisher(Image, 'radar_data/b_scan_image', qos.SCANS)
@@ -87,7 +84,7 @@ def test_wrong_size_is_refused_where_the_parameters_say_what_to_expect(
 
 
 def test_repeated_and_backward_stamps_are_dropped_and_a_restart_is_not(
-    observer: Observer, start_node: Callable[..., StageNode]
+    observer: Observer, start_node: StartNode
 ) -> None:
     node = start_node(EncoderNode, {'encoder.backlog': 10})
     embeddings = observer.collect(PointCloud2, 'embedding')
@@ -100,9 +97,7 @@ def test_repeated_and_backward_stamps_are_dropped_and_a_restart_is_not(
     assert answers == [(100.0, 128), (100.25, 128), (100.0, 0), (100.5, 128), (50.0, 128), (50.25, 128)]
 
 
-def test_the_last_scan_again_is_answered_where_a_recording_starts(
-    observer: Observer, start_node: Callable[..., StageNode]
-) -> None:
+def test_the_last_scan_again_is_answered_where_a_recording_starts(observer: Observer, start_node: StartNode) -> None:
     node = start_node(EncoderNode, {'encoder.backlog': 10})
     embeddings = observer.collect(PointCloud2, 'embedding')
     send = observer.publisher(Image, 'radar_data/b_scan_image', qos.SCANS)
@@ -121,7 +116,7 @@ def test_the_last_scan_again_is_answered_where_a_recording_starts(
     assert (refused.success, refused.message) == (False, 'the encoder is not active')
 
 
-def test_drops_are_on_the_diagnostics_topic(observer: Observer, start_node: Callable[..., StageNode]) -> None:
+def test_drops_are_on_the_diagnostics_topic(observer: Observer, start_node: StartNode) -> None:
     start_node(EncoderNode)
     received = observer.collect(DiagnosticArray, '/diagnostics')
     send = observer.publisher(Image, 'radar_data/b_scan_image', qos.SCANS)
@@ -162,7 +157,7 @@ BAD_EMBEDDINGS = {
 
 @pytest.mark.parametrize('name', BAD_EMBEDDINGS)
 def test_the_query_answers_a_bad_embedding_with_the_reason(
-    observer: Observer, start_node: Callable[..., StageNode], name: str
+    observer: Observer, start_node: StartNode, name: str
 ) -> None:
     changes, reason = BAD_EMBEDDINGS[name]
     node = start_node(QueryNode)
@@ -170,7 +165,7 @@ def test_the_query_answers_a_bad_embedding_with_the_reason(
     latched = observer.publisher(PointCloud2, 'map/descriptors', qos.LATCHED)
     latched(descriptors_message(PlaceRows(places(), MODEL.fingerprint, committed=True), 0))
     send = observer.publisher(PointCloud2, 'embedding', qos.RESULTS)
-    wait_until(lambda: node._query.places == 3)
+    wait_until(lambda: node.stage.places == 3)
     send(embedding_message(embedding(SECOND, **changes), 'radar'))
     send(embedding_message(embedding(2 * SECOND), 'radar'))
     wait_until(lambda: len(outcomes) == 2)
@@ -179,22 +174,22 @@ def test_the_query_answers_a_bad_embedding_with_the_reason(
     assert not isinstance(outcomes[1], Rejection)
 
 
-def test_the_query_refuses_a_model_that_its_thresholds_are_not_of(
-    observer: Observer, start_node: Callable[..., StageNode]
-) -> None:
+def test_the_query_refuses_a_model_that_its_thresholds_are_not_of(observer: Observer, start_node: StartNode) -> None:
     start_node(QueryNode, {'query.model': 'cd' * 32})
     outcomes = observer.collect_outcomes()
     send = observer.publisher(PointCloud2, 'embedding', qos.RESULTS)
     send(embedding_message(embedding(SECOND), 'radar'))
     send(embedding_message(embedding(2 * SECOND, model='cd' * 32), 'radar'))
     wait_until(lambda: len(outcomes) == 2)
-    assert [outcome.reason for outcome in outcomes] == ['wrong_model', 'map_empty']
-    assert 'abababababab' in outcomes[0].detail and 'cdcdcdcdcdcd (query.model)' in outcomes[0].detail
+    other, ours = outcomes
+    assert isinstance(other, Rejection) and isinstance(ours, Rejection)
+    assert (other.reason, ours.reason) == ('wrong_model', 'map_empty')
+    assert 'abababababab' in other.detail and 'cdcdcdcdcdcd (query.model)' in other.detail
 
 
 @pytest.mark.parametrize('node_type', [QueryNode, MapServerNode])
 def test_a_cloud_that_is_no_embedding_is_counted_and_answered(
-    observer: Observer, start_node: Callable[..., StageNode], node_type: type[StageNode]
+    observer: Observer, start_node: StartNode, node_type: type[StageNode]
 ) -> None:
     node = start_node(node_type)
     outcomes = observer.collect_outcomes()
@@ -202,7 +197,9 @@ def test_a_cloud_that_is_no_embedding_is_counted_and_answered(
     send(PointCloud2(height=1, width=5))
     wait_until(lambda: node.status.drops['wrong_fields'] == 1)
     if node_type is QueryNode:
-        assert wait_until(lambda: outcomes)[0].reason == 'invalid_embedding'
+        (outcome,) = wait_until(lambda: outcomes)
+        assert isinstance(outcome, Rejection)
+        assert outcome.reason == 'invalid_embedding'
 
 
 def fix(stamp_ns: int, status: int = NavSatStatus.STATUS_FIX, **changes: float) -> NavSatFix:
@@ -213,7 +210,7 @@ def fix(stamp_ns: int, status: int = NavSatStatus.STATUS_FIX, **changes: float) 
 class Mapping:
     """A map server that receives embeddings and fixes."""
 
-    def __init__(self, observer: Observer, start_node: Callable[..., StageNode], **parameters: Any) -> None:
+    def __init__(self, observer: Observer, start_node: StartNode, **parameters: Any) -> None:
         self.node = start_node(MapServerNode, {'map.autosave_s': 0.0} | parameters)
         self.model = observer.publisher(DiagnosticStatus, 'embedding/model', qos.LATCHED)
         self.embed = observer.publisher(PointCloud2, 'embedding', qos.RESULTS)
@@ -223,15 +220,15 @@ class Mapping:
         connections = Connections(observer.node)
         wait_until(lambda: all(connections.count(topic) for topic in ('map/updates', 'map_server/handled')))
         self.model(model_message(MODEL))
-        wait_until(lambda: self.node._stage.map.model is not None)
+        wait_until(lambda: self.node.stage.map.model is not None)
 
     @property
     def places(self) -> int:
-        return len(self.node._stage.map)
+        return len(self.node.stage.map)
 
 
 @pytest.fixture
-def mapping(observer: Observer, start_node: Callable[..., StageNode]) -> Mapping:
+def mapping(observer: Observer, start_node: StartNode) -> Mapping:
     return Mapping(observer, start_node)
 
 
@@ -262,7 +259,7 @@ def test_a_bad_fix_is_counted_and_never_interpolated_with(mapping: Mapping, bad:
     mapping.embed(embedding_message(embedding(10 * SECOND + 1000), 'radar'))
     mapping.fix(fix(11 * SECOND))
     wait_until(lambda: mapping.places == 1)
-    assert mapping.node._stage.map.places().positions_m[0] == pytest.approx([0.0, 0.0, 0.0], abs=1e-6)
+    assert mapping.node.stage.map.places().positions_m[0] == pytest.approx([0.0, 0.0, 0.0], abs=1e-6)
 
 
 def test_embeddings_of_another_model_never_reach_the_map(mapping: Mapping) -> None:
@@ -282,7 +279,7 @@ def test_another_model_is_refused_once_the_map_has_places(mapping: Mapping) -> N
     wait_until(lambda: mapping.places == 1)
     mapping.model(model_message(ModelInfo('ring_key', 'cd' * 32, 8, {})))
     wait_until(lambda: mapping.node.status.drops['wrong_model'] == 1)
-    assert mapping.node._stage.map.model == MODEL
+    assert mapping.node.stage.map.model == MODEL
 
 
 def test_every_embedding_is_reported_as_handled_and_only_changes_are_updates(mapping: Mapping) -> None:
@@ -299,7 +296,7 @@ def test_every_embedding_is_reported_as_handled_and_only_changes_are_updates(map
     assert [(message.header.stamp.sec, message.width) for message in mapping.updates] == [(1, 1)]
 
 
-def test_odometry_serves_as_position(observer: Observer, start_node: Callable[..., StageNode]) -> None:
+def test_odometry_serves_as_position(observer: Observer, start_node: StartNode) -> None:
     node = start_node(MapServerNode, {'position.source': 'odometry'})
     observer.publisher(DiagnosticStatus, 'embedding/model', qos.LATCHED)(model_message(MODEL))
     pose = observer.publisher(Odometry, 'ground_truth/odometry', qos.POSITIONS)
@@ -312,14 +309,12 @@ def test_odometry_serves_as_position(observer: Observer, start_node: Callable[..
     spoilt.pose.pose.position.y = math.nan
     pose(spoilt)
     embed(embedding_message(embedding(10 * SECOND + SECOND // 4), 'radar'))
-    wait_until(lambda: len(node._stage.map) == 1)
-    assert node._stage.map.places().positions_m[0].tolist() == [5.0, 0.0, 0.0]
+    wait_until(lambda: len(node.stage.map) == 1)
+    assert node.stage.map.places().positions_m[0].tolist() == [5.0, 0.0, 0.0]
     wait_until(lambda: node.status.drops == {'invalid_position': 1})
 
 
-def test_a_model_that_arrives_after_the_first_scans_loses_none(
-    observer: Observer, start_node: Callable[..., StageNode]
-) -> None:
+def test_a_model_that_arrives_after_the_first_scans_loses_none(observer: Observer, start_node: StartNode) -> None:
     node = start_node(MapServerNode)
     send_fix = observer.publisher(NavSatFix, 'gps/fix', qos.POSITIONS)
     embed = observer.publisher(PointCloud2, 'embedding', qos.RESULTS)
@@ -332,5 +327,5 @@ def test_a_model_that_arrives_after_the_first_scans_loses_none(
         embed(embedding_message(embedding(10 * SECOND + i), 'radar'))
     wait_until(lambda: len(handled) == 3)
     observer.publisher(DiagnosticStatus, 'embedding/model', qos.LATCHED)(model_message(MODEL))
-    wait_until(lambda: len(node._stage.map) == 1)
+    wait_until(lambda: len(node.stage.map) == 1)
     assert node.status.drops == {}

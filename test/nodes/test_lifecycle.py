@@ -19,7 +19,7 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
-from live_nodes import WAIT_S, Observer, replay, wait_until
+from live_nodes import WAIT_S, Observer, StartNode, replay, wait_until
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, SetParameters
 from sensor_msgs.msg import Image, NavSatFix, PointCloud2
@@ -58,7 +58,7 @@ def change(observer: Observer, node: str, transition: int) -> bool:
     ('kind', 'name'), [(EncoderNode, 'encoder'), (MapServerNode, 'map_server'), (QueryNode, 'query')]
 )
 def test_without_autostart_a_node_waits_for_its_transitions(
-    observer: Observer, start_node: Callable[..., StageNode], kind: type[StageNode], name: str
+    observer: Observer, start_node: StartNode, kind: type[StageNode], name: str
 ) -> None:
     start_node(kind, {'autostart': False})
     assert state(observer, name) == State.PRIMARY_STATE_UNCONFIGURED
@@ -72,7 +72,7 @@ def test_without_autostart_a_node_waits_for_its_transitions(
 
 
 def test_a_configuration_that_fails_leaves_the_node_unconfigured(
-    observer: Observer, start_node: Callable[..., StageNode], tmp_path: Path
+    observer: Observer, start_node: StartNode, tmp_path: Path
 ) -> None:
     start_node(MapServerNode, {'autostart': False, 'map.path': str(tmp_path / 'no folder' / 'map.db')})
     assert not change(observer, 'map_server', Transition.TRANSITION_CONFIGURE)
@@ -94,7 +94,7 @@ def test_a_node_that_is_composed_ends_with_destroy_node(domain_id: int) -> None:
     subprocess.run([sys.executable, '-c', program], env=environment, check=True, timeout=WAIT_S)
 
 
-def test_the_model_reaches_a_late_subscriber(observer: Observer, start_node: Callable[..., StageNode]) -> None:
+def test_the_model_reaches_a_late_subscriber(observer: Observer, start_node: StartNode) -> None:
     start_node(EncoderNode)
     received = observer.collect(DiagnosticStatus, 'embedding/model', qos.LATCHED)
     model = wait_until(lambda: received)[0]
@@ -118,27 +118,25 @@ def set_parameter(observer: Observer, node: str, name: str, value: ParameterValu
     return observer.call(SetParameters, f'{node}/set_parameters', request).results[0]
 
 
-def test_thresholds_change_at_run_time_within_bounds(observer: Observer, start_node: Callable[..., StageNode]) -> None:
+def test_thresholds_change_at_run_time_within_bounds(observer: Observer, start_node: StartNode) -> None:
     node = start_node(QueryNode)
     level = ParameterValue(type=ParameterType.PARAMETER_INTEGER, integer_value=5)
     assert set_parameter(observer, 'query', 'query.level', level).successful
-    assert node._query.threshold == 1.0
+    assert node.stage.threshold == 1.0
     too_high = ParameterValue(type=ParameterType.PARAMETER_INTEGER, integer_value=11)
     refused = set_parameter(observer, 'query', 'query.level', too_high)
     assert not refused.successful
     assert 'expected at most query.levels = 10, got 11' in refused.reason
-    assert node._query.threshold == 1.0
+    assert node.stage.threshold == 1.0
 
 
-def test_the_map_file_cannot_be_swapped_under_a_running_server(
-    observer: Observer, start_node: Callable[..., StageNode]
-) -> None:
+def test_the_map_file_cannot_be_swapped_under_a_running_server(observer: Observer, start_node: StartNode) -> None:
     start_node(MapServerNode)
     other = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value='other.db')
     assert not set_parameter(observer, 'map_server', 'map.path', other).successful
 
 
-def test_parameters_describe_themselves(observer: Observer, start_node: Callable[..., StageNode]) -> None:
+def test_parameters_describe_themselves(observer: Observer, start_node: StartNode) -> None:
     start_node(MapServerNode)
     request = DescribeParameters.Request(names=['map.match_distance_m'])
     (described,) = observer.call(DescribeParameters, 'map_server/describe_parameters', request).descriptors
@@ -157,7 +155,7 @@ def run_node(name: str, environment: dict[str, str], *arguments: str) -> subproc
         ('map_server_node', ['-p', 'map.path:=/no/such/folder/map.db'], '/no/such/folder'),
         ('map_server_node', ['-p', 'map.match_distance_m:=-1.0'], 'map.match_distance_m: expected at least 0.01 m'),
         ('query_node', ['-p', 'query.map_path:=/no/such/map.db'], '/no/such/map.db'),
-        ('encoder_node', ['-p', 'encoder.name:=variational'], 'encoder.weights: expected a .onnx or .safetensors'),
+        ('encoder_node', ['-p', 'encoder.weights:=missing'], 'encoder.weights: expected a .onnx or .safetensors'),
         ('encoder_node', ['-p', 'radar.profile:=lidar'], 'radar.profile: expected one of auto'),
     ],
 )
@@ -287,7 +285,12 @@ def test_the_encoder_encodes_without_torch(observer: Observer, stack: Callable[.
     assert 'torch' not in mapped
 
 
-def test_a_node_that_was_cycled_searches_the_same_map(observer: Observer, start_node: Callable[..., StageNode]) -> None:
+def wait_for_places(node: QueryNode, count: int) -> None:
+    """Wait until the node searches a map of so many places."""
+    wait_until(lambda: node.stage.places == count)
+
+
+def test_a_node_that_was_cycled_searches_the_same_map(observer: Observer, start_node: StartNode) -> None:
     rows = [Place(i, 1, i, Pose(10.0 * i, 0.0), 0.9, np.full(8, i, np.float32)) for i in range(3)]
     latched = descriptors_message(PlaceRows(PlaceTable.from_places(rows, 8), 'ab' * 32, committed=True), 0)
     node = start_node(QueryNode, {'autostart': False})
@@ -296,7 +299,7 @@ def test_a_node_that_was_cycled_searches_the_same_map(observer: Observer, start_
     for _ in range(2):
         assert change(observer, 'query', Transition.TRANSITION_CONFIGURE)
         assert change(observer, 'query', Transition.TRANSITION_ACTIVATE)
-        wait_until(lambda: node._query.places == 3)
+        wait_for_places(node, 3)
         assert change(observer, 'query', Transition.TRANSITION_DEACTIVATE)
         assert change(observer, 'query', Transition.TRANSITION_CLEANUP)
 
@@ -325,7 +328,7 @@ def test_a_map_that_cannot_be_written_costs_neither_the_node_nor_the_session(
 
 
 def test_a_map_too_large_for_a_message_is_read_from_its_file(
-    observer: Observer, start_node: Callable[..., StageNode], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    observer: Observer, start_node: StartNode, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(map_stage, 'MESSAGE_PLACES', 2)
     path = str(tmp_path / 'map.db')
@@ -337,6 +340,10 @@ def test_a_map_too_large_for_a_message_is_read_from_its_file(
     fix = observer.publisher(NavSatFix, 'gps/fix', qos.POSITIONS)
     updates = observer.collect(PointCloud2, 'map/updates', qos.UPDATES)
     second = 10**9
+
+    def wait_for_updates(count: int) -> None:
+        wait_until(lambda: sum(m.width > 0 for m in updates if m.width < 2) >= count)
+
     for session in range(3):
         assert trigger(observer, 'start_session').success
         start = 100 * (session + 1)
@@ -346,13 +353,12 @@ def test_a_map_too_large_for_a_message_is_read_from_its_file(
             mean = np.full(8, 2.0 * session + i, np.float32)
             embedding = Embedding((start + i) * second, mean, np.ones(8, np.float32), info.fingerprint)
             embed(embedding_message(embedding, 'radar'))
-            wait_until(lambda n=2 * session + i + 1: sum(m.width > 0 for m in updates if m.width < 2) >= n)
+            wait_for_updates(2 * session + i + 1)
         assert trigger(observer, 'end_session').success
-        wait_until(lambda n=2 * (session + 1): query._query.places == n)
+        wait_for_places(query, 2 * (session + 1))
     assert trigger(observer, 'undo_session').success
-    wait_until(lambda: query._query.places == 4)
-    late = start_node(QueryNode, {'query.map_path': path})
-    wait_until(lambda: late._query.places == 4)
+    wait_for_places(query, 4)
+    wait_for_places(start_node(QueryNode, {'query.map_path': path}), 4)
 
 
 def test_misspelt_parameters_and_stray_arguments_are_refused(stack: Callable[..., Stack]) -> None:

@@ -30,7 +30,7 @@ SCANS = 16
 
 @pytest.fixture
 def drives(street_bag: Callable[..., Path]) -> list[tuple[Path, bool]]:
-    """Two mapping sessions and one that only asks, partly spoiled; each an hour after the one before."""
+    """Two mapping sessions and one that only asks, partly degraded; each an hour after the one before."""
     hour_ns = 3600 * 10**9
     start_ns = 1_600_000_000 * 10**9
     return [
@@ -38,7 +38,7 @@ def drives(street_bag: Callable[..., Path]) -> list[tuple[Path, bool]]:
         (street_bag('second', count=SCANS, start_ns=start_ns + hour_ns, lane_m=1.0, noise_seed=1), True),
         (
             street_bag(
-                'third', count=SCANS, start_ns=start_ns + 2 * hour_ns, lane_m=-1.0, noise_seed=2, spoiled=(3, 4, 9)
+                'third', count=SCANS, start_ns=start_ns + 2 * hour_ns, lane_m=-1.0, noise_seed=2, degraded=(3, 4, 9)
             ),
             False,
         ),

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticArray
-from live_nodes import WAIT_S, Observer, wait_until
+from live_nodes import WAIT_S, Observer, StartNode, wait_until
 from sensor_msgs.msg import Image, PointCloud2
 from std_srvs.srv import Trigger
 
@@ -23,7 +23,6 @@ from offradar_ros.lab.live.node_processes import Stack
 from offradar_ros.nodes import encoder_node
 from offradar_ros.nodes.encoder_node import EncoderNode
 from offradar_ros.ros import qos
-from offradar_ros.ros.stage_node import StageNode
 from offradar_ros.ros.stamps import header
 from offradar_ros.types import Embedding, PolarScan
 
@@ -74,7 +73,7 @@ def held(monkeypatch: pytest.MonkeyPatch, observer: Observer) -> Iterator[HeldEn
 class Driven:
     """An encoder node that receives scans at whole seconds."""
 
-    def __init__(self, observer: Observer, start_node: Callable[..., StageNode], **parameters: Any) -> None:
+    def __init__(self, observer: Observer, start_node: StartNode, **parameters: Any) -> None:
         self.node = start_node(EncoderNode, DEEP | parameters)
         self._embeddings = observer.collect(PointCloud2, 'embedding', qos.UPDATES)
         self._send = observer.publisher(Image, 'radar_data/b_scan_image', qos.UPDATES)
@@ -92,7 +91,7 @@ class Driven:
 @pytest.mark.parametrize(('backlog', 'answered'), [(1, [1, 20]), (3, [1, 18, 19, 20])])
 def test_the_newest_scan_is_answered_and_the_overtaken_are_counted(
     observer: Observer,
-    start_node: Callable[..., StageNode],
+    start_node: StartNode,
     held: HeldEncoder,
     backlog: int,
     answered: list[int],
@@ -120,7 +119,7 @@ def test_the_newest_scan_is_answered_and_the_overtaken_are_counted(
 
 
 def test_an_inactive_node_forgets_what_waits_and_answers_what_is_in_hand(
-    observer: Observer, start_node: Callable[..., StageNode], held: HeldEncoder
+    observer: Observer, start_node: StartNode, held: HeldEncoder
 ) -> None:
     driven = Driven(observer, start_node)
     driven.send(1)
@@ -141,7 +140,7 @@ def test_an_inactive_node_forgets_what_waits_and_answers_what_is_in_hand(
 
 
 def test_a_recording_starts_after_the_scans_that_wait(
-    observer: Observer, start_node: Callable[..., StageNode], held: HeldEncoder
+    observer: Observer, start_node: StartNode, held: HeldEncoder
 ) -> None:
     driven = Driven(observer, start_node, **{'encoder.backlog': 10})
     driven.send(7)

@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import array
-from collections.abc import Callable
 
 import numpy as np
-from live_nodes import Observer, wait_until
+from live_nodes import Observer, StartNode, wait_until
 from sensor_msgs.msg import Image, PointCloud2
 
 from offradar_ros.nodes.encoder_node import EncoderNode
 from offradar_ros.ros import qos
 from offradar_ros.ros.embedding_message import embedding_record
-from offradar_ros.ros.stage_node import StageNode
 from offradar_ros.ros.stamps import header
 
 
 def test_the_node_answers_with_an_encoder_of_another_package(
-    own_encoder: str, observer: Observer, start_node: Callable[..., StageNode]
+    own_encoder: str, observer: Observer, start_node: StartNode
 ) -> None:
     node = start_node(EncoderNode, {'encoder.name': own_encoder})
     embeddings = observer.collect(PointCloud2, 'embedding', qos.RESULTS)

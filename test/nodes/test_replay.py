@@ -293,16 +293,11 @@ def test_a_flood_of_positions_loses_no_scan(
 ) -> None:
     """An INS of 200 positions a second, and a map server that is busy when they come."""
     sequence = street(count=8)
-
-    class Flooded(type(sequence)):  # type: ignore[misc]
-        @property
-        def trajectory(self) -> Trajectory:
-            slow = super().trajectory
-            stamps = np.arange(slow.stamps_ns[0] - 4 * 10**9, slow.stamps_ns[-1], 5_000_000)
-            each = [np.interp(stamps, slow.stamps_ns, column) for column in slow.positions.T]
-            return Trajectory(stamps, np.stack(each, axis=1), np.full(len(stamps), np.nan), geodetic=True)
-
-    bag = write_bag(Flooded(count=8), tmp_path / 'flooded')
+    slow = sequence.trajectory
+    stamps = np.arange(slow.stamps_ns[0] - 4 * 10**9, slow.stamps_ns[-1], 5_000_000)
+    each = [np.interp(stamps, slow.stamps_ns, column) for column in slow.positions.T]
+    flood = Trajectory(stamps, np.stack(each, axis=1), np.full(len(stamps), np.nan), geodetic=True)
+    bag = write_bag(sequence.with_trajectory(flood), tmp_path / 'flooded')
     with stack({'map.path': str(tmp_path / 'map.db')}) as nodes:
         nodes.wait_until_ready()
         process = nodes.start('replay_node', [str(bag), '--lockstep', '--session'])

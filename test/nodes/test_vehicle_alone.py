@@ -55,6 +55,10 @@ def test_the_nodes_map_a_scan_and_find_it_again(
 ) -> None:
     scan = street(count=1).scan(0)
     outcomes, handled = observer.collect_outcomes(), observer.collect(Header, 'map_server/handled', qos.UPDATES)
+
+    def wait_for_answers(count: int) -> None:
+        wait_until(lambda: len(outcomes) == len(handled) == count)
+
     parameters = {'map.path': str(tmp_path / 'map.db'), 'map.start_session': True, 'query.delta': 100.0}
     with stack(parameters | encoder, environment=bare) as nodes:
         nodes.wait_until_ready(WAIT_S)
@@ -69,7 +73,7 @@ def test_the_nodes_map_a_scan_and_find_it_again(
             image = Image(header=header(second * SECOND, 'radar'), height=height, width=width, step=width)
             image.encoding, image.data = '8UC1', array.array('B', scan.power.tobytes())
             send(image)
-            wait_until(lambda n=second // 10: len(outcomes) == len(handled) == n)
+            wait_for_answers(second // 10)
             if second == 10:
                 ended = observer.call(Trigger, 'map_server/end_session', Trigger.Request())
                 assert '1 inserted' in ended.message, ended.message

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
@@ -161,8 +162,8 @@ def test_drives_answer_and_map_as_slow_loops_do(
     config = load_config(overrides=VALUES | {'position.source': source, 'query.exclude_current_session': exclude})
     drives: list[tuple[dict[str, Any], bool]] = [
         ({'count': 12}, True),
-        ({'count': 14, 'start_ns': 1_700_000_000 * SECOND, 'noise_seed': 1, 'spoiled': (5,)}, True),
-        ({'count': 12, 'start_ns': 1_800_000_000 * SECOND, 'noise_seed': 2, 'spoiled': (2, 9)}, False),
+        ({'count': 14, 'start_ns': 1_700_000_000 * SECOND, 'noise_seed': 1, 'degraded': (5,)}, True),
+        ({'count': 12, 'start_ns': 1_800_000_000 * SECOND, 'noise_seed': 2, 'degraded': (2, 9)}, False),
     ]
     slow = SlowDrive(config)
     kinds: Counter[str] = Counter()
@@ -330,7 +331,7 @@ def test_a_recording_played_twice_is_answered_twice_and_maps_the_same_places(
                 if raw.topic == FIX:
                     updates += mapping.add_point(stamp, point_from_fix(message))
                     continue
-                encoded = encode.encode(stamp, lambda m=message: scan_from_image(m, RadarConfig()))
+                encoded = encode.encode(stamp, functools.partial(scan_from_image, message, RadarConfig()))
                 assert encoded.problem is None
                 assert encoded.embedding is not None
                 if encoded.restarted:

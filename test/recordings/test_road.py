@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from street_sequence import Repositioned, StreetSequence
 
 from offradar_ros.config import PositionConfig
 from offradar_ros.errors import DataError, RefusedInput
@@ -17,17 +18,13 @@ from offradar_ros.recordings.bags.oxford_folder import write_oxford
 from offradar_ros.recordings.bags.writer import write_bag
 from offradar_ros.recordings.road import Start, open_road, shared_frames, start_of
 
-Street = Callable[..., Any]
+Street = Callable[..., StreetSequence]
 
 
-def moved(street: Street, name: str, **changes: object) -> Any:
+def moved(street: Street, name: str, **changes: Any) -> Repositioned:
     """A drive whose trajectory is changed."""
     drive = street(count=6, name=name)
-
-    class Moved(type(drive)):  # type: ignore[misc]
-        trajectory = dataclasses.replace(drive.trajectory, **changes)
-
-    return Moved(count=6, name=name)
+    return drive.with_trajectory(dataclasses.replace(drive.trajectory, **changes))
 
 
 def test_a_folder_and_a_bag_of_one_street_are_in_one_frame(street: Street, tmp_path: Path) -> None:

@@ -86,11 +86,11 @@ def table(count: int, dimension: int) -> PlaceTable:
                 place_id=int(2**31 + i),
                 session_id=i % 3,
                 stamp_ns=STAMP_NS + i,
-                pose=Pose(*rng.normal(0, 1e4, 3), math.nan if i % 2 else 0.25),
+                pose=Pose(x_m, y_m, z_m, math.nan if i % 2 else 0.25),
                 uncertainty=float(np.float32(rng.random())),
                 mean=rng.normal(size=dimension).astype(np.float32),
             )
-            for i in range(count)
+            for i, (x_m, y_m, z_m) in enumerate(rng.normal(0, 1e4, (count, 3)).tolist())
         ],
         dimension,
     )

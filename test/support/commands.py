@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import cv2
 import pytest
+from street_sequence import StreetSequence
 
 from offradar_ros.cli.main import main
 
@@ -71,7 +72,7 @@ def refused(offradar: Callable[..., Ran]) -> Callable[..., str]:
 
 
 @pytest.fixture
-def radiate_folder(tmp_path: Path, street: Callable[..., object]) -> Path:
+def radiate_folder(tmp_path: Path, street: Callable[..., StreetSequence]) -> Path:
     """Five scans in the layout of RADIATE, with positions a minute late."""
     drive = street(count=5)
     root = tmp_path / 'city_1'

@@ -6,7 +6,7 @@ import os
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
@@ -20,6 +20,7 @@ from offradar_ros.lab.live.spin_thread import SpinThread
 from offradar_ros.ros import qos
 from offradar_ros.ros.connections import Connections
 from offradar_ros.ros.outcome_message import match_record, rejection_record
+from offradar_ros.ros.stage_node import StageNode
 from offradar_ros.types import Match, Outcome
 
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
@@ -31,6 +32,17 @@ ROOMY = {
     'qos_overrides./embedding.subscription.depth': 100,
 }
 """Parameters with which a replay in real time loses no scan, however late a busy machine runs the nodes."""
+
+
+NodeT = TypeVar('NodeT', bound=StageNode)
+
+
+class StartNode(Protocol):
+    """Starts a node within the test: `start_node(EncoderNode, {'radar.profile': 'cts350x'})`, with the ring key."""
+
+    def __call__(self, kind: Callable[..., NodeT], parameters: dict[str, Any] | None = None) -> NodeT:
+        """The node, active unless `autostart` is false."""
+        ...
 
 
 def wait_until(done: Callable[[], Any], timeout_s: float = WAIT_S) -> Any:

@@ -27,7 +27,7 @@ from offradar_ros.types import PolarScan
 def street_drive(index: int, count: int, *, seed: int = 0, degraded: float = 0.4, noise: float = 0.4) -> EmbeddedDrive:
     """Scans 4 m apart; the descriptor is the place's, and noise that grows with a severity that U follows."""
     rng = np.random.default_rng([seed, index])
-    driven_m = 4.0 * np.arange(count)
+    driven_m = 4.0 * np.arange(count, dtype=np.float64)
     bad = rng.random(count) < degraded
     severities = np.where(bad, rng.uniform(0.05, 1.0, count), 0.0)
     kinds = np.where(bad, rng.choice(['blocked', 'flooded'], count), '')

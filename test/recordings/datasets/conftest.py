@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from offradar_ros.radar.navtech_rows import join_rows
 from offradar_ros.types import PolarScan
@@ -21,18 +23,18 @@ def synthetic_scan(stamp_ns: int, bins: int = 3768, rows: int = 400) -> PolarSca
     return PolarScan(
         stamp_ns,
         power,
-        np.arange(rows) * (2 * np.pi / rows),
+        np.arange(rows, dtype=np.float64) * (2 * np.pi / rows),
         0.0432,
         azimuth_stamps_ns=stamp_ns + np.arange(rows, dtype=np.int64) * 625_000,
     )
 
 
-def write_png(path: Path, image: np.ndarray) -> None:
+def write_png(path: Path, image: NDArray[np.uint8]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(cv2.imencode('.png', image, [cv2.IMWRITE_PNG_COMPRESSION, 0])[1].tobytes())
 
 
-def metadata_image(scan: PolarScan, *, microseconds: bool) -> np.ndarray:
+def metadata_image(scan: PolarScan, *, microseconds: bool) -> NDArray[np.uint8]:
     image = join_rows(scan, 5600)
     if microseconds and scan.azimuth_stamps_ns is not None:
         image[:, :8] = (scan.azimuth_stamps_ns // 1000).astype('<i8').reshape(-1, 1).view(np.uint8)
@@ -55,6 +57,6 @@ def oxford_folder(tmp_path: Path) -> Path:
 
 
 @pytest.fixture
-def scan_writers() -> dict[str, Callable[..., object]]:
+def scan_writers() -> dict[str, Callable[..., Any]]:
     """Functions that make scans and write them as files."""
     return {'scan': synthetic_scan, 'png': write_png, 'metadata': metadata_image}

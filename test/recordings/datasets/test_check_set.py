@@ -33,7 +33,8 @@ def drive(name: str, points_m: NDArray[np.float64]) -> ScanPositions:
 
 
 def moved(points_m: NDArray[np.float64], *by_m: float) -> NDArray[np.float64]:
-    return points_m + np.array(by_m)
+    offset_m: NDArray[np.float64] = np.array(by_m)
+    return points_m + offset_m
 
 
 def found(*sequences: ScanPositions) -> list[Finding]:

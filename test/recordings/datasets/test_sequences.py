@@ -11,6 +11,7 @@ import pytest
 from offradar_ros.config import RadarConfig
 from offradar_ros.errors import DataError, RefusedInput
 from offradar_ros.recordings.datasets.registry import LAYOUTS, open_sequence
+from offradar_ros.recordings.datasets.sequence import RecordedSequence
 from offradar_ros.sequence import RadarSequence
 
 START_NS = 1_561_000_444_390_857_630
@@ -27,6 +28,10 @@ def mulran(root: Path, writers: Writers, folder: str, count: int = 3, *, oxford_
     return stamps
 
 
+def name_of_positions(sequence: RecordedSequence) -> str | None:
+    return sequence.trajectory_path.name if sequence.trajectory_path else None
+
+
 def test_oxford(oxford_folder: Path, scan_writers: Writers) -> None:
     for given in (oxford_folder, oxford_folder / 'radar', str(oxford_folder)):
         sequence = open_sequence(given)
@@ -37,9 +42,10 @@ def test_oxford(oxford_folder: Path, scan_writers: Writers) -> None:
         scan = sequence.scan(4)
         made = scan_writers['scan'](int(sequence.stamps_ns[4]))
         assert np.array_equal(scan.power, made.power)
-        assert scan.azimuth_stamps_ns.tolist() == made.azimuth_stamps_ns.tolist()
+        np.testing.assert_array_equal(scan.azimuth_stamps_ns, made.azimuth_stamps_ns)
         assert scan.stamp_ns == sequence.stamps_ns[4]
-        assert len(sequence.trajectory) == 20
+        assert sequence.trajectory is not None
+        assert len(sequence.trajectory.stamps_ns) == 20
         assert sequence.trajectory_path == oxford_folder / 'gps' / 'gps.csv'
 
 
@@ -59,11 +65,11 @@ def write_ins(root: Path, statuses: list[str]) -> None:
 
 def test_the_ins_is_preferred_where_it_covers_the_scans(oxford_folder: Path) -> None:
     write_ins(oxford_folder, ['INS_SOLUTION_GOOD'] * 20)
-    assert open_sequence(oxford_folder).trajectory_path.name == 'ins.csv'
+    assert name_of_positions(open_sequence(oxford_folder)) == 'ins.csv'
     write_ins(oxford_folder, ['INS_SOLUTION_GOOD'] * 3 + ['INS_ALIGNING'] * 17)
-    assert open_sequence(oxford_folder).trajectory_path.name == 'gps.csv'
+    assert name_of_positions(open_sequence(oxford_folder)) == 'gps.csv'
     write_ins(oxford_folder, ['INS_ALIGNING'] * 20)
-    assert open_sequence(oxford_folder).trajectory_path.name == 'gps.csv'
+    assert name_of_positions(open_sequence(oxford_folder)) == 'gps.csv'
 
 
 def test_a_damaged_position_file_is_an_error_only_when_positions_are_asked_for(oxford_folder: Path) -> None:
@@ -94,7 +100,7 @@ def test_mulran_falls_back_to_its_receiver(tmp_path: Path, scan_writers: Writers
     root = tmp_path / 'Riverside01'
     mulran(root, scan_writers, 'sensor_data/radar/polar', oxford_form=False)
     (root / 'sensor_data' / 'gps.csv').write_text(f'{START_NS},36.3,127.3,60' + ',0' * 9 + '\n')
-    assert open_sequence(root).trajectory_path.name == 'gps.csv'
+    assert name_of_positions(open_sequence(root)) == 'gps.csv'
 
 
 def indexed_polar(root: Path, writers: Writers, indices: list[int]) -> None:
@@ -157,6 +163,7 @@ def test_ray_files(tmp_path: Path, scan_writers: Writers, folder: str) -> None:
     scan = sequence.scan(0)
     assert np.array_equal(scan.power, scan_writers['scan'](START_NS, 3360, 400).power)
     assert scan.azimuths_rad == pytest.approx((9 + 14 * np.arange(400)) * 2 * np.pi / 5600)
+    assert scan.azimuth_stamps_ns is not None
     assert scan.azimuth_stamps_ns[-1] == START_NS
 
 
@@ -220,6 +227,7 @@ def test_boreas(tmp_path: Path, scan_writers: Writers) -> None:
     (tmp_path / 'applanix' / 'radar_poses.csv').write_text(f'{header}\n{stamp_us},623425,4848820,154,0.2\n')
     sequence = open_sequence(tmp_path)
     assert (sequence.layout, sequence.stamps_ns.tolist()) == ('boreas', [stamp_us * 1000])
+    assert sequence.trajectory is not None
     assert sequence.trajectory.positions[0] == pytest.approx([43.78, -79.47, 154], abs=0.01)
 
 
@@ -283,7 +291,7 @@ def test_recorded_folders(
     sequence = open_sequence(real_data / folder)
     assert (sequence.layout, len(sequence), sequence.warnings) == (layout, scans, ())
     assert sequence.scan(scans - 1).power.shape == shape
-    assert (sequence.trajectory_path.name if sequence.trajectory_path else None) == positions
+    assert name_of_positions(sequence) == positions
 
 
 def test_both_layouts_of_kaist03_hold_the_same_scans(real_data: Path) -> None:
@@ -291,6 +299,7 @@ def test_both_layouts_of_kaist03_hold_the_same_scans(real_data: Path) -> None:
     columns = open_sequence(real_data / 'mulran_kaist03', 'mulran_polar')
     for k in range(2):
         a, b = rows.scan(k), columns.scan(k)
+        assert a.azimuth_stamps_ns is not None
         assert a.stamp_ns == b.stamp_ns == a.azimuth_stamps_ns[0]
         assert np.array_equal(a.power, b.power)
         # Bare polar does not know the encoder, which starts 7 of 5600 counts after zero.
@@ -324,7 +333,9 @@ def test_mulran_says_what_its_ray_form_means(real_data: Path) -> None:
     sequence = open_sequence(real_data / 'mulran_ray')
     (remark,) = sequence.remarks
     assert remark.startswith('ray without polar_oxford_form: nothing is missing')
-    assert sequence.scan(0).azimuth_stamps_ns[-1] == sequence.stamps_ns[0]
+    row_stamps_ns = sequence.scan(0).azimuth_stamps_ns
+    assert row_stamps_ns is not None
+    assert row_stamps_ns[-1] == sequence.stamps_ns[0]
 
 
 @pytest.mark.parametrize('folder', ['polar', 'polar_oxford_form'])

@@ -1,8 +1,10 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyproj
@@ -40,7 +42,7 @@ def distance_to_square_m(x: float, y: float, side_m: float) -> float:
     away = max(-x, x - side_m), max(-y, y - side_m)
     if max(away) <= 0.0:
         return max(away)
-    return float(np.hypot(*(max(0.0, value) for value in away)))
+    return math.hypot(*(max(0.0, value) for value in away))
 
 
 def test_a_polygon_is_measured_to_its_sides_and_corners() -> None:
@@ -62,7 +64,7 @@ def test_a_region_is_the_union_of_its_shapes() -> None:
     np.testing.assert_array_equal(Region(32630, (near, far), (square,)).outside_m(points), expected)
 
 
-def split(**changes: object) -> Split:
+def split(**changes: Any) -> Split:
     plain = Split('name', 'Title', 'made', ('a',), ('b', 'c'), Region(32630, (Circle(*OXFORD_CENTRE, 200.0),)))
     return dataclasses.replace(plain, **changes)
 
