@@ -7,19 +7,19 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, cast
 
 import numpy as np
 import torch
 
 from offradar_ros.encoders.networks.files import save_network
+from offradar_ros.encoders.networks.network import Network
 from offradar_ros.errors import ModelError
 from offradar_ros.lab.training.batch_norm_statistics import reestimate_batch_norm
 from offradar_ros.lab.training.batches import BatchSampler
 from offradar_ros.lab.training.checkpoint import Progress, load_checkpoint, save_checkpoint
 from offradar_ros.lab.training.config import TrainingConfig
 from offradar_ros.lab.training.images import ImageBatch, image_batches
-from offradar_ros.lab.training.objective import EmbeddingNetwork, Objective, Views
+from offradar_ros.lab.training.objective import Objective, Views
 from offradar_ros.lab.training.parallel import Group
 from offradar_ros.lab.training.run_log import RunLog, draw_curves
 from offradar_ros.lab.training.schedule import learning_rate
@@ -54,7 +54,7 @@ class Loop:
         self._validation = validation
         self._group = group
         layout = torch.channels_last if config.channels_last else torch.contiguous_format
-        self._network = objective.network.to(device=group.device, memory_format=layout)  # type: ignore[call-overload]
+        self._network: Network = objective.network.to(device=group.device, memory_format=layout)  # type: ignore[call-overload]
         self._parameters = list(self._network.parameters())
         self._optimiser = _optimiser(config, self._parameters, group.device)
         self._scaler = torch.amp.GradScaler(group.device.type, enabled=config.precision == 'amp')
@@ -166,14 +166,12 @@ class Loop:
         if not self._validation or self._group.rank:
             return
         self._reestimate_batch_norm()
-        figures = validate(
-            cast(EmbeddingNetwork, self._network), self._validation, self.config.validation, self._group.device
-        )
+        figures = validate(self._network.embed, self._validation, self.config.validation, self._group.device)
         self._validation_log.add(self._step, figures)
         if figures['score'] > self._best[0]:
             self._best = figures['score'], self._step
             figures_text = ', '.join(f'{name} {value:.3f}' for name, value in figures.items())
-            save_network(self.out / BEST, cast(Any, self._network), f'step {self._step}: {figures_text}')
+            save_network(self.out / BEST, self._network, f'step {self._step}: {figures_text}')
 
     def _reestimate_batch_norm(self) -> None:
         steps = range(self._step, self._step + _STATISTICS_BATCHES)
@@ -186,7 +184,7 @@ class Loop:
             score, step = self._best
             progress = Progress(self._step, score, step, self._scaler.state_dict(), unstructure(self.config))
             save_checkpoint(self.out / CHECKPOINT, self._network, self._optimiser, progress)
-            save_network(self.out / LAST, cast(Any, self._network), f'step {self._step}')
+            save_network(self.out / LAST, self._network, f'step {self._step}')
             draw_curves(self.out)
 
     def _restore(self, progress: Progress) -> None:

@@ -5,18 +5,8 @@ from __future__ import annotations
 from typing import NamedTuple, Protocol
 
 import torch
-from torch import nn
 
-from offradar_ros.encoders.network_config import NetworkConfig
-
-
-class EmbeddingNetwork(Protocol):
-    """What the loop needs of an objective's network beside being a `torch.nn.Module`."""
-
-    config: NetworkConfig
-
-    def embed(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Descriptor (N, d) and variance (N, d) of images (N, H, W) uint8, as the encoder made of it gives them."""
+from offradar_ros.encoders.networks.network import Network
 
 
 class Views(NamedTuple):
@@ -35,8 +25,8 @@ class Objective(Protocol):
     """A method's network and its losses."""
 
     @property
-    def network(self) -> nn.Module:
-        """What is trained, and saved: an `EmbeddingNetwork`. All of its parameters go to the optimiser.
+    def network(self) -> Network:
+        """What is trained and saved. All of its parameters go to the optimiser.
 
         The loop moves it to the device and switches it between training and evaluation; what else an objective holds
         (a frozen teacher) it moves by itself, to the device of the images.

@@ -141,7 +141,7 @@ def refine(
                     log.add(number, figures)
                 if check:
                     check()
-        figures = validate(network, validation, config.validation, device) if validation else {}
+        figures = validate(network.embed, validation, config.validation, device) if validation else {}
         if validation:
             validation_log.add(step, figures)
         # Not lower is better: where recall alone is the score, the second stage does not change it.

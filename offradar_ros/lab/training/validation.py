@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -16,10 +16,12 @@ from offradar_ros.lab.evaluation.metrics.auroc import auroc
 from offradar_ros.lab.evaluation.metrics.spearman import spearman
 from offradar_ros.lab.training.config import ValidationConfig
 from offradar_ros.lab.training.images import images_of
-from offradar_ros.lab.training.objective import EmbeddingNetwork
 from offradar_ros.lab.training.searches import searches
 
 _IMAGES_AT_ONCE = 64
+
+Embed = Callable[[torch.Tensor], tuple[torch.Tensor, torch.Tensor]]
+"""`Network.embed`: images (N, H, W) uint8 to means (N, d) and variances (N, d)."""
 
 
 class ValidationDrive(NamedTuple):
@@ -38,7 +40,7 @@ def validation_drives(drives: Sequence[Drive], network: NetworkConfig, threads: 
 
 
 def validate(
-    network: EmbeddingNetwork, drives: Sequence[ValidationDrive], config: ValidationConfig, device: torch.device
+    embed: Embed, drives: Sequence[ValidationDrive], config: ValidationConfig, device: torch.device
 ) -> dict[str, float]:
     """Figures over all ordered pairs of drives of one world, and ``score``, by which checkpoints are chosen.
 
@@ -46,7 +48,7 @@ def validate(
     severity, and U's mean and standard deviation; NaN where a figure is not defined. Where all answers are right, or
     all wrong, there is no AUROC, and the recall takes its place in the score.
     """
-    embedded = [_embed(network, drive.images, device) for drive in drives]
+    embedded = [_embed_all(embed, drive.images, device) for drive in drives]
     searched = searches([drive.drive for drive in drives], [means for means, _ in embedded], config.map_spacing_m)
     if not sum(len(search.queries) for search in searched):
         raise DataError('validation: no scan has a place of another drive within the tolerance')
@@ -69,14 +71,14 @@ def validate(
     return {'score': score, **figures}
 
 
-def _embed(
-    network: EmbeddingNetwork, images: NDArray[np.uint8], device: torch.device
+def _embed_all(
+    embed: Embed, images: NDArray[np.uint8], device: torch.device
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Descriptors (N, d) and U (N,)."""
     means, uncertainties = [], []
     with torch.inference_mode():
         for start in range(0, len(images), _IMAGES_AT_ONCE):
-            mean, variance = network.embed(torch.from_numpy(images[start : start + _IMAGES_AT_ONCE]).to(device))
+            mean, variance = embed(torch.from_numpy(images[start : start + _IMAGES_AT_ONCE]).to(device))
             means.append(mean.double().cpu().numpy())
             uncertainties.append(variance.double().mean(dim=1).cpu().numpy())
     return np.concatenate(means), np.concatenate(uncertainties)

@@ -82,5 +82,6 @@ def test_the_picture_is_drawn(compared: Compared, tmp_path: Path) -> None:
     places = PlaceTable.from_places([Place(1, 1, 0, Pose(5.0, 0.0), 0.9, np.zeros(4, np.float32))], 4)
     draw_map(places, compared, tmp_path / 'map.png')
     picture = cv2.imread(str(tmp_path / 'map.png'))
+    assert picture is not None
     assert picture.shape[0] > 400
     assert len(np.unique(picture.reshape(-1, 3), axis=0)) > 20

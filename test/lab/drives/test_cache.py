@@ -45,7 +45,7 @@ class NoiseDrive:
         if index in self.damaged:
             raise DataError(f'scan {index} is damaged')
         power = np.random.default_rng(index).integers(0, 255, (60, self.bins), np.uint8)
-        azimuths = (np.arange(60) + self.first_azimuth) % 60 * (2 * np.pi / 60)
+        azimuths = np.asarray((np.arange(60) + self.first_azimuth) % 60 * (2 * np.pi / 60), np.float64)
         return PolarScan(index, power, azimuths, self.resolution_m, 0.3)
 
     def open(self) -> Drive:

@@ -40,8 +40,8 @@ def test_the_time_of_all_threads_counts() -> None:
 def test_each_node_has_its_parameters_its_cores_and_its_figures(tmp_path: Path) -> None:
     names = ('encoder_node', 'query_node')
     core = min(os.sched_getaffinity(0))
-    parameters = {'query.delta': 3.0, 'query.level': 10}
-    own = {'query_node': {'query.delta': 1.0}, 'encoder_node': {'encoder.backlog': 2}}
+    parameters: dict[str, object] = {'query.delta': 3.0, 'query.level': 10}
+    own: dict[str, dict[str, object]] = {'query_node': {'query.delta': 1.0}, 'encoder_node': {'encoder.backlog': 2}}
     with Stack(
         tmp_path, DOMAIN, parameters, names=names, own_parameters=own, environment={'GREETING': 'hello'}, cpus={core}
     ) as nodes:

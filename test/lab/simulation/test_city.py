@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from offradar_ros.errors import ConfigError
@@ -16,7 +18,7 @@ from offradar_ros.lab.simulation.world import World
 SMALL = CityPlan(seed=1, blocks=(2, 2), route_m=400.0)
 
 
-def arrays(world: World) -> list[np.ndarray]:
+def arrays(world: World) -> list[NDArray[np.float64]]:
     assert world.route is not None
     return [*dataclasses.astuple(world.reflectors), world.parking, world.route.points_m]
 
@@ -54,8 +56,9 @@ def test_buildings_are_whole() -> None:
 def test_districts_differ_in_what_stands_there() -> None:
     def area(district: District) -> tuple[int, int]:
         seen = make_city(dataclasses.replace(SMALL, districts=(district,))).reflectors
-        solid = np.count_nonzero((seen.wall_through < 0.1) & (seen.wall_powers > 1e4))
-        return solid, np.count_nonzero((seen.scatterer_powers < 10**4.2) & (seen.scatterer_powers > 10**2.4))
+        solid = (seen.wall_through < 0.1) & (seen.wall_powers > 1e4)
+        leaves = (seen.scatterer_powers < 10**4.2) & (seen.scatterer_powers > 10**2.4)
+        return int(solid.sum()), int(leaves.sum())
 
     (dense, _), (_, leaves_of_a_park), (open_, leaves_in_the_open) = (
         area(kind) for kind in (District.DENSE, District.PARK, District.OPEN)
@@ -98,6 +101,6 @@ def test_routes_stay_where_the_city_goes_on_around_them() -> None:
 
 
 @pytest.mark.parametrize('wrong', [{'blocks': (0, 2)}, {'block_m': 3.0}, {'districts': ()}, {'route_m': -1.0}])
-def test_a_plan_outside_its_bounds_is_refused(wrong: dict[str, object]) -> None:
+def test_a_plan_outside_its_bounds_is_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(ConfigError, match='of a city: expected'):
         CityPlan(**wrong)

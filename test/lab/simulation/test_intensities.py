@@ -1,5 +1,9 @@
 """Simulated power against recorded power."""
 
+from __future__ import annotations
+
+from pathlib import Path
+
 import numpy as np
 
 from offradar_ros.lab.simulation.city import CityPlan, District, make_city
@@ -9,7 +13,7 @@ from offradar_ros.lab.simulation.session_plan import SessionPlan
 from offradar_ros.radar.png import read_gray_png
 
 
-def test_a_simulated_town_returns_about_as_much_as_a_recorded_city(real_data):
+def test_a_simulated_town_returns_about_as_much_as_a_recorded_city(real_data: Path) -> None:
     """Median and upper quantiles within 8 half decibels (4 dB), at the recorded sensor's size."""
     file = sorted((real_data / 'oxford_tiny' / 'radar').glob('*.png'))[0]
     recorded = read_gray_png(file, max_bytes=2**24)[:, 11:]

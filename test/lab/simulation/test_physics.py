@@ -1,5 +1,7 @@
 """Radars drawn for training and those held out of it."""
 
+from __future__ import annotations
+
 import dataclasses
 
 import pytest
@@ -8,21 +10,18 @@ from offradar_ros.lab.simulation.physics import (
     HELD_OUT_RANGES,
     NOMINAL_PHYSICS,
     TRAINED_RANGES,
+    RadarPhysics,
     SpeckleLaw,
     draw_physics,
     held_out_physics,
 )
 
 
-def numbers(physics):
-    return {name: value for name, value in vars_of(physics).items() if isinstance(value, float)}
+def numbers(physics: RadarPhysics) -> dict[str, float]:
+    return {name: value for name, value in dataclasses.asdict(physics).items() if isinstance(value, float)}
 
 
-def vars_of(physics):
-    return {field.name: getattr(physics, field.name) for field in dataclasses.fields(physics)}
-
-
-def test_every_number_is_drawn_and_the_nominal_radar_is_among_the_drawn():
+def test_every_number_is_drawn_and_the_nominal_radar_is_among_the_drawn() -> None:
     assert set(TRAINED_RANGES) | {'ceiling'} == set(numbers(NOMINAL_PHYSICS))
     for name, (low, high) in TRAINED_RANGES.items():
         assert low < high
@@ -30,12 +29,12 @@ def test_every_number_is_drawn_and_the_nominal_radar_is_among_the_drawn():
     assert NOMINAL_PHYSICS.speckle is SpeckleLaw.RAYLEIGH
 
 
-def test_a_seed_draws_one_radar():
+def test_a_seed_draws_one_radar() -> None:
     assert draw_physics(3) == draw_physics(3) != draw_physics(4)
     assert held_out_physics(3) == held_out_physics(3) != held_out_physics(4)
 
 
-def test_draws_keep_to_their_ranges_and_fill_them():
+def test_draws_keep_to_their_ranges_and_fill_them() -> None:
     drawn = [draw_physics(seed) for seed in range(200)]
     for name, (low, high) in TRAINED_RANGES.items():
         values = [getattr(physics, name) for physics in drawn]
@@ -45,12 +44,12 @@ def test_draws_keep_to_their_ranges_and_fill_them():
 
 
 @pytest.mark.parametrize('name', sorted(HELD_OUT_RANGES))
-def test_held_out_ranges_and_ranges_of_training_do_not_meet(name):
+def test_held_out_ranges_and_ranges_of_training_do_not_meet(name: str) -> None:
     (low, high), (held_low, held_high) = TRAINED_RANGES[name], HELD_OUT_RANGES[name]
     assert held_low > high or held_high < low
 
 
-def test_no_held_out_radar_can_be_drawn_for_training():
+def test_no_held_out_radar_can_be_drawn_for_training() -> None:
     for seed in range(100):
         trained, held_out = draw_physics(seed), held_out_physics(seed)
         assert trained.speckle is SpeckleLaw.RAYLEIGH is not held_out.speckle

@@ -1,16 +1,23 @@
 """The simulated radar against geometry worked out one ray at a time."""
 
+from __future__ import annotations
+
 import dataclasses
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike, NDArray
 
-from offradar_ros.lab.simulation.physics import NOMINAL_PHYSICS, draw_physics, held_out_physics
+from offradar_ros.lab.simulation.physics import NOMINAL_PHYSICS, RadarPhysics, draw_physics, held_out_physics
 from offradar_ros.lab.simulation.radar_model import RadarModel
 from offradar_ros.lab.simulation.reflectors import THROUGH, Reflectors
 from offradar_ros.lab.simulation.sensor import TRAINING_SENSOR, SimulatedSensor
-from offradar_ros.lab.simulation.weather import Weather
+from offradar_ros.lab.simulation.weather import CLEAR, Weather
+
+Array = NDArray[np.float64]
+Point = tuple[float, float]
 
 # A radar that shows geometry: nothing on the ground, even walls, no multipath, a receiver that does not saturate.
 PLAIN = dataclasses.replace(
@@ -31,28 +38,41 @@ SENSOR = SimulatedSensor(azimuths=360, range_bins=400, range_resolution_m=0.25)
 NO_WALLS, NO_POINTS = np.empty((0, 2, 2)), np.empty((0, 2))
 
 
-def seen(walls=NO_WALLS, points=NO_POINTS, wall_power=1e6, point_power=1e6, through=THROUGH) -> Reflectors:
-    walls, points = np.asarray(walls, float), np.asarray(points, float)
+def seen(
+    walls: ArrayLike = NO_WALLS,
+    points: ArrayLike = NO_POINTS,
+    wall_power: float = 1e6,
+    point_power: float = 1e6,
+    through: float = THROUGH,
+) -> Reflectors:
+    walls_m, points_m = np.asarray(walls, float), np.asarray(points, float)
     return Reflectors(
-        walls,
-        np.full(len(walls), wall_power),
-        np.full(len(walls), through),
-        points,
-        np.full(len(points), point_power),
+        walls_m,
+        np.full(len(walls_m), wall_power),
+        np.full(len(walls_m), through),
+        points_m,
+        np.full(len(points_m), point_power),
     )
 
 
-def still(x=0.0, y=0.0, heading=0.0, azimuths=360):
+def still(x: float = 0.0, y: float = 0.0, heading: float = 0.0, azimuths: int = 360) -> Array:
     return np.tile([x, y, heading], (azimuths, 1))
 
 
-def render(reflectors, poses, sensor=SENSOR, seed=0, physics=PLAIN, **model):
-    return RadarModel(sensor, physics, **model).render(reflectors, poses, np.random.default_rng(seed))
+def render(
+    reflectors: Reflectors,
+    poses: Array,
+    sensor: SimulatedSensor = SENSOR,
+    seed: int = 0,
+    physics: RadarPhysics = PLAIN,
+    weather: Weather = CLEAR,
+) -> NDArray[np.uint8]:
+    return RadarModel(sensor, physics, weather).render(reflectors, poses, np.random.default_rng(seed))
 
 
 @pytest.mark.parametrize('heading', [0.0, 0.5, -2.0, 7.0])
 @pytest.mark.parametrize('bearing_deg', [0, 45, 90, 200, 359])
-def test_a_point_is_seen_clockwise_from_forward_at_its_range(heading, bearing_deg):
+def test_a_point_is_seen_clockwise_from_forward_at_its_range(heading: float, bearing_deg: int) -> None:
     world_angle = heading - math.radians(bearing_deg)
     point = (5.0 + 40.0 * math.cos(world_angle), -3.0 + 40.0 * math.sin(world_angle))
     power = render(seen(points=[point]), still(5.0, -3.0, heading))
@@ -61,7 +81,7 @@ def test_a_point_is_seen_clockwise_from_forward_at_its_range(heading, bearing_de
     assert (column + 20.5) * 0.25 == pytest.approx(40.0, abs=0.6)
 
 
-def test_walls_against_one_ray_at_a_time():
+def test_walls_against_one_ray_at_a_time() -> None:
     walls = [((20.0, -30.0), (25.0, 40.0)), ((-40.0, 10.0), (10.0, 60.0)), ((-15.0, -50.0), (-15.0, 5.0))]
     power = render(seen(walls=walls), still(1.0, 2.0, 0.3))
     misses = 0
@@ -74,10 +94,10 @@ def test_walls_against_one_ray_at_a_time():
     assert misses <= 6
 
 
-def first_hit(origin, angle, wall):
+def first_hit(origin: Point, angle: float, wall: tuple[Point, Point]) -> float | None:
     """Range at which a ray meets a wall, by walking along the wall."""
     (x1, y1), (x2, y2) = wall
-    previous = None
+    previous: float | None = None
     for step in range(2001):
         x = x1 + (x2 - x1) * step / 2000 - origin[0]
         y = y1 + (y2 - y1) * step / 2000 - origin[1]
@@ -89,7 +109,7 @@ def first_hit(origin, angle, wall):
     return None
 
 
-def test_a_wall_hides_what_is_behind_it():
+def test_a_wall_hides_what_is_behind_it() -> None:
     behind = (30.0, 0.0)
     wall = ((15.0, -5.0), (15.0, 5.0))
     around = slice(int(28 / 0.25), int(32 / 0.25))
@@ -99,13 +119,13 @@ def test_a_wall_hides_what_is_behind_it():
     assert open_view - hidden == pytest.approx(21.6, abs=5.0)
 
 
-def test_a_wall_seen_aslant_returns_less():
+def test_a_wall_seen_aslant_returns_less() -> None:
     face_on = render(seen([((20.0, -8.0), (20.0, 8.0))]), still())[0]
     aslant = render(seen([((12.0, -8.0), (28.0, 8.0))]), still())[0]
     assert face_on.max() > aslant.max() + 5
 
 
-def test_the_radar_moves_while_it_turns():
+def test_the_radar_moves_while_it_turns() -> None:
     """A point abeam on the right is looked at after a quarter of the rotation, on the left after three quarters."""
     poses = still()
     poses[:, 0] = np.linspace(0.0, 8.0, 360)
@@ -115,7 +135,7 @@ def test_the_radar_moves_while_it_turns():
         assert abs(np.argmax(around.max(axis=1)) - 4) <= 1
 
 
-def test_turning_on_the_spot_rolls_the_rows():
+def test_turning_on_the_spot_rolls_the_rows() -> None:
     points = [(20.0, 5.0), (-30.0, 12.0), (3.0, -44.0)]
     before = render(seen(points=points), still()).astype(float)
     after = render(seen(points=points), still(heading=math.radians(30.0))).astype(float)
@@ -127,7 +147,7 @@ def test_turning_on_the_spot_rolls_the_rows():
 
 @pytest.mark.parametrize('whole_powers', [True, False])
 @pytest.mark.parametrize('noise_db', [2.0, 6.0])
-def test_with_nothing_to_see_there_is_noise_as_strong_as_asked(noise_db, whole_powers):
+def test_with_nothing_to_see_there_is_noise_as_strong_as_asked(noise_db: float, whole_powers: bool) -> None:
     physics = dataclasses.replace(PLAIN, noise_db=noise_db, gain_db=3.0, whole_powers=whole_powers)
     far = render(seen(), still(), physics=physics)[:, 300:].astype(float)
     drawn = np.random.default_rng(1).exponential(10 ** ((noise_db + 3.0) / 10), 100_000)
@@ -144,7 +164,7 @@ def test_with_nothing_to_see_there_is_noise_as_strong_as_asked(noise_db, whole_p
         SimulatedSensor(azimuths=64, range_bins=50, range_resolution_m=2.0),
     ],
 )
-def test_any_sensor_gives_scans_of_its_size(sensor):
+def test_any_sensor_gives_scans_of_its_size(sensor: SimulatedSensor) -> None:
     power = render(seen([((20.0, -30.0), (20.0, 30.0))]), still(azimuths=sensor.azimuths), sensor)
     assert power.shape == (sensor.azimuths, sensor.range_bins) and power.dtype == np.uint8
     skip = int(4.0 / sensor.range_resolution_m)
@@ -152,14 +172,13 @@ def test_any_sensor_gives_scans_of_its_size(sensor):
     assert found == pytest.approx(20.0, abs=max(0.8, 2 * sensor.range_resolution_m))
 
 
-def ranges_of(row, above):
+def ranges_of(row: NDArray[np.uint8], above: int) -> list[float]:
     """Metres of a row's local maxima that are stronger than `above`."""
-    row = row.astype(int)
     peaks = [k for k in range(20, len(row) - 2) if row[k] > above and row[k] == row[k - 4 : k + 5].max()]
     return [(k + 0.5) * 0.25 for k in peaks]
 
 
-def test_a_wall_met_face_on_returns_again_at_twice_and_three_times_its_range():
+def test_a_wall_met_face_on_returns_again_at_twice_and_three_times_its_range() -> None:
     physics = dataclasses.replace(PLAIN, ghost_db=-15.0)
     power = render(seen([((20.0, -8.0), (20.0, 8.0))]), still(), physics=physics)
     found = ranges_of(power[0], above=30)
@@ -169,7 +188,7 @@ def test_a_wall_met_face_on_returns_again_at_twice_and_three_times_its_range():
     assert levels[0] > levels[1] > levels[2]
 
 
-def test_a_wall_mirrors_what_stands_in_front_of_it():
+def test_a_wall_mirrors_what_stands_in_front_of_it() -> None:
     physics = dataclasses.replace(PLAIN, ghost_db=-10.0)
     wall, pole = ((20.0, -30.0), (20.0, 30.0)), (8.0, 9.0)
     # Its image stands at x = 32, as far behind the wall as the pole is in front.
@@ -180,13 +199,13 @@ def test_a_wall_mirrors_what_stands_in_front_of_it():
     assert mirrored > render(seen([wall]), still(), physics=physics)[around].max() + 20
 
 
-def test_strong_returns_lift_the_noise_of_their_azimuth():
+def test_strong_returns_lift_the_noise_of_their_azimuth() -> None:
     physics = dataclasses.replace(PLAIN, streak_db=-50.0)
     power = render(seen(points=[(20.0, 0.0)], point_power=1e8), still(), physics=physics).astype(float)
     assert power[0, 300:].mean() > power[180, 300:].mean() + 10
 
 
-def test_the_recorded_byte_saturates_softly():
+def test_the_recorded_byte_saturates_softly() -> None:
     levels = [
         render(
             seen(points=[(20.0, 0.0)], point_power=10.0**decades),
@@ -198,7 +217,7 @@ def test_the_recorded_byte_saturates_softly():
     assert levels[0] < 120 and levels == sorted(levels) and levels[-1] <= 140
 
 
-def test_the_ground_returns_in_patches_that_stay_in_the_world():
+def test_the_ground_returns_in_patches_that_stay_in_the_world() -> None:
     physics = dataclasses.replace(PLAIN, ground_db=20.0, ground_patch_db=8.0)
     smooth = [
         render(seen(), still(x, heading=heading), seed=seed, physics=physics)[:, 60:300].astype(float)
@@ -212,13 +231,13 @@ def test_the_ground_returns_in_patches_that_stay_in_the_world():
     assert turned > elsewhere + 0.2
 
 
-def test_walls_shadow_the_ground():
+def test_walls_shadow_the_ground() -> None:
     physics = dataclasses.replace(PLAIN, ground_db=25.0, ground_patch_db=0.0)
     power = render(seen([((20.0, -300.0), (20.0, 300.0))], through=0.0), still(), physics=physics).astype(float)
     assert power[0, 200:].mean() < power[180, 200:].mean() - 20
 
 
-def test_the_same_wall_is_bright_in_the_same_places_from_elsewhere():
+def test_the_same_wall_is_bright_in_the_same_places_from_elsewhere() -> None:
     physics = dataclasses.replace(PLAIN, lump_exponent=2.0, specular_db=-40.0)
     wall = [((30.0, -60.0), (30.0, 60.0))]
     profiles = []
@@ -231,7 +250,7 @@ def test_the_same_wall_is_bright_in_the_same_places_from_elsewhere():
     assert np.corrcoef(profiles)[0, 1] > 0.5
 
 
-def test_rain_takes_more_from_far_returns_and_glows_near_the_radar():
+def test_rain_takes_more_from_far_returns_and_glows_near_the_radar() -> None:
     points = [(15.0, 0.0), (0.0, -90.0)]
     heavy = Weather(rain_mm_h=150.0)
     sensor = dataclasses.replace(SENSOR, range_bins=400)
@@ -249,7 +268,7 @@ def test_rain_takes_more_from_far_returns_and_glows_near_the_radar():
     assert rain[180, 10:20].mean() > clear[180, 10:20].mean() + 5
 
 
-def test_a_seed_gives_the_same_bytes():
+def test_a_seed_gives_the_same_bytes() -> None:
     reflectors = seen([((20.0, -30.0), (25.0, 40.0))], [(10.0, 3.0)])
     for physics in (NOMINAL_PHYSICS, held_out_physics(1)):
         one, same, other = (render(reflectors, still(), seed=s, physics=physics).tobytes() for s in (1, 1, 2))
@@ -257,7 +276,7 @@ def test_a_seed_gives_the_same_bytes():
 
 
 @pytest.mark.parametrize('draw', [draw_physics, held_out_physics])
-def test_whatever_physics_is_drawn_the_scan_shows_the_world(draw):
+def test_whatever_physics_is_drawn_the_scan_shows_the_world(draw: Callable[[int], RadarPhysics]) -> None:
     """Bytes neither all dark nor all bright, and walls and poles above what is behind the radar."""
     reflectors = seen([((20.0, -15.0), (20.0, 15.0)), ((8.0, -30.0), (16.0, -30.0))], [(12.0, 14.0), (30.0, 40.0)])
     for seed in range(12):

@@ -1,20 +1,26 @@
 """Rays and walls, against every ray tried on every wall."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
+from numpy.typing import ArrayLike, NDArray
 
 from offradar_ros.lab.simulation.rays import DEPTH, cast_rays
 from offradar_ros.lab.simulation.reflectors import Reflectors
 
 AZIMUTHS = 90
+Array = NDArray[np.float64]
 
 
-def reflectors(walls, through):
+def reflectors(walls: ArrayLike, through: Sequence[float] | Array) -> Reflectors:
     empty = np.empty((0, 2))
-    return Reflectors(np.asarray(walls, float), np.ones(len(walls)), np.asarray(through, float), empty, np.empty(0))
+    return Reflectors(np.asarray(walls, float), np.ones(len(through)), np.asarray(through, float), empty, np.empty(0))
 
 
-def tried(walls, poses, max_range_m):
+def tried(walls: Array, poses: Array, max_range_m: float) -> list[tuple[int, int, float]]:
     """Rows, walls and ranges of all meetings, one ray and one wall at a time, by solving for the crossing."""
     found = []
     for row, (x, y, heading) in enumerate(poses):
@@ -24,12 +30,12 @@ def tried(walls, poses, max_range_m):
             if abs(np.linalg.det(matrix)) > 1e-12:
                 range_m, fraction = np.linalg.solve(matrix, (x1 - x, y1 - y))
                 if 0.5 < range_m < max_range_m and 0.0 <= fraction <= 1.0:
-                    found.append((row, wall, range_m))
+                    found.append((row, wall, float(range_m)))
     return found
 
 
 @pytest.mark.parametrize('seed', range(8))
-def test_every_meeting_is_found_wherever_the_radar_moves(seed):
+def test_every_meeting_is_found_wherever_the_radar_moves(seed: int) -> None:
     rng = np.random.default_rng(seed)
     middles, headings = rng.uniform(-40.0, 40.0, (30, 2)), rng.uniform(0.0, np.pi, 30)
     half = rng.uniform(1.0, 25.0, 30)[:, None] * np.stack([np.cos(headings), np.sin(headings)], axis=1)
@@ -47,7 +53,7 @@ def test_every_meeting_is_found_wherever_the_radar_moves(seed):
         np.testing.assert_allclose(hits.range_m[hits.rows == row], of_row[:DEPTH])
 
 
-def test_each_wall_takes_its_share():
+def test_each_wall_takes_its_share() -> None:
     walls = [((x, -5.0), (x, 5.0)) for x in (10.0, 20.0, 30.0)]
     hits = cast_rays(reflectors(walls, [0.5, 0.1, 0.9]), np.zeros((AZIMUTHS, 3)), 100.0)
     ahead = hits.rows == 0
@@ -62,12 +68,12 @@ def test_each_wall_takes_its_share():
     np.testing.assert_allclose(squared.left[ahead], [1.0, 0.25, 0.0025])
 
 
-def test_nothing_to_meet():
+def test_nothing_to_meet() -> None:
     hits = cast_rays(reflectors(np.empty((0, 2, 2)), []), np.zeros((AZIMUTHS, 3)), 50.0)
     assert not len(hits.rows) and np.all(np.isinf(hits.fronts_m)) and np.all(hits.left_behind == 1.0)
 
 
-def test_within_keeps_all_that_may_be_nearer():
+def test_within_keeps_all_that_may_be_nearer() -> None:
     rng = np.random.default_rng(3)
     walls = rng.uniform(-100.0, 100.0, (400, 2, 2))
     points = rng.uniform(-100.0, 100.0, (400, 2))

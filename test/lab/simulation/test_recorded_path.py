@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from offradar_ros.errors import DataError
 from offradar_ros.lab.simulation.city import CityPlan, make_city
@@ -19,8 +20,10 @@ from offradar_ros.lab.simulation.sensor import SimulatedSensor
 from offradar_ros.lab.simulation.sequence import SimulatedSequence
 from offradar_ros.lab.simulation.session_plan import SessionPlan
 
+Array = NDArray[np.float64]
 
-def write_tum(path: Path, seconds: np.ndarray, poses: np.ndarray) -> Path:
+
+def write_tum(path: Path, seconds: Array, poses: Array) -> Path:
     lines = [
         f'{t:.6f} {x:.6f} {y:.6f} 0 0 0 {math.sin(yaw / 2):.9f} {math.cos(yaw / 2):.9f}'
         for t, (x, y, yaw) in zip(seconds.tolist(), poses.tolist(), strict=True)
@@ -42,7 +45,7 @@ def write_tum(path: Path, seconds: np.ndarray, poses: np.ndarray) -> Path:
 def test_a_drive_is_read_as_it_was_written(
     tmp_path_factory: pytest.TempPathFactory, rows: list[tuple[float, ...]]
 ) -> None:
-    table = np.array(rows)
+    table = np.array(rows, np.float64)
     seconds = np.cumsum(table[:, 0])
     path = load_tum(write_tum(tmp_path_factory.mktemp('tum') / 'drive.tum', seconds, table[:, 1:]))
     np.testing.assert_allclose(path.seconds, seconds - seconds[0], atol=2e-6)
@@ -94,7 +97,7 @@ def test_a_city_may_be_driven_along_it(path: RecordedPath) -> None:
     moved = RecordedPath(path.seconds, np.column_stack([city.route.at(30.0 + path.poses[:, 0])]))
     sequence = SimulatedSequence(city, SessionPlan(path=moved, scans=moved.scans()), SimulatedSensor(100, 100, 1.0))
     np.testing.assert_allclose(sequence.poses[:19], np.tile(start, (19, 1)), atol=1e-9)
-    np.testing.assert_allclose(sequence.poses, moved.at(0.125 + 0.25 * np.arange(80)), atol=1e-9)
+    np.testing.assert_allclose(sequence.poses, moved.at(0.125 + 0.25 * np.arange(80.0)), atol=1e-9)
     assert sequence.scan(40).power.max() > 40
 
 

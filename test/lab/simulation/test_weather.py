@@ -1,18 +1,23 @@
 """Weather against sums over drops."""
 
+from __future__ import annotations
+
 import math
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from offradar_ros.lab.simulation.weather import CLEAR, Weather
+
+Array = NDArray[np.float64]
 
 WAVELENGTH_MM = 299.792458 / 77.0
 WATER = complex(3.356, 1.908)
 """Refractive index of water at 77 GHz and 10 °C, from the double Debye permittivity of Recommendation ITU-R P.840."""
 
 
-def mie(size, index):
+def mie(size: float, index: complex) -> tuple[float, float]:
     """Efficiencies of extinction and of backscatter of a sphere of `size` = π diameter / wavelength."""
     terms = int(size + 4 * size ** (1 / 3) + 2)
     logarithmic = np.zeros(max(terms, int(abs(index * size))) + 17, complex)
@@ -34,7 +39,7 @@ def mie(size, index):
     return 2 / size**2 * extinction, abs(backward) ** 2 / size**2
 
 
-def summed(numbers, diameters_mm, index):
+def summed(numbers: Array, diameters_mm: Array, index: complex) -> tuple[float, float]:
     """Decibels a kilometre and m² a m³, of drops in numbers a m³ and millimetre."""
     step = diameters_mm[1] - diameters_mm[0]
     extinction = backward = 0.0
@@ -46,15 +51,15 @@ def summed(numbers, diameters_mm, index):
     return 10.0 * math.log10(math.e) * 1000.0 * extinction, backward
 
 
-def eta_of(weather):
+def eta_of(weather: Weather) -> float:
     """m² a m³ behind the backscatter at 10 m, from the cell's volume and 45 dB for a square metre."""
     volume_m3 = math.pi / 4 * 0.0314 * 0.06 * 100.0 * 0.175
     at_10_m = weather.backscatter(np.array([10.0]))[0] / weather.left(np.array([10.0]))[0]
-    return at_10_m / volume_m3 / 10**4.5
+    return float(at_10_m / volume_m3 / 10**4.5)
 
 
 @pytest.mark.parametrize('rain_mm_h', [2.0, 10.0, 40.0])
-def test_rain_against_marshall_and_palmers_drops(rain_mm_h):
+def test_rain_against_marshall_and_palmers_drops(rain_mm_h: float) -> None:
     diameters = np.arange(0.05, 7.0, 0.1)
     decibels, eta = summed(8000 * np.exp(-4.1 * rain_mm_h**-0.21 * diameters), diameters, WATER)
     weather = Weather(rain_mm_h=rain_mm_h)
@@ -63,7 +68,7 @@ def test_rain_against_marshall_and_palmers_drops(rain_mm_h):
 
 
 @pytest.mark.parametrize('snow_mm_h', [0.5, 2.0])
-def test_snow_against_gunn_and_marshalls_flakes(snow_mm_h):
+def test_snow_against_gunn_and_marshalls_flakes(snow_mm_h: float) -> None:
     """Flakes of 0.2 g/cm³: ice in air by Maxwell Garnett's rule."""
     share = 0.2 / 0.917
     ice = share * (3.17 + 0.005j - 1) / (3.17 + 0.005j + 2)
@@ -77,13 +82,13 @@ def test_snow_against_gunn_and_marshalls_flakes(snow_mm_h):
     assert eta_of(weather) == pytest.approx(eta, rel=0.2)
 
 
-def test_power_falls_there_and_back():
+def test_power_falls_there_and_back() -> None:
     weather = Weather(rain_mm_h=25.0)
     ranges = np.array([0.0, 50.0, 100.0])
     np.testing.assert_allclose(-10 * np.log10(weather.left(ranges)), 2 * ranges * weather.attenuation_db_m())
 
 
-def test_clear_air_changes_nothing_and_more_weather_changes_more():
+def test_clear_air_changes_nothing_and_more_weather_changes_more() -> None:
     ranges = np.linspace(1.0, 200.0, 50)
     assert np.all(CLEAR.left(ranges) == 1.0) and np.all(CLEAR.backscatter(ranges) == 0.0)
     for field, values in (('rain_mm_h', (1, 5, 50)), ('snow_mm_h', (0.5, 2, 5)), ('fog_visibility_m', (500, 100, 50))):

@@ -23,7 +23,7 @@ def drive_of(
     kinds: NDArray[np.str_],
     severities: NDArray[np.float64],
 ) -> Drive:
-    azimuths_rad = np.arange(power.shape[1]) * (2 * np.pi / power.shape[1])
+    azimuths_rad = np.linspace(0.0, 2 * np.pi, power.shape[1], endpoint=False)
     return Drive(
         name=name,
         world=world,
@@ -56,7 +56,7 @@ def pattern_drive(
         power[place] = np.minimum(pattern + noise.gamma(1.0, speckle, pattern.shape), 255)
     poses = np.column_stack([spacing_m * np.arange(places), np.full(places, lane_m), np.zeros(places)])
     faults = np.isin(np.arange(places), degraded)
-    return drive_of(name, world, power, poses, np.where(faults, 'flooded', ''), 0.9 * faults)
+    return drive_of(name, world, power, poses, np.where(faults, 'flooded', ''), np.where(faults, 0.9, 0.0))
 
 
 @pytest.fixture(scope='session')

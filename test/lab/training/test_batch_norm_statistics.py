@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import pytest
 
-torch = pytest.importorskip('torch')
+pytest.importorskip('torch')
 
-from torch import nn  # noqa: E402
+import torch
+from torch import nn
 
-from offradar_ros.lab.training.batch_norm_statistics import reestimate_batch_norm  # noqa: E402
+from offradar_ros.lab.training.batch_norm_statistics import reestimate_batch_norm
 
 
 def network() -> nn.Sequential:
@@ -18,14 +19,17 @@ def network() -> nn.Sequential:
 
 def test_statistics_are_means_over_batches_whatever_was_there() -> None:
     net = network()
+    convolution, normalisation, _ = net
+    assert isinstance(normalisation, nn.BatchNorm2d)
+    assert normalisation.running_mean is not None and normalisation.running_var is not None
     batches = [torch.randn(6, 1, 8, 8) * scale + scale for scale in (1.0, 5.0, 20.0)]
-    net[1].running_mean.fill_(99.0)
+    normalisation.running_mean.fill_(99.0)
     reestimate_batch_norm(net, batches)
-    maps = [net[0](batch) for batch in batches]
+    maps = [convolution(batch) for batch in batches]
     mean = torch.stack([m.mean(dim=(0, 2, 3)) for m in maps]).mean(dim=0)
     variance = torch.stack([m.var(dim=(0, 2, 3)) for m in maps]).mean(dim=0)
-    assert torch.allclose(net[1].running_mean, mean, rtol=1e-4, atol=1e-5)
-    assert torch.allclose(net[1].running_var, variance, rtol=1e-4)
+    assert torch.allclose(normalisation.running_mean, mean, rtol=1e-4, atol=1e-5)
+    assert torch.allclose(normalisation.running_var, variance, rtol=1e-4)
 
 
 def test_weights_and_momentum_stay_and_the_network_is_left_in_evaluation() -> None:

@@ -7,13 +7,15 @@ import math
 import numpy as np
 import pytest
 
-torch = pytest.importorskip('torch')
+pytest.importorskip('torch')
 
-from offradar_ros.lab.training.losses.batch_contrast import batch_contrast  # noqa: E402
-from offradar_ros.lab.training.losses.hedged_contrast import hedged_contrast  # noqa: E402
-from offradar_ros.lab.training.losses.nt_xent import nt_xent  # noqa: E402
-from offradar_ros.lab.training.losses.prior_divergence import prior_divergence  # noqa: E402
-from offradar_ros.lab.training.losses.reconstruction import reconstruction_error  # noqa: E402
+import torch
+
+from offradar_ros.lab.training.losses.batch_contrast import batch_contrast
+from offradar_ros.lab.training.losses.hedged_contrast import hedged_contrast
+from offradar_ros.lab.training.losses.nt_xent import nt_xent
+from offradar_ros.lab.training.losses.prior_divergence import prior_divergence
+from offradar_ros.lab.training.losses.reconstruction import reconstruction_error
 
 
 def points(rows: int = 8, dimension: int = 5, seed: int = 0) -> torch.Tensor:
@@ -194,7 +196,7 @@ def test_reconstruction_is_the_sum_that_it_says_and_moves_only_the_decoder(kind:
     ]
     expected = sum(squares) / 96 if kind == 'mse' else sum(map(math.sqrt, squares)) / 3
     assert float(loss.detach()) == pytest.approx(expected, rel=1e-9)
-    loss.backward()
+    torch.autograd.backward(loss)
     assert features.grad is None
     assert decoded.grad is not None
     assert torch.autograd.gradcheck(lambda d: reconstruction_error(d, features, kind), (decoded,))

@@ -12,15 +12,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-torch = pytest.importorskip('torch')
+pytest.importorskip('torch')
 
-from offradar_ros.encoders.network_config import NetworkConfig  # noqa: E402
-from offradar_ros.encoders.networks.files import load_network  # noqa: E402
-from offradar_ros.errors import ModelError  # noqa: E402
-from offradar_ros.lab.drives.drive import Drive  # noqa: E402
-from offradar_ros.lab.training.batches import BatchSampler  # noqa: E402
-from offradar_ros.lab.training.checkpoint import read_progress  # noqa: E402
-from offradar_ros.lab.training.config import (  # noqa: E402
+import torch
+
+from offradar_ros.encoders.network_config import NetworkConfig
+from offradar_ros.encoders.networks.files import load_network
+from offradar_ros.errors import ModelError
+from offradar_ros.lab.drives.drive import Drive
+from offradar_ros.lab.training.batches import BatchSampler
+from offradar_ros.lab.training.checkpoint import read_progress
+from offradar_ros.lab.training.config import (
     BatchConfig,
     ContrastConfig,
     LossConfig,
@@ -28,11 +30,11 @@ from offradar_ros.lab.training.config import (  # noqa: E402
     TrainingConfig,
     ValidationConfig,
 )
-from offradar_ros.lab.training.loop import BEST, CHECKPOINT, LAST, Loop  # noqa: E402
-from offradar_ros.lab.training.objectives import make_objective  # noqa: E402
-from offradar_ros.lab.training.parallel import Group  # noqa: E402
-from offradar_ros.lab.training.run_log import read_log  # noqa: E402
-from offradar_ros.lab.training.validation import validate, validation_drives  # noqa: E402
+from offradar_ros.lab.training.loop import BEST, CHECKPOINT, LAST, Loop
+from offradar_ros.lab.training.objectives import make_objective
+from offradar_ros.lab.training.parallel import Group
+from offradar_ros.lab.training.run_log import read_log
+from offradar_ros.lab.training.validation import validate, validation_drives
 
 MakeDrive = Callable[..., Drive]
 
@@ -113,7 +115,7 @@ def test_a_few_places_are_learnt_by_heart(make_loop: Callable[..., Loop], criter
         steps=60,
     )
     loop = make_loop(config=config, degraded=(), speckle=28.0)
-    before = validate(loop.objective.network.eval(), loop._validation, validation, torch.device('cpu'))
+    before = validate(loop.objective.network.eval().embed, loop._validation, validation, torch.device('cpu'))
     assert before['recall_at_1'] < 1.0
     assert loop.run()
     (after,) = read_log(loop.out / 'validation.jsonl')
@@ -183,7 +185,7 @@ def test_the_best_weights_are_kept(make_loop: Callable[..., Loop]) -> None:
     assert loop.best == (best['score'], best['step'])
     network, header = load_network(loop.out / BEST)
     assert header.description.startswith(f'step {best["step"]}: score {best["score"]:.3f}')
-    again = validate(network, loop._validation, CONFIG.validation, torch.device('cpu'))
+    again = validate(network.embed, loop._validation, CONFIG.validation, torch.device('cpu'))
     assert again['score'] == pytest.approx(best['score'])
 
 
@@ -242,8 +244,6 @@ def test_logs_are_lines_of_json_without_nan(make_loop: Callable[..., Loop]) -> N
 class Oracle:
     """Knows every image's place and writes it as an angle; says U as it is told."""
 
-    config = CONFIG.network
-
     def __init__(self, images: list[np.ndarray], places: list[float], uncertainties: list[float]) -> None:
         self.known = {image.tobytes(): (p, u) for image, p, u in zip(images, places, uncertainties, strict=True)}
 
@@ -262,7 +262,7 @@ def test_validation_counts_what_a_plain_count_counts(make_drive: MakeDrive) -> N
     images = [image for drive in drives for image in drive.images]
     places = [0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 3.4, 3, 4, 6.4, 6, 7]
     uncertainties = [0.5] * 8 + [0.5, 0.5, 2.0, 0.5, 0.5, 0.4, 0.5, 0.5]
-    figures = validate(Oracle(images, places, uncertainties), drives, CONFIG.validation, torch.device('cpu'))
+    figures = validate(Oracle(images, places, uncertainties).embed, drives, CONFIG.validation, torch.device('cpu'))
     # Each way the second and the fifth place go to a neighbour.
     assert figures['recall_at_1'] == pytest.approx(12 / 16)
     assert figures['recall_at_1_clean'] == pytest.approx(12 / 14)

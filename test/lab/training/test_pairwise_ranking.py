@@ -7,9 +7,11 @@ import math
 import numpy as np
 import pytest
 
-torch = pytest.importorskip('torch')
+pytest.importorskip('torch')
 
-from offradar_ros.lab.training.losses.pairwise_ranking import pairwise_ranking  # noqa: E402
+import torch
+
+from offradar_ros.lab.training.losses.pairwise_ranking import pairwise_ranking
 
 
 def slow_pairwise_ranking(uncertainties: list[float], severities: list[float], margin: float) -> float:
@@ -49,7 +51,7 @@ def test_the_right_order_costs_less_than_none_and_the_wrong_one_more() -> None:
 def test_where_no_two_are_known_to_differ_nothing_is_learned(severities: list[float]) -> None:
     u = torch.tensor([0.5, 1.0, 2.0], requires_grad=True)
     loss = pairwise_ranking(u, torch.tensor(severities), 0.1)
-    loss.backward()
+    torch.autograd.backward(loss)
     assert loss.item() == 0.0
     assert u.grad is not None
     assert not u.grad.any()

@@ -6,13 +6,17 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-torch = pytest.importorskip('torch')
+pytest.importorskip('torch')
 
-from offradar_ros.lab.training.objective import Views  # noqa: E402
-from offradar_ros.lab.training.parallel import joined_group  # noqa: E402
+import torch
+from torch import nn
+
+from offradar_ros.lab.training.objective import Views
+from offradar_ros.lab.training.parallel import joined_group
 
 PROJECT = Path(__file__).resolve().parents[3]
 
@@ -22,16 +26,23 @@ class LineObjective:
 
     def __init__(self) -> None:
         torch.manual_seed(3)
-        self.network = torch.nn.Sequential(torch.nn.Linear(4, 3), torch.nn.BatchNorm1d(3))
-        self.network.unused = torch.nn.Linear(2, 2)
+        self.normalisation = nn.BatchNorm1d(3)
+        self.line = nn.Sequential(nn.Linear(4, 3), self.normalisation)
+        # Gradients are averaged over the parameters of any module.
+        self.network: Any = nn.ModuleDict({'line': self.line, 'unused': nn.Linear(2, 2)})
+
+    @property
+    def running_mean(self) -> torch.Tensor:
+        assert self.normalisation.running_mean is not None
+        return self.normalisation.running_mean
 
     def losses(self, views: Views, step: int) -> dict[str, torch.Tensor]:
-        out = self.network[1](self.network[0](views.images))
+        out = self.line(views.images)
         return {'square': out.square().mean() * (step + 1), 'severity': (out[:, 0] * views.severities).mean()}
 
 
-def gradients(network: torch.nn.Module) -> dict[str, torch.Tensor | None]:
-    return {name: None if p.grad is None else p.grad.clone() for name, p in network.named_parameters()}
+def learn(losses: dict[str, torch.Tensor]) -> None:
+    torch.autograd.backward(torch.stack(list(losses.values())).sum())
 
 
 def views_of(rank: int, step: int) -> Views:
@@ -47,22 +58,21 @@ def compare() -> None:
         losses = group.data_parallel(ours)
         for step in range(3):
             if group.rank == 1:
-                ours.network[1].running_mean.fill_(99.0)
+                ours.running_mean.fill_(99.0)
             for objective in (ours, *alone):
                 objective.network.zero_grad(set_to_none=True)
-            sum(losses(views_of(group.rank, step), step).values()).backward()
+            learn(losses(views_of(group.rank, step), step))
             for rank, objective in enumerate(alone):
-                sum(objective.losses(views_of(rank, step), step).values()).backward()
-            first, second = (gradients(objective.network) for objective in alone)
-            for name, found in gradients(ours.network).items():
-                if 'unused' in name:
-                    assert found is None
-                else:
-                    assert torch.allclose(found, (first[name] + second[name]) / 2, rtol=1e-5, atol=1e-7), name
+                learn(objective.losses(views_of(rank, step), step))
+            used = zip(*(objective.line.named_parameters() for objective in (ours, *alone)), strict=True)
+            for (name, found), (_, first), (_, second) in used:
+                assert found.grad is not None and first.grad is not None and second.grad is not None
+                assert torch.allclose(found.grad, (first.grad + second.grad) / 2, rtol=1e-5, atol=1e-7), name
+            assert all(parameter.grad is None for parameter in ours.network['unused'].parameters())
             # Each process starts from the first one's statistics and adds its own batch to them.
-            expected = alone[group.rank].network[1].running_mean
-            assert torch.allclose(ours.network[1].running_mean, expected, rtol=1e-5, atol=1e-7)
-            alone[1].network[1].load_state_dict(alone[0].network[1].state_dict())
+            expected = alone[group.rank].running_mean
+            assert torch.allclose(ours.running_mean, expected, rtol=1e-5, atol=1e-7)
+            alone[1].normalisation.load_state_dict(alone[0].normalisation.state_dict())
         assert group.first_says((1.0 + group.rank, 2.0)) == (1.0, 2.0)
         assert group.any(group.rank == 1)
         assert not group.any(False)

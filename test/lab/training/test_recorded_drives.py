@@ -26,7 +26,7 @@ SMOKE = Path(__file__).resolve().parents[3] / 'params' / 'train' / 'smoke.yaml'
 
 
 @pytest.fixture
-def data_set(tmp_path: Path, street: Callable[..., object]) -> DataConfig:
+def data_set(tmp_path: Path, street: Callable[..., Any]) -> DataConfig:
     """Two of three training sequences, 24 scans 1.25 m apart from west to east, and a region around the 12th scan."""
     for number, name in enumerate(('monday', 'tuesday')):
         write_oxford(street(name=name, lane_m=float(number), noise_seed=number), tmp_path / 'data' / name)
@@ -56,7 +56,7 @@ def test_scans_of_the_region_and_its_buffer_are_left_out(data_set: DataConfig, s
         np.testing.assert_array_equal(drive.open().stamps_ns, street().stamps_ns[expected])
 
 
-def test_sequences_of_a_split_may_be_bags(data_set: DataConfig, street: Callable[..., object]) -> None:
+def test_sequences_of_a_split_may_be_bags(data_set: DataConfig, street: Callable[..., Any]) -> None:
     root = Path(data_set.root)
     write_bag(street(name='sunday', lane_m=1.0), root / 'sunday')
     monday, tuesday, sunday = recorded_drives(data_set)
@@ -78,15 +78,16 @@ def test_without_a_split_there_is_nothing_to_find() -> None:
 
 def test_what_cannot_be_trained_on_is_one_line(data_set: DataConfig, tmp_path: Path) -> None:
     (tmp_path / 'empty').mkdir()
-    for changes, said in (
+    for changes, message in (
         ({'root': ''}, 'key data.root: expected the folder that holds the sequences of split street'),
         ({'root': str(tmp_path / 'nowhere')}, 'nowhere: no such folder: expected the sequences of split street'),
         ({'root': str(tmp_path / 'empty')}, 'none of the 3 training sequences of split street is there'),
         ({'split': 'oxfrod'}, 'oxfrod: expected a YAML file or one of the splits'),
         ({'split': ''}, 'key data.split: expected the split whose sequences are in data.root'),
     ):
-        with pytest.raises((ConfigError, DataError), match=said):
-            training_sequences(DataConfig(**{'split': data_set.split, 'root': data_set.root, **changes}))
+        paths = {'split': data_set.split, 'root': data_set.root, **changes}
+        with pytest.raises((ConfigError, DataError), match=message):
+            training_sequences(DataConfig(split=paths['split'], root=paths['root']))
 
 
 def test_a_sequence_within_the_region_is_an_error(data_set: DataConfig) -> None:

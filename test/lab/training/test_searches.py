@@ -35,7 +35,7 @@ def test_a_margin_is_of_the_nearest_place_and_the_nearest_mistake(make_line: Mak
     search = searches([mapped, driven], descriptors, spacing_m)[0]
     cells = (mapped.poses[:, 0] - mapped.poses[0, 0]) // spacing_m
     places = [i for i in range(40) if i == 0 or cells[i] != cells[i - 1]]
-    queries = []
+    queries: list[int] = []
     for query in range(50):
         away = [float(np.hypot(*(driven.poses[query, :2] - mapped.poses[i, :2]))) for i in places]
         distances = [float(np.sum((descriptors[1][query] - descriptors[0][i]) ** 2)) for i in places]
