@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -28,7 +29,7 @@ class OnnxEncoder(ImageEncoder):
         ConfigError for ``cuda`` where there is none.
         """
         options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = threads
+        options.intra_op_num_threads = threads or _threads_within_affinity()
         options.log_severity_level = WARNINGS_OFF
         # Threads that wait for the next scan would take the other nodes' time, several times what they compute.
         options.add_session_config_entry('session.intra_op.allow_spinning', '0')
@@ -54,6 +55,15 @@ class OnnxEncoder(ImageEncoder):
         found = {node.name: (node.type, list(node.shape[1:])) for node in nodes}
         if found != expected:
             raise ModelError(f'{path}: expected inputs and outputs {expected}, got {found}')
+
+
+def _threads_within_affinity() -> int:
+    """The process's cores where it may not use all of the machine's (``taskset``), else 0.
+
+    With 0, ONNX Runtime binds a thread to each core of the machine, also to those that the process may not use.
+    """
+    cores = len(os.sched_getaffinity(0))
+    return cores if cores < (os.cpu_count() or cores) else 0
 
 
 def _session(path: str, options: Any, providers: Sequence[str], device: str) -> Any:

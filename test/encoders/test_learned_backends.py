@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -118,6 +121,19 @@ def test_batches_and_single_images_give_the_same(encoder: ImageEncoder) -> None:
 def test_threads_do_not_change_the_embedding(small_onnx: Path, street: PolarScan) -> None:
     one, two = OnnxEncoder(small_onnx, threads=1).encode(street), OnnxEncoder(small_onnx).encode(street)
     np.testing.assert_allclose(one.mean, two.mean, rtol=1e-5, atol=1e-7)
+
+
+def test_threads_stay_on_the_cores_of_the_process(small_onnx: Path) -> None:
+    program = f"""
+import os
+os.sched_setaffinity(0, {{min(os.sched_getaffinity(0))}})
+from offradar_ros.encoders.onnx_backend import OnnxEncoder
+encoder = OnnxEncoder({str(small_onnx)!r})
+print({{frozenset(os.sched_getaffinity(int(thread))) for thread in os.listdir('/proc/self/task')}})
+"""
+    done = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip() == str({frozenset({min(os.sched_getaffinity(0))})})
 
 
 @pytest.mark.parametrize('shape', [(0, 0), (0, 300), (400, 0), (400, 300)])
