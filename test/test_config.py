@@ -2,6 +2,8 @@
 
 import dataclasses
 import math
+from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -9,6 +11,7 @@ from hypothesis import strategies as st
 
 from offradar_ros.config import (
     Config,
+    Parameter,
     QueryConfig,
     load_config,
     parameters,
@@ -22,7 +25,7 @@ from offradar_ros.errors import ConfigError
 LEAVES = {leaf.name: leaf for leaf in parameters(Config())}
 
 
-def slowly_allowed(leaf) -> st.SearchStrategy:
+def slowly_allowed(leaf: Parameter) -> st.SearchStrategy[Any]:
     """Any value that the leaf's description says is allowed."""
     bounds = leaf.bounds
     if bounds.choices:
@@ -30,7 +33,7 @@ def slowly_allowed(leaf) -> st.SearchStrategy:
     if isinstance(leaf.value, bool):
         return st.booleans()
     if isinstance(leaf.value, int):
-        return st.integers(int(bounds.minimum), int(bounds.maximum))
+        return st.integers(int(bounds.minimum or 0), int(bounds.maximum or 0))
     if isinstance(leaf.value, float):
         return st.floats(bounds.minimum, bounds.maximum)
     return st.text(st.characters(blacklist_categories=['Cs', 'Cc']), max_size=20)
@@ -42,7 +45,7 @@ allowed = st.lists(st.sampled_from(sorted(LEAVES)), unique=True, max_size=6).fla
 
 
 @pytest.mark.parametrize('name', sorted(LEAVES))
-def test_every_parameter_says_what_it_is_and_its_default_is_allowed(name):
+def test_every_parameter_says_what_it_is_and_its_default_is_allowed(name: str) -> None:
     leaf = LEAVES[name]
     assert len(leaf.bounds.description) > 10 and '\n' not in leaf.bounds.description
     assert leaf.bounds.problem(leaf.value) is None
@@ -54,7 +57,7 @@ def test_every_parameter_says_what_it_is_and_its_default_is_allowed(name):
 
 @settings(max_examples=60, deadline=None)
 @given(allowed)
-def test_python_and_yaml_are_the_same_door(tmp_path_factory, values):
+def test_python_and_yaml_are_the_same_door(tmp_path_factory: pytest.TempPathFactory, values: dict[str, Any]) -> None:
     if values.get('query.level', 10) > values.get('query.levels', 10):
         with pytest.raises(ConfigError, match=r'query\.level: expected at most query\.levels'):
             load_config(overrides=values)
@@ -68,7 +71,7 @@ def test_python_and_yaml_are_the_same_door(tmp_path_factory, values):
     assert path.read_text(encoding='utf-8').startswith('# What was used\n# and why\n/**:')
 
 
-def test_a_file_and_then_overrides(tmp_path):
+def test_a_file_and_then_overrides(tmp_path: Path) -> None:
     path = tmp_path / 'params.yaml'
     path.write_text('map:\n  match_distance_m: 25\n  replace: worst\n')
     config = load_config(path, {'map.replace': 'all'})
@@ -77,7 +80,7 @@ def test_a_file_and_then_overrides(tmp_path):
     assert config.query == QueryConfig()
 
 
-def test_any_node_s_parameters_and_plain_ones_are_read(tmp_path):
+def test_any_node_s_parameters_and_plain_ones_are_read(tmp_path: Path) -> None:
     path = tmp_path / 'params.yaml'
     path.write_text('/**:\n  ros__parameters:\n    map: {replace: all}\nquery.top_k: 3\n/x:\n  ros__parameters:\n')
     assert read_parameters(path) == {'map.replace': 'all', 'query.top_k': 3}
@@ -106,13 +109,13 @@ def test_any_node_s_parameters_and_plain_ones_are_read(tmp_path):
         ({'query.level': 11}, r'query\.level: expected at most query\.levels = 10, got 11'),
     ],
 )
-def test_a_wrong_value_is_named_with_what_was_expected(values, words):
+def test_a_wrong_value_is_named_with_what_was_expected(values: dict[str, Any], words: str) -> None:
     with pytest.raises(ConfigError, match=words) as wrong:
         replace_values(Config(), values)
     assert '\n' not in str(wrong.value)
 
 
-def test_two_values_that_need_each_other_are_set_together():
+def test_two_values_that_need_each_other_are_set_together() -> None:
     config = replace_values(Config(), {'query.level': 50, 'query.levels': 100})
     assert (config.query.level, config.query.levels) == (50, 100)
 
@@ -133,7 +136,7 @@ def test_two_values_that_need_each_other_are_set_together():
         '1: 2',
     ],
 )
-def test_a_file_that_holds_no_parameters_is_named(tmp_path, text):
+def test_a_file_that_holds_no_parameters_is_named(tmp_path: Path, text: str) -> None:
     path = tmp_path / 'params.yaml'
     path.write_text(text)
     with pytest.raises(ConfigError) as wrong:
@@ -142,8 +145,8 @@ def test_a_file_that_holds_no_parameters_is_named(tmp_path, text):
     assert str(path) in str(wrong.value) or 'parameter 1 is unknown' in str(wrong.value)
 
 
-def test_an_unknown_name_is_told_with_the_nearest_known_one():
-    def said(name):
+def test_an_unknown_name_is_told_with_the_nearest_known_one() -> None:
+    def said(name: str) -> str:
         with pytest.raises(ConfigError) as wrong:
             replace_values(Config(), {name: 1})
         return str(wrong.value)
@@ -156,7 +159,7 @@ def test_an_unknown_name_is_told_with_the_nearest_known_one():
     assert said('a\nb').startswith("parameter 'a\\nb' is unknown: ")
 
 
-def test_what_every_node_has_is_passed_over_in_a_file_and_kept_for_nodes(tmp_path):
+def test_what_every_node_has_is_passed_over_in_a_file_and_kept_for_nodes(tmp_path: Path) -> None:
     path = tmp_path / 'params.yaml'
     path.write_text(
         '/**:\n  ros__parameters:\n    use_sim_time: true\n    autostart: false\n    map: {match_distance_m: 7}\n'
@@ -170,7 +173,7 @@ def test_what_every_node_has_is_passed_over_in_a_file_and_kept_for_nodes(tmp_pat
     assert read_parameters(tmp_path / 'again.yaml') == read
 
 
-def test_asking_whether_a_file_can_be_written_changes_nothing(tmp_path):
+def test_asking_whether_a_file_can_be_written_changes_nothing(tmp_path: Path) -> None:
     path = tmp_path / 'params.yaml'
     require_writable(path)
     assert not path.exists()
@@ -184,7 +187,7 @@ def test_asking_whether_a_file_can_be_written_changes_nothing(tmp_path):
 
 @settings(max_examples=150, deadline=None)
 @given(st.binary(max_size=60) | st.text(alphabet='ab:{}[]&*!?-# \n\t\'"0./', max_size=60).map(str.encode))
-def test_any_file_is_read_or_refused(tmp_path_factory, content):
+def test_any_file_is_read_or_refused(tmp_path_factory: pytest.TempPathFactory, content: bytes) -> None:
     path = tmp_path_factory.mktemp('config') / 'params.yaml'
     path.write_bytes(content)
     try:
@@ -193,11 +196,11 @@ def test_any_file_is_read_or_refused(tmp_path_factory, content):
         assert '\n' not in str(wrong)
 
 
-def test_a_missing_file_is_named(tmp_path):
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r'nowhere\.yaml: no such file$'):
         load_config(tmp_path / 'nowhere.yaml')
 
 
-def test_configurations_are_frozen():
+def test_configurations_are_frozen() -> None:
     with pytest.raises(dataclasses.FrozenInstanceError):
-        Config().map.replace = 'all'
+        Config().map.replace = 'all'  # type: ignore[misc]  # what must fail

@@ -3,11 +3,13 @@
 import csv
 import itertools
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from offradar_ros.errors import RefusedInput
 from offradar_ros.geometry import (
@@ -22,6 +24,9 @@ from offradar_ros.geometry import (
 )
 from offradar_ros.types import Pose
 
+Position = tuple[float, float, float]
+"""Latitude°, longitude°, altitude m."""
+
 SEMI_MAJOR_M = 6378137.0
 ECCENTRICITY_SQUARED = (2 - 1 / 298.257223563) / 298.257223563
 
@@ -29,7 +34,7 @@ latitude, longitude, altitude = st.floats(-89.9, 89.9), st.floats(-180.0, 180.0)
 point = st.tuples(latitude, longitude, altitude)
 
 
-def earth_centred(latitude_deg: float, longitude_deg: float, altitude_m: float) -> np.ndarray:
+def earth_centred(latitude_deg: float, longitude_deg: float, altitude_m: float) -> NDArray[np.float64]:
     """x, y, z of a WGS-84 position in metres, by the textbook."""
     phi, lam = math.radians(latitude_deg), math.radians(longitude_deg)
     normal = SEMI_MAJOR_M / math.sqrt(1 - ECCENTRICITY_SQUARED * math.sin(phi) ** 2)
@@ -42,7 +47,7 @@ def earth_centred(latitude_deg: float, longitude_deg: float, altitude_m: float) 
     )
 
 
-def east_north_up(origin, position) -> np.ndarray:
+def east_north_up(origin: Position, position: Position) -> NDArray[np.float64]:
     phi, lam = math.radians(origin[0]), math.radians(origin[1])
     turn = np.array(
         [
@@ -51,13 +56,13 @@ def east_north_up(origin, position) -> np.ndarray:
             [math.cos(phi) * math.cos(lam), math.cos(phi) * math.sin(lam), math.sin(phi)],
         ]
     )
-    return turn @ (earth_centred(*position) - earth_centred(*origin))
+    return np.asarray(turn @ (earth_centred(*position) - earth_centred(*origin)))
 
 
 @settings(max_examples=100, deadline=None)
 @given(point, st.tuples(st.floats(-0.05, 0.05), st.floats(-0.05, 0.05), st.floats(-100, 100)))
-def test_local_frame_against_the_textbook_and_back(origin, offset):
-    position = tuple(a + b for a, b in zip(origin, offset, strict=True))
+def test_local_frame_against_the_textbook_and_back(origin: Position, offset: Position) -> None:
+    position = (origin[0] + offset[0], origin[1] + offset[1], origin[2] + offset[2])
     assume(abs(position[0]) < 90 and abs(position[1]) <= 180)
     frame = LocalFrame(GeoPoint(*origin))
     enu = frame.to_enu(np.array([position]))
@@ -68,7 +73,7 @@ def test_local_frame_against_the_textbook_and_back(origin, offset):
     assert back[2] == pytest.approx(position[2], abs=1e-4)
 
 
-def test_the_axes_are_east_north_up():
+def test_the_axes_are_east_north_up() -> None:
     frame = LocalFrame(GeoPoint(51.75, -1.25, 60.0))
     enu = frame.to_enu(np.array([(51.75, -1.249, 60.0), (51.751, -1.25, 60.0), (51.75, -1.25, 61.0)]))
     assert [int(np.argmax(row)) for row in enu] == [0, 1, 2]
@@ -76,7 +81,7 @@ def test_the_axes_are_east_north_up():
     assert frame.to_enu(np.empty((0, 3))).shape == (0, 3)
 
 
-def test_an_origin_in_numpy_scalars_is_the_same_origin():
+def test_an_origin_in_numpy_scalars_is_the_same_origin() -> None:
     position = np.array([51.75, -1.25, 60.0])
     np.testing.assert_allclose(LocalFrame(GeoPoint(*position)).to_enu(position[None]), 0.0, atol=1e-6)
 
@@ -84,14 +89,14 @@ def test_an_origin_in_numpy_scalars_is_the_same_origin():
 @pytest.mark.parametrize(
     'values', [(90.1, 0.0), (-91.0, 0.0), (0.0, 180.5), (math.nan, 0.0), (0.0, math.nan), (0.0, 0.0, math.inf)]
 )
-def test_points_off_the_earth_are_refused(values):
+def test_points_off_the_earth_are_refused(values: tuple[float, ...]) -> None:
     with pytest.raises(RefusedInput) as refused:
         GeoPoint(*values)
     assert refused.value.cause == 'invalid_position'
 
 
 @pytest.mark.parametrize('degrees', [0.5, 36.4, 51.76, 80.0])
-def test_utm_on_its_central_meridian_is_the_meridian_s_arc(degrees):
+def test_utm_on_its_central_meridian_is_the_meridian_s_arc(degrees: float) -> None:
     """Easting 500 km, northing 0.9996 times the arc from the equator, integrated step by step."""
     phi = np.radians((np.arange(20000) + 0.5) * degrees / 20000)
     curvature = SEMI_MAJOR_M * (1 - ECCENTRICITY_SQUARED) / (1 - ECCENTRICITY_SQUARED * np.sin(phi) ** 2) ** 1.5
@@ -100,7 +105,7 @@ def test_utm_on_its_central_meridian_is_the_meridian_s_arc(degrees):
     np.testing.assert_allclose(found, [(degrees, -3.0, 12.0)], atol=1e-7)
 
 
-def test_utm_against_a_receiver_that_gives_both(real_data):
+def test_utm_against_a_receiver_that_gives_both(real_data: Path) -> None:
     rows = list(csv.DictReader((real_data / 'oxford_tiny' / 'gps' / 'gps.csv').open()))[::100]
     utm = np.array([[float(row[name]) for name in ('easting', 'northing', 'altitude')] for row in rows])
     lla = np.array([[float(row[name]) for name in ('latitude', 'longitude', 'altitude')] for row in rows])
@@ -108,17 +113,17 @@ def test_utm_against_a_receiver_that_gives_both(real_data):
 
 
 @given(st.floats(-1e4, 1e4))
-def test_wrapped_angles_are_the_same_direction_in_one_turn(angle):
+def test_wrapped_angles_are_the_same_direction_in_one_turn(angle: float) -> None:
     wrapped = float(wrap_angle(np.asarray(angle)))
     assert -math.pi < wrapped <= math.pi + 1e-9
     assert math.cos(wrapped - angle) == pytest.approx(1.0, abs=1e-9)
 
 
-def test_half_a_turn_wraps_to_plus_pi():
+def test_half_a_turn_wraps_to_plus_pi() -> None:
     np.testing.assert_array_equal(wrap_angle(np.array([math.pi, -math.pi, 0.0])), [math.pi, math.pi, 0.0])
 
 
-def test_yaw_turns_the_short_way_round_and_stays_unknown():
+def test_yaw_turns_the_short_way_round_and_stays_unknown() -> None:
     start, end = Pose(0, 0, 0, math.radians(170)), Pose(10, 20, 30, math.radians(-170))
     middle = interpolate(start, end, 0.5)
     assert (middle.x_m, middle.y_m, middle.z_m) == (5.0, 10.0, 15.0)
@@ -126,7 +131,7 @@ def test_yaw_turns_the_short_way_round_and_stays_unknown():
     assert math.isnan(interpolate(start, Pose(1, 1), 0.5).yaw_rad)
 
 
-def slowly_at(known: list, stamp: int, max_gap: int):
+def slowly_at(known: list[tuple[int, float]], stamp: int, max_gap: int) -> float | NoPosition:
     """What a buffer should answer, by looking at every pair."""
     for at, x in known:
         if at == stamp:
@@ -145,7 +150,9 @@ def slowly_at(known: list, stamp: int, max_gap: int):
     st.integers(-5, 65),
     st.integers(1, 20),
 )
-def test_the_buffer_and_the_trajectory_against_every_pair(positions, stamp, max_gap):
+def test_the_buffer_and_the_trajectory_against_every_pair(
+    positions: list[tuple[int, float]], stamp: int, max_gap: int
+) -> None:
     positions = sorted(positions)
     expected = slowly_at(positions, stamp, max_gap)
     buffer = PositionBuffer(max_gap)
@@ -160,13 +167,15 @@ def test_the_buffer_and_the_trajectory_against_every_pair(positions, stamp, max_
     found, along = buffer.at(stamp), trajectory.poses_at(np.array([stamp]), max_gap)[0]
     assert trajectory.covers(np.array([stamp]), max_gap).tolist() == [not isinstance(expected, NoPosition)]
     if isinstance(expected, NoPosition):
-        assert found is expected and np.isnan(along).all()
+        assert found is expected
+        assert np.isnan(along).all()
     else:
+        assert isinstance(found, Pose)
         assert (found.x_m, found.y_m) == pytest.approx((expected, -expected), abs=1e-6)
         assert along[:3].tolist() == [found.x_m, found.y_m, found.z_m]
 
 
-def test_the_buffer_refuses_what_is_not_newer_or_not_finite_and_keeps_what_it_had():
+def test_the_buffer_refuses_what_is_not_newer_or_not_finite_and_keeps_what_it_had() -> None:
     buffer = PositionBuffer(10)
     buffer.add(5, Pose(1.0, 1.0))
     for stamp, pose, cause in (
@@ -178,30 +187,38 @@ def test_the_buffer_refuses_what_is_not_newer_or_not_finite_and_keeps_what_it_ha
         with pytest.raises(RefusedInput) as refused:
             buffer.add(stamp, pose)
         assert refused.value.cause == cause
-    assert buffer.at(5).x_m == 1.0
+    kept = buffer.at(5)
+    assert isinstance(kept, Pose)
+    assert kept.x_m == 1.0
     assert buffer.last_stamp_ns == 5
     buffer.clear()
-    assert buffer.last_stamp_ns is None and buffer.at(5) is NoPosition.NOT_YET
+    assert buffer.last_stamp_ns is None
+    assert buffer.at(5) is NoPosition.NOT_YET
 
 
-def test_the_buffer_forgets_the_oldest_first():
+def test_the_buffer_forgets_the_oldest_first() -> None:
     buffer = PositionBuffer(10, capacity=3)
     for stamp in range(5):
         buffer.add(stamp, Pose(float(stamp), 0.0))
-    assert buffer.at(1) is NoPosition.NEVER and buffer.at(2).x_m == 2.0
+    assert buffer.at(1) is NoPosition.NEVER
+    oldest = buffer.at(2)
+    assert isinstance(oldest, Pose)
+    assert oldest.x_m == 2.0
 
 
-def test_a_trajectory_starts_its_own_frame():
+def test_a_trajectory_starts_its_own_frame() -> None:
     lla = np.array([(51.75, -1.25, 60.0), (51.76, -1.25, 60.0)])
     trajectory = Trajectory(np.array([0, 10]), lla, np.zeros(2), geodetic=True)
-    local = trajectory.in_frame(LocalFrame(trajectory.origin()))
+    origin = trajectory.origin()
+    assert origin is not None
+    local = trajectory.in_frame(LocalFrame(origin))
     np.testing.assert_allclose(local.positions[0], 0.0, atol=1e-6)
     assert local.positions[1, 1] == pytest.approx(1112.5, abs=1.0)
     assert not local.geodetic and local.origin() is None and local.in_frame(LocalFrame(GeoPoint(0, 0))) is local
     assert local.poses_at(np.array([5]), max_gap_ns=10)[0, 1] == pytest.approx(local.positions[1, 1] / 2)
 
 
-def test_poses_between_positions_turn_the_short_way_round():
+def test_poses_between_positions_turn_the_short_way_round() -> None:
     yaws = np.radians([170.0, -170.0, 90.0])
     track = Trajectory(np.array([0, 10, 40]), np.arange(9.0).reshape(3, 3), yaws, geodetic=False)
     found = track.poses_at(np.array([-1, 0, 2, 5, 10, 20, 40, 41]), max_gap_ns=10)

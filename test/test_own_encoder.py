@@ -14,6 +14,7 @@ from offradar_ros.config import EncoderConfig, load_config
 from offradar_ros.encoders.entry_points import installed_names
 from offradar_ros.encoders.protocol import Encoder
 from offradar_ros.encoders.registry import make_encoder
+from offradar_ros.sequence import RadarSequence
 from offradar_ros.stages.encode import EncodeStage
 
 PROJECT = Path(__file__).resolve().parent.parent
@@ -41,7 +42,7 @@ def test_the_example_is_installed_by_pip(tmp_path: Path) -> None:
     assert (made.returncode, made.stdout.strip()) == (0, 'median_rings'), made.stderr
 
 
-def test_a_stage_encodes_with_it(own_encoder: str, street: Callable[..., object]) -> None:
+def test_a_stage_encodes_with_it(own_encoder: str, street: Callable[..., RadarSequence]) -> None:
     assert own_encoder in installed_names()
     encoder = make_encoder(EncoderConfig(name=own_encoder))
     assert isinstance(encoder, Encoder)

@@ -200,9 +200,9 @@ nested = st.recursive(
 
 
 @given(st.dictionaries(st.text('abc', min_size=1, max_size=2), nested, max_size=3))
-def test_flattened_names_lead_to_their_values(tree):
+def test_flattened_names_lead_to_their_values(tree: dict[str, Any]) -> None:
     for name, value in flatten(tree).items():
-        branch = tree
+        branch: Any = tree
         for part in name.split('.'):
             branch = branch[part]
         assert branch == value

@@ -20,7 +20,7 @@ def small_config() -> NetworkConfig:
 
 
 def make_scan(power: np.ndarray, range_resolution_m: float = 0.5, range_offset_m: float = 0.0) -> PolarScan:
-    azimuths = np.arange(len(power)) * (2 * np.pi / max(1, len(power)))
+    azimuths = np.linspace(0.0, 2 * np.pi, len(power), endpoint=False)
     return PolarScan(1_000_000_007, power, azimuths, range_resolution_m, range_offset_m)
 
 

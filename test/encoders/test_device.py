@@ -12,6 +12,7 @@ import pytest
 
 from offradar_ros.config import EncoderConfig
 from offradar_ros.encoders.device import onnx_providers, torch_device, used_device
+from offradar_ros.encoders.image_encoder import ImageEncoder
 from offradar_ros.encoders.registry import make_encoder
 from offradar_ros.errors import ConfigError, ModelError
 
@@ -112,8 +113,10 @@ def test_cuda_gives_what_the_cpu_gives_or_one_line(small_onnx: Path, suffix: str
         assert str(refused).startswith('parameter encoder.device: expected a GPU')
         assert '\n' not in str(refused)
         return
+    assert isinstance(on_cpu, ImageEncoder)
+    assert isinstance(on_gpu, ImageEncoder)
     assert on_gpu.runs_on == 'cuda'
     assert on_gpu.info == on_cpu.info
-    given = np.random.default_rng(0).integers(0, 255, (5, *on_cpu.header.config.image_shape), np.uint8)
+    given = np.random.default_rng(0).integers(0, 255, (5, *on_cpu.header.config.image_shape)).astype(np.uint8)
     for found, expected in zip(on_gpu.infer(given), on_cpu.infer(given), strict=True):
         np.testing.assert_allclose(found, expected, rtol=1e-2, atol=1e-3)

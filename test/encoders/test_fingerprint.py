@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -32,7 +34,7 @@ def test_is_sha256_and_independent_of_order_and_memory_layout() -> None:
         ('x', SETTINGS, {**TENSORS, 'a': np.nextafter(TENSORS['a'], 9, dtype=np.float32)}),
     ],
 )
-def test_every_part_counts(other: tuple) -> None:
+def test_every_part_counts(other: tuple[str, dict[str, Any], dict[str, Any]]) -> None:
     assert fingerprint(*other) != fingerprint('x', SETTINGS, TENSORS)
 
 

@@ -10,26 +10,30 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
+from radar_images import read_image
 
-torch = pytest.importorskip('torch')
-onnx = pytest.importorskip('onnx')
+pytest.importorskip('torch')
+pytest.importorskip('onnx')
 pytest.importorskip('onnxruntime')
 
-from offradar_ros.encoders.export.onnx_export import export_onnx  # noqa: E402
-from offradar_ros.encoders.image_encoder import ImageEncoder  # noqa: E402
-from offradar_ros.encoders.network_config import NetworkConfig  # noqa: E402
-from offradar_ros.encoders.networks.files import load_network, save_network  # noqa: E402
-from offradar_ros.encoders.onnx_backend import OnnxEncoder  # noqa: E402
-from offradar_ros.encoders.opencv_backend import OpencvEncoder  # noqa: E402
-from offradar_ros.encoders.pretrained import find_weights  # noqa: E402
-from offradar_ros.encoders.protocol import Encoder  # noqa: E402
-from offradar_ros.encoders.torch_backend import TorchEncoder  # noqa: E402
-from offradar_ros.encoders.weights import read_header  # noqa: E402
-from offradar_ros.errors import ModelError, RefusedInput  # noqa: E402
-from offradar_ros.types import PolarScan  # noqa: E402
+import onnx
+import torch
+
+from offradar_ros.encoders.export.onnx_export import export_onnx
+from offradar_ros.encoders.image_encoder import ImageEncoder
+from offradar_ros.encoders.network_config import NetworkConfig
+from offradar_ros.encoders.networks.files import load_network, save_network
+from offradar_ros.encoders.networks.variational import VariationalNetwork
+from offradar_ros.encoders.onnx_backend import OnnxEncoder
+from offradar_ros.encoders.opencv_backend import OpencvEncoder
+from offradar_ros.encoders.pretrained import find_weights
+from offradar_ros.encoders.protocol import Encoder
+from offradar_ros.encoders.torch_backend import TorchEncoder
+from offradar_ros.encoders.weights import read_header
+from offradar_ros.errors import ModelError, RefusedInput
+from offradar_ros.types import PolarScan
 
 AGREEMENT = 1e-4
 
@@ -82,8 +86,7 @@ def test_backends_agree_at_full_size(
 def test_backends_agree_on_recorded_scans(real_data: Path, small_weights: Path, small_onnx: Path) -> None:
     one, two = OnnxEncoder(small_onnx), TorchEncoder(small_weights)
     for path in sorted(real_data.glob('oxford_tiny/radar/*.png'))[:3]:
-        power = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)[:, 11:]
-        scan = PolarScan(0, power, np.arange(400) * np.pi / 200, 0.0432)
+        scan = PolarScan(0, read_image(path)[:, 11:], np.arange(400) * np.pi / 200, 0.0432)
         assert_agree(one.encode(scan).mean, two.encode(scan).mean)
         assert_agree(one.encode(scan).variance, two.encode(scan).variance)
 
@@ -156,6 +159,7 @@ def test_numbers_that_are_not_finite_are_passed_on(
     tmp_path: Path, small_weights: Path, street: PolarScan, value: float
 ) -> None:
     network, _ = load_network(small_weights)
+    assert isinstance(network, VariationalNetwork)
     with torch.no_grad():
         network.z_i.bias[3] = value
         network.log_variance.bias[5] = math.nan

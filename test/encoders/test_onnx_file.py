@@ -13,7 +13,10 @@ from offradar_ros.encoders.onnx_file import read_in_single_precision, read_metad
 from offradar_ros.encoders.pretrained import find_weights
 from offradar_ros.errors import ModelError
 
-onnx = pytest.importorskip('onnx')
+pytest.importorskip('onnx')
+
+import onnx
+
 COMPACT = find_weights('compact', ('.onnx',))
 
 

@@ -4,12 +4,13 @@ import dataclasses
 import json
 import math
 from pathlib import Path
+from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from radar_images import read_image
 from safetensors.numpy import load_file, save_file
 
 from offradar_ros.config import EncoderConfig
@@ -24,7 +25,7 @@ from offradar_ros.types import PolarScan
 
 
 def scan_of(power: np.ndarray, range_resolution_m: float = 0.25, range_offset_m: float = 0.0) -> PolarScan:
-    azimuths = np.arange(len(power)) * (2 * np.pi / max(1, len(power)))
+    azimuths = np.linspace(0.0, 2 * np.pi, len(power), endpoint=False)
     return PolarScan(1_000_000_007, power, azimuths, range_resolution_m, range_offset_m)
 
 
@@ -73,7 +74,7 @@ def published(scan: PolarScan, codebook: Codebook) -> np.ndarray:
         nearest = int(np.argmin([np.sum((spectrum - centre) ** 2) for centre in centres]))
         sums[nearest] += spectrum - centres[nearest]
     vlad = np.sign(sums).ravel() * np.sqrt(np.abs(sums).ravel())
-    return vlad / np.sqrt(vlad @ vlad)
+    return np.asarray(vlad / np.sqrt(vlad @ vlad))
 
 
 def test_distances_are_those_of_the_published_method() -> None:
@@ -203,7 +204,7 @@ def test_too_few_rows_to_fit_are_refused(scans: list[PolarScan]) -> None:
 
 
 @pytest.mark.parametrize('wrong', [{'bins': 511}, {'bins': 0}, {'min_range_m': 64.0}, {'max_range_m': math.nan}])
-def test_settings_that_no_row_has_are_refused(wrong: dict[str, float]) -> None:
+def test_settings_that_no_row_has_are_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(ConfigError, match='rad_vlad: '):
         RowSettings(**{'max_range_m': 64.0, **wrong})
 
@@ -247,7 +248,7 @@ def test_files_that_do_not_fit_are_refused_in_one_line(tmp_path: Path, codebook:
 def test_recorded_scans_turned_are_the_same_place(real_data: Path) -> None:
     def read(folder: str, resolution_m: float) -> list[PolarScan]:
         paths = sorted(real_data.glob(f'{folder}/*.png'))
-        return [scan_of(cv2.imread(str(path), cv2.IMREAD_UNCHANGED)[:, 11:], resolution_m) for path in paths]
+        return [scan_of(read_image(path)[:, 11:], resolution_m) for path in paths]
 
     oxford = read('oxford_tiny/radar', 0.0432)
     mulran = read('mulran_kaist03/sensor_data/radar/polar_oxford_form', 0.0595238)

@@ -4,9 +4,10 @@ import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
+from radar_images import read_image
 
 from offradar_ros.config import RingKeyConfig
 from offradar_ros.encoders.protocol import Encoder
@@ -140,30 +141,30 @@ def test_rings_that_would_be_empty_are_refused() -> None:
         RingKeyEncoder(RingKeyConfig(min_range_m=30.0, max_range_m=20.0))
 
 
-def blocked(power: np.ndarray, share: float) -> np.ndarray:
-    out = power.copy()
+def blocked(power: NDArray[np.uint8], share: float) -> NDArray[np.uint8]:
+    out = np.array(power)
     out[: round(share * len(power))] = 0
     return out
 
 
-def flooded(power: np.ndarray, level: float) -> np.ndarray:
+def flooded(power: NDArray[np.uint8], level: float) -> NDArray[np.uint8]:
     noise = np.random.default_rng(4).exponential(level, power.shape)
-    return np.minimum(power + noise, 255).astype(np.uint8)
+    return np.asarray(np.minimum(power + noise, 255), np.uint8)
 
 
-def saturated(power: np.ndarray, share: float) -> np.ndarray:
+def saturated(power: NDArray[np.uint8], share: float) -> NDArray[np.uint8]:
     rng = np.random.default_rng(5)
-    out = power.copy()
+    out = np.array(power)
     for row in rng.choice(len(power), round(share * len(power)), replace=False):
         out[row, rng.integers(0, power.shape[1] // 4) :] = 220
     return out
 
 
-def rained_on(power: np.ndarray, loss_at_end: float) -> np.ndarray:
+def rained_on(power: NDArray[np.uint8], loss_at_end: float) -> NDArray[np.uint8]:
     """Returns lose power with range, in the sensor's logarithmic units, and sink into the far range's noise."""
     floor = np.random.default_rng(6).permutation(power[:, power.shape[1] * 85 // 100 :].reshape(-1))
     loss = loss_at_end * np.arange(power.shape[1]) / power.shape[1]
-    return np.maximum(np.maximum(power - loss, 0), np.resize(floor, power.shape)).astype(np.uint8)
+    return np.asarray(np.maximum(np.maximum(power - loss, 0), np.resize(floor, power.shape)), np.uint8)
 
 
 DEGRADATIONS = [
@@ -175,13 +176,12 @@ DEGRADATIONS = [
 
 
 def oxford(folder: Path) -> list[PolarScan]:
-    images = [cv2.imread(str(path), cv2.IMREAD_UNCHANGED) for path in sorted(folder.glob('oxford_tiny/radar/*.png'))]
+    images = map(read_image, sorted(folder.glob('oxford_tiny/radar/*.png')))
     return [PolarScan(i, image[:, 11:], np.arange(400) * np.pi / 200, 0.0432) for i, image in enumerate(images)]
 
 
 def radiate(folder: Path) -> list[PolarScan]:
-    paths = sorted(folder.glob('radiate_tiny_foggy/Navtech_Polar/*.png'))
-    images = [cv2.imread(str(path), cv2.IMREAD_UNCHANGED) for path in paths]
+    images = map(read_image, sorted(folder.glob('radiate_tiny_foggy/Navtech_Polar/*.png')))
     return [PolarScan(i, image.T, np.arange(400) * np.pi / 200, 0.1736) for i, image in enumerate(images)]
 
 

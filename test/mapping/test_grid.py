@@ -8,6 +8,9 @@ from hypothesis import strategies as st
 
 from offradar_ros.mapping.grid import PositionGrid
 
+Point = tuple[float, float]
+"""x and y in metres."""
+
 coordinate = st.one_of(
     st.floats(-1e8, 1e8), st.floats(-1e18, 1e18), st.integers(-40, 40).map(lambda n: n * 2.5), st.floats(-20.0, 20.0)
 )
@@ -16,7 +19,9 @@ point = st.tuples(coordinate, coordinate)
 
 @settings(max_examples=200, deadline=None)
 @given(st.lists(point, max_size=30), point, st.sampled_from([0.1, 2.5, 5.0, 1000.0]), st.floats(0.01, 30.0))
-def test_no_point_within_the_radius_is_missed(points, centre, cell_m, radius_m):
+def test_no_point_within_the_radius_is_missed(
+    points: list[Point], centre: Point, cell_m: float, radius_m: float
+) -> None:
     grid = PositionGrid(cell_m=max(cell_m, radius_m / 20))
     for index, (x, y) in enumerate(points):
         grid.add(index, x, y)
@@ -28,7 +33,7 @@ def test_no_point_within_the_radius_is_missed(points, centre, cell_m, radius_m):
 
 @settings(max_examples=100, deadline=None)
 @given(st.lists(point, max_size=30), point, st.sampled_from([0.01, 2.5, 5.0, 1000.0]))
-def test_filled_at_once_is_as_one_by_one(points, centre, cell_m):
+def test_filled_at_once_is_as_one_by_one(points: list[Point], centre: Point, cell_m: float) -> None:
     one, other = PositionGrid(cell_m), PositionGrid(cell_m)
     for index, (x, y) in enumerate(points):
         one.add(index, x, y)
@@ -40,14 +45,14 @@ def test_filled_at_once_is_as_one_by_one(points, centre, cell_m):
         assert index not in other.near(x, y, 0.0)
 
 
-def test_only_cells_beside_the_position_are_looked_at():
+def test_only_cells_beside_the_position_are_looked_at() -> None:
     grid = PositionGrid(5.0)
     for index in range(1000):
         grid.add(index, 5.0 * index, 0.0)
     assert len(grid.near(2500.0, 1.0, 5.0)) <= 3
 
 
-def test_a_removed_point_is_gone_and_the_others_stay():
+def test_a_removed_point_is_gone_and_the_others_stay() -> None:
     grid = PositionGrid(5.0)
     grid.add(0, 1.0, 1.0)
     grid.add(1, 2.0, 2.0)

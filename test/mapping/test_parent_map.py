@@ -2,19 +2,24 @@
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from offradar_ros.config import MapConfig
 from offradar_ros.errors import RefusedInput
 from offradar_ros.mapping.parent_map import MergeKind, ParentMap
 from offradar_ros.mapping.place_columns import PlaceColumns
-from offradar_ros.types import Embedding, PlaceTable, Pose
+from offradar_ros.types import Embedding, Place, PlaceTable, Pose
 
 DIMENSION = 4
+
+Scan = tuple[float, float, float]
+"""U, x and y in metres."""
 
 
 def scan(stamp: int, uncertainty: float, mean: float = 0.0) -> Embedding:
@@ -26,11 +31,11 @@ def scan(stamp: int, uncertainty: float, mean: float = 0.0) -> Embedding:
 class SlowMap:
     """Algorithm 1 on a list of dictionaries, every distance computed."""
 
-    def __init__(self, config):
+    def __init__(self, config: MapConfig) -> None:
         self.config = config
-        self.entries = []
+        self.entries: list[dict[str, Any]] = []
 
-    def merge(self, stamp, uncertainty, x, y, session):
+    def merge(self, stamp: int, uncertainty: float, x: float, y: float, session: int) -> tuple[str, tuple[int, ...]]:
         new = {'stamp': stamp, 'u': float(np.float32(uncertainty)), 'x': x, 'y': y, 'session': session}
         matches = []
         for index, entry in enumerate(self.entries):
@@ -70,7 +75,9 @@ drive = st.lists(st.tuples(uncertainty, position, st.floats(-3.0, 3.0)), max_siz
     st.booleans(),
     st.sampled_from([0.0, 0.25]),
 )
-def test_same_as_the_slow_implementation(scans, replace, match_position, insert, margin):
+def test_same_as_the_slow_implementation(
+    scans: list[Scan], replace: str, match_position: str, insert: bool, margin: float
+) -> None:
     config = MapConfig(replace=replace, match_position=match_position, insert_unmatched=insert, replace_margin=margin)
     fast, slow = ParentMap(config, DIMENSION), SlowMap(config)
     for number, (u, x, y) in enumerate(scans):
@@ -88,7 +95,7 @@ def test_same_as_the_slow_implementation(scans, replace, match_position, insert,
         assert fast.anchors([row]).tolist() == [[entry['ax'], entry['ay']]]
 
 
-def table_of(scans, first: int = 0) -> PlaceTable:
+def table_of(scans: list[Scan], first: int = 0) -> PlaceTable:
     """Scans of a drive as rows, stamps from `first` on."""
     count = len(scans)
     stamps_ns = first + np.arange(count, dtype=np.int64)
@@ -119,8 +126,8 @@ whole_metres = st.lists(
     st.sampled_from([0.0, 0.25]),
 )
 def test_a_drive_merged_at_once_gives_the_map_of_its_scans_one_by_one(
-    mapped, merged, replace, match_position, insert, margin
-):
+    mapped: list[Scan], merged: list[Scan], replace: str, match_position: str, insert: bool, margin: float
+) -> None:
     first = MapConfig(replace=replace, match_position=match_position, replace_margin=margin)
     second = dataclasses.replace(first, insert_unmatched=insert)
     maps = []
@@ -169,7 +176,9 @@ def nearest_place(parent: ParentMap, pose: Pose) -> int:
         ('positions_m', 1e9, 'invalid_position', 'scan at 101 ns'),
     ],
 )
-def test_of_many_scans_one_that_is_unusable_leaves_the_map_as_it_was(column, value, cause, words):
+def test_of_many_scans_one_that_is_unusable_leaves_the_map_as_it_was(
+    column: str, value: float, cause: str, words: str
+) -> None:
     parent = ParentMap(MapConfig(), DIMENSION)
     scans = table_of([(1.0, 0.0, 0.0), (1.0, 9.0, 0.0), (1.0, 18.0, 0.0)], 100)
     getattr(scans, column)[1] = value
@@ -183,7 +192,7 @@ def test_of_many_scans_one_that_is_unusable_leaves_the_map_as_it_was(column, val
 
 @settings(max_examples=150, deadline=None)
 @given(drive, st.sampled_from(['nearest', 'worst', 'all']))
-def test_anchored_every_position_keeps_a_scan_within_twice_the_distance(scans, replace):
+def test_anchored_every_position_keeps_a_scan_within_twice_the_distance(scans: list[Scan], replace: str) -> None:
     parent = ParentMap(MapConfig(replace=replace), DIMENSION)
     for number, (u, x, y) in enumerate(scans):
         parent.merge(scan(number, u), Pose(x, y), 1)
@@ -200,14 +209,14 @@ def drive_with_falling_uncertainty(match_position: str) -> np.ndarray:
     return np.sort(parent.table().positions_m[:, 0])
 
 
-def test_matching_to_the_held_pose_drags_a_place_along_the_road_and_an_anchor_does_not():
+def test_matching_to_the_held_pose_drags_a_place_along_the_road_and_an_anchor_does_not() -> None:
     assert drive_with_falling_uncertainty('pose').tolist() == [99.0]
     anchored = drive_with_falling_uncertainty('anchor')
     assert anchored[0] < 5.0
     assert np.diff(anchored).max() < 10.0
 
 
-def test_the_more_certain_scan_wins_whatever_the_order():
+def test_the_more_certain_scan_wins_whatever_the_order() -> None:
     for order in ([1.2, 0.8], [0.8, 1.2]):
         parent = ParentMap(MapConfig(), DIMENSION)
         for number, u in enumerate(order):
@@ -216,7 +225,7 @@ def test_the_more_certain_scan_wins_whatever_the_order():
         assert parent.place(0).uncertainty == np.float32(0.8)
 
 
-def test_a_replaced_place_keeps_its_id_and_takes_pose_stamp_and_session_of_the_scan():
+def test_a_replaced_place_keeps_its_id_and_takes_pose_stamp_and_session_of_the_scan() -> None:
     parent = ParentMap(MapConfig(), DIMENSION)
     parent.merge(scan(10, 1.0, mean=1.0), Pose(0.0, 0.0, 1.0, 0.5), 1)
     merge = parent.merge(scan(20, 0.9, mean=2.0), Pose(3.0, 0.0, 2.0, 0.6), 2)
@@ -227,7 +236,7 @@ def test_a_replaced_place_keeps_its_id_and_takes_pose_stamp_and_session_of_the_s
     assert (merge.before[0].stamp_ns, merge.before[0].pose.x_m) == (10, 0.0)
 
 
-def test_an_equally_certain_scan_and_the_same_scan_again_change_nothing():
+def test_an_equally_certain_scan_and_the_same_scan_again_change_nothing() -> None:
     parent = ParentMap(MapConfig(), DIMENSION)
     same = Embedding(1, np.zeros(3, np.float32), np.array([0.1, 0.2, 0.4], np.float32))
     parent = ParentMap(MapConfig(), 3)
@@ -235,13 +244,13 @@ def test_an_equally_certain_scan_and_the_same_scan_again_change_nothing():
     assert parent.merge(same, Pose(0.0, 0.0), 2).kind is MergeKind.KEPT
 
 
-def test_altitude_does_not_part_places():
+def test_altitude_does_not_part_places() -> None:
     parent = ParentMap(MapConfig(), DIMENSION)
     parent.merge(scan(1, 1.0), Pose(0.0, 0.0, 0.0), 1)
     assert parent.merge(scan(2, 1.0), Pose(0.0, 0.0, 40.0), 2).kind is MergeKind.KEPT
 
 
-def test_the_paper_s_constant_size():
+def test_the_paper_s_constant_size() -> None:
     parent = ParentMap(MapConfig(), DIMENSION)
     for metre in range(0, 50, 10):
         parent.merge(scan(metre, 1.0), Pose(float(metre), 0.0), 1)
@@ -264,7 +273,7 @@ def test_the_paper_s_constant_size():
         (Embedding(7, np.zeros(0, np.float32), np.zeros(0, np.float32)), 'one equal length'),
     ],
 )
-def test_unusable_embeddings_are_refused_and_leave_the_map_as_it_was(embedding, words):
+def test_unusable_embeddings_are_refused_and_leave_the_map_as_it_was(embedding: Embedding, words: str) -> None:
     parent = ParentMap(MapConfig(), DIMENSION)
     with pytest.raises(RefusedInput, match=words) as refused:
         parent.merge(embedding, Pose(0.0, 0.0), 1)
@@ -274,7 +283,7 @@ def test_unusable_embeddings_are_refused_and_leave_the_map_as_it_was(embedding, 
 
 
 @pytest.mark.parametrize('pose', [Pose(math.nan, 0.0), Pose(0.0, math.inf), Pose(0.0, 0.0, math.nan), Pose(1e300, 0.0)])
-def test_positions_nowhere_on_earth_are_refused(pose):
+def test_positions_nowhere_on_earth_are_refused(pose: Pose) -> None:
     parent = ParentMap(MapConfig(), DIMENSION)
     with pytest.raises(RefusedInput) as refused:
         parent.merge(scan(1, 1.0), pose, 1)
@@ -282,7 +291,7 @@ def test_positions_nowhere_on_earth_are_refused(pose):
 
 
 @pytest.mark.parametrize('match_position', ['anchor', 'pose'])
-def test_restore_and_remove_bring_back_what_was(match_position):
+def test_restore_and_remove_bring_back_what_was(match_position: str) -> None:
     config = MapConfig(match_position=match_position)
     parent = ParentMap(config, DIMENSION)
     rng = np.random.default_rng(3)
@@ -290,7 +299,8 @@ def test_restore_and_remove_bring_back_what_was(match_position):
     for number, (x, y) in enumerate(path[:40]):
         parent.merge(scan(number, rng.uniform(0.5, 1.5)), Pose(x, y), 1)
     first, count = parent.table(), len(parent)
-    old, new = {}, []
+    old: dict[int, Place] = {}
+    new: list[int] = []
     for number, (x, y) in enumerate(path[40:]):
         merge = parent.merge(scan(100 + number, rng.uniform(0.0, 1.5)), Pose(x + 30, y), 2)
         new += merge.place_ids if merge.kind is MergeKind.INSERTED else []
@@ -315,11 +325,11 @@ def columns_of(table: PlaceTable) -> PlaceColumns:
     return columns
 
 
-def vars_of(table):
+def vars_of(table: PlaceTable) -> list[NDArray[Any]]:
     return [getattr(table, field.name) for field in dataclasses.fields(table)]
 
 
-def test_only_the_newest_places_can_be_removed_and_unknown_ones_are_named():
+def test_only_the_newest_places_can_be_removed_and_unknown_ones_are_named() -> None:
     parent = ParentMap(MapConfig(), DIMENSION)
     for metre in (0.0, 10.0, 20.0):
         parent.merge(scan(1, 1.0), Pose(metre, 0.0), 1)
@@ -333,7 +343,7 @@ def test_only_the_newest_places_can_be_removed_and_unknown_ones_are_named():
     assert parent.table().place_ids.tolist() == [0, 3]
 
 
-def test_many_places_grow_without_losing_any():
+def test_many_places_grow_without_losing_any() -> None:
     parent = ParentMap(MapConfig(), DIMENSION)
     for number in range(1000):
         parent.merge(scan(number, 1.0, mean=number), Pose(6.0 * number, 0.0), 1)

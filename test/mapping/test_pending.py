@@ -9,26 +9,29 @@ from hypothesis import strategies as st
 
 from offradar_ros.config import PositionConfig
 from offradar_ros.errors import RefusedInput
-from offradar_ros.mapping.pending import PendingEmbeddings
+from offradar_ros.mapping.pending import PendingEmbeddings, Resolved
 from offradar_ros.types import Embedding, Pose
 
 SECOND = 10**9
 CONFIG = PositionConfig(max_gap_s=1.5, wait_s=10.0)
+
+Outcome = tuple[float, float | None, str]
+"""Stamp in seconds, x in metres where the position is known, and the cause where it is not."""
 
 
 def at(seconds: float) -> Embedding:
     return Embedding(round(seconds * SECOND), np.zeros(2, np.float32), np.ones(2, np.float32))
 
 
-def position(pending: PendingEmbeddings, seconds: float):
+def position(pending: PendingEmbeddings, seconds: float) -> list[Outcome]:
     return outcome(pending.add_position(round(seconds * SECOND), Pose(10.0 * seconds, 0.0)))
 
 
-def outcome(settled):
+def outcome(settled: list[Resolved]) -> list[Outcome]:
     return [(one.embedding.stamp_ns / SECOND, one.pose.x_m if one.pose else None, one.cause) for one in settled]
 
 
-def test_an_embedding_waits_for_the_position_after_it():
+def test_an_embedding_waits_for_the_position_after_it() -> None:
     pending = PendingEmbeddings(CONFIG)
     assert position(pending, 1.0) == []
     assert outcome(pending.add_embedding(at(1.5))) == []
@@ -36,13 +39,13 @@ def test_an_embedding_waits_for_the_position_after_it():
     assert position(pending, 2.0) == [(1.5, 15.0, '')]
 
 
-def test_an_embedding_whose_position_is_known_settles_at_once():
+def test_an_embedding_whose_position_is_known_settles_at_once() -> None:
     pending = PendingEmbeddings(CONFIG)
     position(pending, 1.0), position(pending, 2.0)
     assert outcome(pending.add_embedding(at(1.25))) == [(1.25, 12.5, '')]
 
 
-def test_before_the_first_position_and_in_a_gap_there_is_none():
+def test_before_the_first_position_and_in_a_gap_there_is_none() -> None:
     pending = PendingEmbeddings(CONFIG)
     pending.add_embedding(at(0.5))
     assert position(pending, 1.0) == [(0.5, None, 'no_position')]
@@ -50,7 +53,7 @@ def test_before_the_first_position_and_in_a_gap_there_is_none():
     assert position(pending, 3.0) == [(2.0, None, 'no_position')]
 
 
-def test_embeddings_leave_in_the_order_in_which_they_came():
+def test_embeddings_leave_in_the_order_in_which_they_came() -> None:
     pending = PendingEmbeddings(CONFIG)
     position(pending, 1.0)
     position(pending, 1.4)
@@ -59,7 +62,7 @@ def test_embeddings_leave_in_the_order_in_which_they_came():
     assert position(pending, 2.5) == [(2.0, 20.0, ''), (1.2, 12.0, '')]
 
 
-def test_an_embedding_is_dropped_when_no_position_comes_for_too_long():
+def test_an_embedding_is_dropped_when_no_position_comes_for_too_long() -> None:
     pending = PendingEmbeddings(CONFIG)
     position(pending, 1.0)
     pending.add_embedding(at(2.0))
@@ -68,7 +71,7 @@ def test_an_embedding_is_dropped_when_no_position_comes_for_too_long():
     assert len(pending) == 2
 
 
-def test_flush_settles_what_can_be_and_drops_the_rest():
+def test_flush_settles_what_can_be_and_drops_the_rest() -> None:
     pending = PendingEmbeddings(CONFIG)
     position(pending, 1.0), position(pending, 2.0)
     for seconds in (5.0, 1.5, 6.0):
@@ -77,7 +80,7 @@ def test_flush_settles_what_can_be_and_drops_the_rest():
     assert pending.flush() == []
 
 
-def test_a_recording_that_starts_again():
+def test_a_recording_that_starts_again() -> None:
     pending = PendingEmbeddings(CONFIG)
     position(pending, 100.0)
     pending.add_embedding(at(100.5))
@@ -90,7 +93,7 @@ def test_a_recording_that_starts_again():
     assert position(pending, 2.0) == [(1.5, 15.0, '')]
 
 
-def test_a_position_that_is_not_finite_is_refused_and_nothing_settles_by_it():
+def test_a_position_that_is_not_finite_is_refused_and_nothing_settles_by_it() -> None:
     pending = PendingEmbeddings(CONFIG)
     pending.add_embedding(at(0.5))
     with pytest.raises(RefusedInput) as refused:
@@ -101,9 +104,11 @@ def test_a_position_that_is_not_finite_is_refused_and_nothing_settles_by_it():
 
 @settings(max_examples=100, deadline=None)
 @given(st.lists(st.tuples(st.booleans(), st.integers(0, 40)), max_size=40))
-def test_every_embedding_settles_once_in_order_and_only_between_two_positions(events):
+def test_every_embedding_settles_once_in_order_and_only_between_two_positions(events: list[tuple[bool, int]]) -> None:
     pending = PendingEmbeddings(CONFIG)
-    came, settled, known = [], [], []
+    came: list[int] = []
+    settled: list[Resolved] = []
+    known: list[int] = []
     for is_position, half_seconds in events:
         stamp = half_seconds * SECOND // 2
         if not is_position:

@@ -22,8 +22,9 @@ step = st.one_of(
 
 @settings(max_examples=80, deadline=None)
 @given(st.lists(step, max_size=8))
-def test_upsert_and_remove_like_a_dictionary(steps):
-    columns, expected = PlaceColumns(3), {}
+def test_upsert_and_remove_like_a_dictionary(steps: list[tuple[str, list[int]]]) -> None:
+    columns = PlaceColumns(3)
+    expected: dict[int, Place] = {}
     for number, (verb, ids) in enumerate(steps):
         if verb == 'upsert':
             places = [make_place(place_id, 100 * number + i) for i, place_id in enumerate(ids)]
@@ -42,7 +43,7 @@ def test_upsert_and_remove_like_a_dictionary(steps):
             np.testing.assert_array_equal(held.mean, wanted.mean)
 
 
-def test_find_tells_known_from_unknown():
+def test_find_tells_known_from_unknown() -> None:
     columns = PlaceColumns(3)
     assert columns.find(np.array([4]))[1].tolist() == [False]
     columns.upsert(PlaceTable.from_places([make_place(4, 1), make_place(9, 2)], 3))

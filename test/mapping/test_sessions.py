@@ -2,6 +2,8 @@
 
 import dataclasses
 import math
+from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,7 +16,7 @@ from offradar_ros.errors import MapError, RefusedInput
 from offradar_ros.geometry import GeoPoint
 from offradar_ros.mapping.sessions import SessionMap
 from offradar_ros.mapping.store import MapStore
-from offradar_ros.types import Embedding, Pose
+from offradar_ros.types import Embedding, PlaceTable, Pose
 
 MODEL = ModelInfo('ring_key', 'a' * 64, 3, {'note': 'test'})
 OTHER = ModelInfo('variational', 'b' * 64, 5, {})
@@ -31,20 +33,20 @@ def drive(session_map: SessionMap, name: str, start_m: float, uncertainty: float
         session_map.merge(scan(1000 * len(name) + metre, uncertainty), Pose(start_m + metre, 0.0))
 
 
-def equal(one, other) -> bool:
+def equal(one: PlaceTable, other: PlaceTable) -> bool:
     fields = dataclasses.fields(one)
     return all(np.array_equal(getattr(one, f.name), getattr(other, f.name), equal_nan=True) for f in fields)
 
 
 @pytest.fixture(params=['memory', 'file'])
-def session_map(request, tmp_path):
+def session_map(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[SessionMap]:
     path = str(tmp_path / 'a.map') if request.param == 'file' else ''
     with SessionMap(MapConfig(path=path)) as opened:
         opened.adopt_model(MODEL)
         yield opened
 
 
-def test_the_report_counts_every_scan(session_map):
+def test_the_report_counts_every_scan(session_map: SessionMap) -> None:
     session_map.start_session('first', 1)
     for metre in range(20):
         session_map.merge(scan(metre, 1.0), Pose(metre * 1.0, 0.0))
@@ -70,7 +72,7 @@ def test_the_report_counts_every_scan(session_map):
     assert second.as_dict()['dropped'] == {'no_position': 2, 'invalid_embedding': 1}
 
 
-def test_committed_is_the_map_without_the_running_session(session_map):
+def test_committed_is_the_map_without_the_running_session(session_map: SessionMap) -> None:
     drive(session_map, 'one', 0.0, 1.0)
     assert len(session_map.committed()) == 0
     session_map.end_session()
@@ -85,7 +87,7 @@ def test_committed_is_the_map_without_the_running_session(session_map):
     assert len(session_map.running()) == 0
 
 
-def test_one_merge_s_changes(session_map):
+def test_one_merge_s_changes(session_map: SessionMap) -> None:
     session_map.start_session('one', 1)
     inserted = session_map.changed(session_map.merge(scan(7, 1.0), Pose(1.0, 2.0)))
     assert inserted.stamps_ns.tolist() == [7] and inserted.positions_m[0].tolist() == [1.0, 2.0, 0.0]
@@ -105,7 +107,9 @@ def test_one_merge_s_changes(session_map):
     st.sampled_from(['anchor', 'pose']),
     st.booleans(),
 )
-def test_undo_walks_back_through_every_state(sessions, replace, match_position, discard):
+def test_undo_walks_back_through_every_state(
+    sessions: list[list[tuple[float, int]]], replace: str, match_position: str, discard: bool
+) -> None:
     with SessionMap(MapConfig(replace=replace, match_position=match_position, undo_depth=4)) as session_map:
         session_map.adopt_model(MODEL)
         states = [session_map.places()]
@@ -131,7 +135,7 @@ def test_undo_walks_back_through_every_state(sessions, replace, match_position, 
                 session_map.undo_session()
 
 
-def test_undo_reports_in_one_line(session_map):
+def test_undo_reports_in_one_line(session_map: SessionMap) -> None:
     with pytest.raises(MapError, match='no session to undo'):
         session_map.undo_session()
     drive(session_map, 'one', 0.0, 1.0)
@@ -144,7 +148,7 @@ def test_undo_reports_in_one_line(session_map):
     assert len(session_map) == 0
 
 
-def test_without_depth_nothing_ended_can_be_undone_but_the_running_session_can():
+def test_without_depth_nothing_ended_can_be_undone_but_the_running_session_can() -> None:
     with SessionMap(MapConfig(undo_depth=0)) as session_map:
         session_map.adopt_model(MODEL)
         drive(session_map, 'one', 0.0, 1.0)
@@ -156,7 +160,7 @@ def test_without_depth_nothing_ended_can_be_undone_but_the_running_session_can()
             session_map.undo_session()
 
 
-def test_ids_are_not_used_again_after_an_undo(session_map):
+def test_ids_are_not_used_again_after_an_undo(session_map: SessionMap) -> None:
     drive(session_map, 'one', 0.0, 1.0)
     session_map.undo_session()
     assert session_map.start_session('two', 1) == 2
@@ -164,7 +168,7 @@ def test_ids_are_not_used_again_after_an_undo(session_map):
     assert merge.place_ids == (6,)
 
 
-def test_outside_a_session_nothing_is_mapped_or_counted(session_map):
+def test_outside_a_session_nothing_is_mapped_or_counted(session_map: SessionMap) -> None:
     session_map.note_dropped('no_position')
     with pytest.raises(RefusedInput) as refused:
         session_map.merge(scan(1, 1.0), Pose(0.0, 0.0))
@@ -177,7 +181,7 @@ def test_outside_a_session_nothing_is_mapped_or_counted(session_map):
     assert session_map.end_session().dropped == {}
 
 
-def test_embeddings_of_another_model_are_refused(session_map):
+def test_embeddings_of_another_model_are_refused(session_map: SessionMap) -> None:
     session_map.start_session('one', 1)
     with pytest.raises(RefusedInput) as refused:
         session_map.merge(scan(1, 1.0, OTHER), Pose(0.0, 0.0))
@@ -185,7 +189,7 @@ def test_embeddings_of_another_model_are_refused(session_map):
     assert len(session_map) == 0
 
 
-def test_before_a_model_is_known_nothing_is_mapped():
+def test_before_a_model_is_known_nothing_is_mapped() -> None:
     session_map = SessionMap(MapConfig())
     session_map.start_session('one', 1)
     with pytest.raises(RefusedInput) as refused:
@@ -194,7 +198,7 @@ def test_before_a_model_is_known_nothing_is_mapped():
     assert session_map.model is None and session_map.dimension == 0 and len(session_map.committed()) == 0
 
 
-def test_only_an_empty_map_changes_its_model(session_map):
+def test_only_an_empty_map_changes_its_model(session_map: SessionMap) -> None:
     session_map.adopt_model(OTHER)
     session_map.adopt_model(MODEL)
     drive(session_map, 'one', 0.0, 1.0)
@@ -207,7 +211,7 @@ def test_only_an_empty_map_changes_its_model(session_map):
     assert session_map.model == MODEL and len(session_map) == 6
 
 
-def test_the_origin_is_set_once(session_map):
+def test_the_origin_is_set_once(session_map: SessionMap) -> None:
     assert session_map.origin is None
     session_map.set_origin(GeoPoint(51.75, -1.26, 60.0))
     session_map.set_origin(GeoPoint(51.75, -1.26, 60.0))
@@ -216,7 +220,7 @@ def test_the_origin_is_set_once(session_map):
     assert session_map.origin == GeoPoint(51.75, -1.26, 60.0)
 
 
-def test_clear_empties_the_map_and_the_running_session_goes_on(session_map):
+def test_clear_empties_the_map_and_the_running_session_goes_on(session_map: SessionMap) -> None:
     drive(session_map, 'one', 0.0, 1.0)
     session_map.end_session()
     drive(session_map, 'two!', 100.0, 1.0)
@@ -233,12 +237,12 @@ def test_clear_empties_the_map_and_the_running_session_goes_on(session_map):
             assert len(kept) == 6
 
 
-def test_a_map_in_memory_cannot_be_saved():
+def test_a_map_in_memory_cannot_be_saved() -> None:
     with pytest.raises(MapError, match=r'map\.path is empty'):
         SessionMap(MapConfig()).save()
 
 
-def test_a_session_without_scans_leaves_no_trace_and_no_undo_is_lost(tmp_path):
+def test_a_session_without_scans_leaves_no_trace_and_no_undo_is_lost(tmp_path: Path) -> None:
     path = tmp_path / 'map.db'
     with SessionMap(MapConfig(path=str(path), undo_depth=1)) as session_map:
         session_map.adopt_model(MODEL)
@@ -258,7 +262,7 @@ def test_a_session_without_scans_leaves_no_trace_and_no_undo_is_lost(tmp_path):
         assert len(session_map) == 0
 
 
-def test_a_model_announced_again_leaves_the_running_session_running(tmp_path):
+def test_a_model_announced_again_leaves_the_running_session_running(tmp_path: Path) -> None:
     path = tmp_path / 'map.db'
     with SessionMap(MapConfig(path=str(path))) as session_map:
         session_map.start_session('one', 0)
@@ -270,7 +274,7 @@ def test_a_model_announced_again_leaves_the_running_session_running(tmp_path):
         assert len(MapStore.open_read_only(path).committed()) == 0
 
 
-def test_two_names_of_one_file_are_one_map(tmp_path):
+def test_two_names_of_one_file_are_one_map(tmp_path: Path) -> None:
     (tmp_path / 'link.db').symlink_to(tmp_path / 'map.db')
     with (
         SessionMap(MapConfig(path=str(tmp_path / 'map.db'))),

@@ -9,7 +9,9 @@ import subprocess
 import sys
 import textwrap
 import weakref
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any, NoReturn
 
 import numpy as np
 import pytest
@@ -55,7 +57,7 @@ def make_map(path: Path, *uncertainties: float) -> PlaceTable:
         return session_map.places()
 
 
-def open_map(path: Path, **options) -> SessionMap:
+def open_map(path: Path, **options: Any) -> SessionMap:
     return SessionMap(MapConfig(path=str(path), **options))
 
 
@@ -65,11 +67,11 @@ def assert_equal(one: PlaceTable, other: PlaceTable) -> None:
         assert getattr(one, field.name).dtype == getattr(other, field.name).dtype
 
 
-def folder_state(folder: Path) -> dict:
+def folder_state(folder: Path) -> dict[str, str]:
     return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in folder.iterdir() if path.is_file()}
 
 
-def test_a_map_comes_back_as_it_was(tmp_path):
+def test_a_map_comes_back_as_it_was(tmp_path: Path) -> None:
     path = tmp_path / 'a.map'
     places = make_map(path, 1.0, 0.5)
     assert [file.name for file in tmp_path.iterdir()] == ['a.map']
@@ -80,7 +82,7 @@ def test_a_map_comes_back_as_it_was(tmp_path):
         assert session_map.start_session('next', 1) == 3
 
 
-def test_anchors_come_back_too(tmp_path):
+def test_anchors_come_back_too(tmp_path: Path) -> None:
     """A scan that the anchor of a replaced place matches, and its present position does not."""
     path = tmp_path / 'a.map'
     with open_map(path) as session_map:
@@ -94,7 +96,7 @@ def test_anchors_come_back_too(tmp_path):
         assert session_map.merge(scan(3, 0.9), Pose(-4.0, 0.0)).kind.value == 'kept'
 
 
-def test_what_can_be_undone_survives_a_restart(tmp_path):
+def test_what_can_be_undone_survives_a_restart(tmp_path: Path) -> None:
     path = tmp_path / 'a.map'
     first = make_map(path, 1.0)
     with open_map(path) as session_map:
@@ -114,7 +116,7 @@ def test_what_can_be_undone_survives_a_restart(tmp_path):
         assert session_map.start_session('next', 1) == 3
 
 
-def test_only_as_many_sessions_as_asked_can_be_undone_after_a_restart(tmp_path):
+def test_only_as_many_sessions_as_asked_can_be_undone_after_a_restart(tmp_path: Path) -> None:
     path = tmp_path / 'a.map'
     with open_map(path, undo_depth=2) as session_map:
         session_map.adopt_model(MODEL)
@@ -155,7 +157,7 @@ DRIVE_AND_DIE = """
 """
 
 
-def killed_after(path: Path, last_call: str) -> dict:
+def killed_after(path: Path, last_call: str) -> dict[str, Any]:
     command = [sys.executable, '-c', textwrap.dedent(DRIVE_AND_DIE), str(path), last_call]
     root = str(Path(__file__).resolve().parents[2])
     environment = os.environ | {'PYTHONPATH': os.pathsep.join([root, os.environ.get('PYTHONPATH', '')])}
@@ -165,7 +167,7 @@ def killed_after(path: Path, last_call: str) -> dict:
         return {name: held[name].tolist() for name in held}
 
 
-def test_an_ended_session_survives_a_killed_process(tmp_path):
+def test_an_ended_session_survives_a_killed_process(tmp_path: Path) -> None:
     path = tmp_path / 'a.map'
     held = killed_after(path, 'end')
     with open_map(path) as session_map:
@@ -173,7 +175,7 @@ def test_an_ended_session_survives_a_killed_process(tmp_path):
         assert session_map.undo_session().session_id == 2
 
 
-def test_an_unended_session_leaves_no_trace(tmp_path):
+def test_an_unended_session_leaves_no_trace(tmp_path: Path) -> None:
     path = tmp_path / 'a.map'
     held = killed_after(path, 'nothing')
     assert held['places'] != held['committed']
@@ -182,7 +184,7 @@ def test_an_unended_session_leaves_no_trace(tmp_path):
         assert session_map.undo_session().session_id == 1
 
 
-def test_a_saved_session_is_interrupted_kept_and_can_be_undone(tmp_path):
+def test_a_saved_session_is_interrupted_kept_and_can_be_undone(tmp_path: Path) -> None:
     path = tmp_path / 'a.map'
     held = killed_after(path, 'save')
     assert MapStore.open_read_only(path).committed().stamps_ns.tolist() == held['committed']
@@ -197,7 +199,7 @@ def test_a_saved_session_is_interrupted_kept_and_can_be_undone(tmp_path):
         assert session_map.places().stamps_ns.tolist() == held['committed']
 
 
-def test_a_reader_sees_ended_sessions_while_the_writer_goes_on(tmp_path):
+def test_a_reader_sees_ended_sessions_while_the_writer_goes_on(tmp_path: Path) -> None:
     path = tmp_path / 'a.map'
     with open_map(path) as writer:
         writer.adopt_model(MODEL)
@@ -219,10 +221,11 @@ def test_a_reader_sees_ended_sessions_while_the_writer_goes_on(tmp_path):
     assert [file.name for file in tmp_path.iterdir()] == ['a.map']
 
 
-def test_a_reader_that_a_writer_overtakes_lets_one_copy_go_before_the_next(tmp_path):
+def test_a_reader_that_a_writer_overtakes_lets_one_copy_go_before_the_next(tmp_path: Path) -> None:
     path = tmp_path / 'a.map'
     make_map(path, 0.5)
-    alive, started = weakref.WeakSet(), []
+    alive = weakref.WeakSet[PlaceColumns]()
+    started: list[int] = []
 
     def start(dimension: int, capacity: int) -> PlaceColumns:
         started.append(len(alive))
@@ -237,7 +240,7 @@ def test_a_reader_that_a_writer_overtakes_lets_one_copy_go_before_the_next(tmp_p
     assert_equal(columns.table, MapStore.open_read_only(path).committed())
 
 
-def test_a_saved_session_that_goes_on_is_stored_whole_and_a_discarded_one_vanishes(tmp_path):
+def test_a_saved_session_that_goes_on_is_stored_whole_and_a_discarded_one_vanishes(tmp_path: Path) -> None:
     path = tmp_path / 'a.map'
     first = make_map(path, 1.0)
     with open_map(path) as session_map:
@@ -261,7 +264,7 @@ def test_a_saved_session_that_goes_on_is_stored_whole_and_a_discarded_one_vanish
         assert_equal(session_map.places(), first)
 
 
-def test_a_second_writer_is_refused_until_the_first_is_gone(tmp_path):
+def test_a_second_writer_is_refused_until_the_first_is_gone(tmp_path: Path) -> None:
     path = tmp_path / 'a.map'
     make_map(path, 1.0)
     with open_map(path), pytest.raises(MapError, match='in use by another process'):
@@ -269,7 +272,7 @@ def test_a_second_writer_is_refused_until_the_first_is_gone(tmp_path):
     open_map(path).close()
 
 
-def test_a_killed_writer_leaves_no_lock_behind(tmp_path):
+def test_a_killed_writer_leaves_no_lock_behind(tmp_path: Path) -> None:
     path = tmp_path / 'a.map'
     killed_after(path, 'end')
     open_map(path).close()
@@ -359,7 +362,9 @@ def change(path: Path, statement: str) -> None:
         (empty, 'empty file'),
     ],
 )
-def test_what_is_no_usable_map_is_refused_and_left_as_it_is(tmp_path, make, words):
+def test_what_is_no_usable_map_is_refused_and_left_as_it_is(
+    tmp_path: Path, make: Callable[[Path], None], words: str
+) -> None:
     path = tmp_path / 'a.map'
     make(path)
     before = folder_state(tmp_path)
@@ -370,7 +375,7 @@ def test_what_is_no_usable_map_is_refused_and_left_as_it_is(tmp_path, make, word
         assert folder_state(tmp_path) == before
 
 
-def test_a_map_of_another_model_is_refused_and_left_as_it_is(tmp_path):
+def test_a_map_of_another_model_is_refused_and_left_as_it_is(tmp_path: Path) -> None:
     path = tmp_path / 'a.map'
     make_map(path, 1.0)
     before = folder_state(tmp_path)
@@ -379,7 +384,7 @@ def test_a_map_of_another_model_is_refused_and_left_as_it_is(tmp_path):
     assert folder_state(tmp_path) == before
 
 
-def test_opening_and_leaving_changes_nothing(tmp_path):
+def test_opening_and_leaving_changes_nothing(tmp_path: Path) -> None:
     path = tmp_path / 'a.map'
     make_map(path, 1.0)
     before = folder_state(tmp_path)
@@ -388,13 +393,13 @@ def test_opening_and_leaving_changes_nothing(tmp_path):
     assert folder_state(tmp_path) == before
 
 
-def test_names_that_a_uri_would_misread(tmp_path):
+def test_names_that_a_uri_would_misread(tmp_path: Path) -> None:
     path = tmp_path / 'a map?mode=memory#1%20.map'
     places = make_map(path, 1.0)
     assert_equal(MapStore.open_read_only(path).places, places)
 
 
-def test_paths_that_cannot_hold_a_map(tmp_path):
+def test_paths_that_cannot_hold_a_map(tmp_path: Path) -> None:
     (tmp_path / 'file').touch()
     (tmp_path / 'folder').mkdir()
     for path in (tmp_path / 'missing' / 'a.map', tmp_path / 'file' / 'a.map', tmp_path / 'folder'):
@@ -406,7 +411,9 @@ def test_paths_that_cannot_hold_a_map(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ['file', 'folder']
 
 
-def test_a_write_that_fails_leaves_file_and_session_as_they_were(tmp_path, monkeypatch):
+def test_a_write_that_fails_leaves_file_and_session_as_they_were(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     path = tmp_path / 'a.map'
     first = make_map(path, 1.0)
     with open_map(path) as session_map:
@@ -422,11 +429,11 @@ def test_a_write_that_fails_leaves_file_and_session_as_they_were(tmp_path, monke
         assert_equal(MapStore.open_read_only(path).committed(), session_map.places())
 
 
-def fail(*_):
+def fail(*_: object) -> NoReturn:
     raise sqlite3.OperationalError('database or disk is full')
 
 
-def test_clear_keeps_a_copy_of_everything(tmp_path):
+def test_clear_keeps_a_copy_of_everything(tmp_path: Path) -> None:
     path = tmp_path / 'a.map'
     places = make_map(path, 1.0, 0.5)
     with open_map(path) as session_map:
@@ -434,6 +441,7 @@ def test_clear_keeps_a_copy_of_everything(tmp_path):
         assert session_map.model == MODEL and session_map.origin == ORIGIN
         with pytest.raises(MapError, match='no session to undo'):
             session_map.undo_session()
+    assert copy is not None
     assert copy.name.startswith('a.map.') and copy.name.endswith('Z.bak')
     assert_equal(MapStore.open_read_only(copy).places, places)
     with open_map(path) as session_map:
@@ -455,7 +463,7 @@ place = st.builds(
 
 @settings(max_examples=60, deadline=None)
 @given(st.lists(place, max_size=5))
-def test_rows_round_trip_through_sqlite(places):
+def test_rows_round_trip_through_sqlite(places: list[Place]) -> None:
     table = PlaceTable.from_places(places, 3)
     connection = sqlite3.connect(':memory:')
     connection.execute('CREATE TABLE t (a, b, c, d REAL, e REAL, f REAL, g REAL, h REAL, i BLOB)')

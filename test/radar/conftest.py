@@ -54,6 +54,8 @@ def make_scan() -> Callable[..., PolarScan]:
 
     def make(rows: int = 400, bins: int = 600, resolution_m: float = 0.175, seed: int = 0) -> PolarScan:
         power = np.random.default_rng(seed).integers(0, 256, (rows, bins)).astype(np.uint8)
-        return PolarScan(1_600_000_000_000_000_000, power, np.arange(rows) * (2 * np.pi / rows), resolution_m)
+        return PolarScan(
+            1_600_000_000_000_000_000, power, np.linspace(0.0, 2 * np.pi, rows, endpoint=False), resolution_m
+        )
 
     return make

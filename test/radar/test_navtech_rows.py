@@ -3,12 +3,13 @@ from __future__ import annotations
 import struct
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from radar_images import read_image
 
 from offradar_ros.errors import RefusedInput
 from offradar_ros.radar.navtech_rows import full_turn_counts, has_metadata, join_rows, split_rows
@@ -56,7 +57,7 @@ def test_joined_rows_are_split_again(rows: int, bins: int, size: int, seed: int)
     scan = PolarScan(
         START_NS,
         random.integers(0, 256, (rows, bins)).astype(np.uint8),
-        counts * (2 * np.pi / size),
+        np.asarray(counts * (2 * np.pi / size), np.float64),
         0.05,
         azimuth_stamps_ns=START_NS + np.arange(rows, dtype=np.int64) * 625_001,
     )
@@ -64,6 +65,7 @@ def test_joined_rows_are_split_again(rows: int, bins: int, size: int, seed: int)
     assert has_metadata(image)
     azimuths, stamps, power = split_rows(image, size)
     assert np.array_equal(power, scan.power)
+    assert scan.azimuth_stamps_ns is not None
     assert np.array_equal(stamps, scan.azimuth_stamps_ns)
     assert azimuths == pytest.approx(scan.azimuths_rad, abs=1e-9)
 
@@ -126,7 +128,7 @@ def test_an_encoder_that_stands_still_is_refused() -> None:
     ],
 )
 def test_recorded_rows(real_data: Path, file: str, first_encoder: int, first_stamp_ns: int) -> None:
-    image = cv2.imread(str(real_data / file), cv2.IMREAD_UNCHANGED)
+    image = read_image(real_data / file)
     assert has_metadata(image)
     assert not has_metadata(image[:, 11:])
     azimuths, stamps, power = split_rows(image, 5600)
@@ -138,17 +140,17 @@ def test_recorded_rows(real_data: Path, file: str, first_encoder: int, first_sta
 
 
 def test_the_valid_column_of_utias_drops_nothing(real_data: Path) -> None:
-    image = cv2.imread(str(real_data / 'utias_frame' / 'test_frame.png'), cv2.IMREAD_UNCHANGED)
+    image = read_image(real_data / 'utias_frame' / 'test_frame.png')
     assert set(np.unique(image[:, 10])) == {0, 255}
     assert len(split_rows(image, 5600)[0]) == 400
 
 
 @pytest.mark.parametrize('file', ['mulran_kaist03/polar/000000.png', 'radiate_tiny_foggy/Navtech_Polar/000001.png'])
 def test_recorded_images_without_metadata(real_data: Path, file: str) -> None:
-    image = cv2.imread(str(real_data / file), cv2.IMREAD_UNCHANGED)
+    image = read_image(real_data / file)
     assert not has_metadata(image)
     assert not has_metadata(image.T)
 
 
-def test_the_live_message_has_no_metadata(live_image: dict[str, object]) -> None:
+def test_the_live_message_has_no_metadata(live_image: dict[str, Any]) -> None:
     assert not has_metadata(np.frombuffer(live_image['data'], np.uint8).reshape(400, 6848))

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from offradar_ros.config import PolarGridConfig, RadarConfig
 from offradar_ros.radar.png import decode_png
@@ -65,8 +66,8 @@ def smooth_scan(azimuths: np.ndarray, bins: int, resolution_m: float, range_offs
     return PolarScan(1, np.rint(wave).astype(np.uint8), azimuths, resolution_m, range_offset_m)
 
 
-def even(rows: int = 60, first: float = 0.0) -> np.ndarray:
-    return np.mod(np.arange(rows) * (math.tau / rows) + first, math.tau)
+def even(rows: int = 60, first: float = 0.0) -> NDArray[np.float64]:
+    return np.mod(np.linspace(0.0, math.tau, rows, endpoint=False) + first, math.tau)
 
 
 AZIMUTHS = {

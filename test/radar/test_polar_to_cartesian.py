@@ -79,7 +79,7 @@ def test_the_live_scan_agrees_with_supersampling(live_image: dict[str, Any]) -> 
 def smooth_scan(rows: int, bins: int, resolution_m: float, azimuths: np.ndarray | None = None) -> PolarScan:
     """Power that varies over metres and degrees, so that any right method gives the same image."""
     if azimuths is None:
-        azimuths = np.arange(rows) * (2 * np.pi / rows)
+        azimuths = np.linspace(0.0, 2 * np.pi, rows, endpoint=False)
     ranges = (np.arange(bins) + 0.5) * resolution_m
     wave = 120 + 60 * np.sin(3 * azimuths)[:, np.newaxis] + 60 * np.cos(ranges / 4)[np.newaxis, :]
     return PolarScan(1, np.rint(wave).astype(np.uint8), azimuths, resolution_m)
@@ -106,10 +106,10 @@ def test_range_offset_shifts_the_image_outwards() -> None:
 @pytest.mark.parametrize(
     'azimuths',
     [
-        np.arange(399) * (2 * np.pi / 400),
-        np.arange(400) * (2 * np.pi / 400) + np.random.default_rng(3).uniform(-0.005, 0.005, 400) + 0.006,
-        np.mod(3.0 - np.arange(400) * (2 * np.pi / 400), 2 * np.pi),
-        np.mod(np.arange(400) * (2 * np.pi / 400) + 5.1, 2 * np.pi),
+        np.linspace(0.0, 2 * np.pi, 400, endpoint=False)[:399],
+        np.linspace(0.0, 2 * np.pi, 400, endpoint=False) + np.random.default_rng(3).uniform(-0.005, 0.005, 400) + 0.006,
+        np.mod(3.0 - np.linspace(0.0, 2 * np.pi, 400, endpoint=False), 2 * np.pi),
+        np.mod(np.linspace(0.0, 2 * np.pi, 400, endpoint=False) + 5.1, 2 * np.pi),
     ],
     ids=['399 rows', 'jittered', 'counter-clockwise', 'from elsewhere'],
 )
@@ -134,7 +134,7 @@ def test_a_point_lands_in_its_pixel(azimuth_deg: float, range_m: float) -> None:
     power = np.zeros((400, 3768), np.uint8)
     centre_bin = round(range_m / 0.0432 - 0.5)
     power[round(azimuth_deg / 0.9), centre_bin - 3 : centre_bin + 4] = 255
-    scan = PolarScan(1, power, np.arange(400) * (2 * np.pi / 400), 0.0432)
+    scan = PolarScan(1, power, np.linspace(0.0, 2 * np.pi, 400, endpoint=False), 0.0432)
     image = PolarToCartesian(CONFIG)(scan).astype(float)
     forward = math.cos(math.radians(azimuth_deg)) * (centre_bin + 0.5) * 0.0432
     right = math.sin(math.radians(azimuth_deg)) * (centre_bin + 0.5) * 0.0432
@@ -162,7 +162,7 @@ def test_spinning_equals_an_azimuth_offset(make_scan: Callable[..., PolarScan]) 
 def test_near_far_and_unmeasured_are_black() -> None:
     bright = np.full((400, 1000), 200, np.uint8)
     config = CartesianConfig(min_range_m=10.0)
-    scan = PolarScan(1, bright, np.arange(400) * (2 * np.pi / 400), 0.05)
+    scan = PolarScan(1, bright, np.linspace(0.0, 2 * np.pi, 400, endpoint=False), 0.05)
     image = PolarToCartesian(config)(scan)
     ranges = np.hypot(*np.meshgrid((np.arange(256) - 127.5) * 0.5, (np.arange(256) - 127.5) * 0.5))
     assert image[ranges < 9.5].max() == 0
@@ -171,7 +171,7 @@ def test_near_far_and_unmeasured_are_black() -> None:
 
 
 def test_a_missing_part_of_the_rotation_is_never_filled() -> None:
-    azimuths = np.arange(100, 320) * (2 * np.pi / 400)
+    azimuths = np.linspace(0.0, 2 * np.pi, 400, endpoint=False)[100:320]
     scan = PolarScan(1, np.full((220, 3000), 200, np.uint8), azimuths, 0.05)
     image = PolarToCartesian(CONFIG)(scan)
     side = np.arange(256) - 127.5
@@ -185,7 +185,7 @@ def test_a_missing_part_of_the_rotation_is_never_filled() -> None:
 
 @pytest.mark.parametrize('rows', [2, 3, 5])
 def test_the_first_few_rows_of_a_rotation_fill_no_more_than_theirs(rows: int) -> None:
-    azimuths = np.arange(rows) * (2 * np.pi / 400)
+    azimuths = np.linspace(0.0, 2 * np.pi, 400, endpoint=False)[:rows]
     image = PolarToCartesian(CONFIG)(PolarScan(1, np.full((rows, 3000), 200, np.uint8), azimuths, 0.05))
     assert image[:, :126].max() == 0
     assert image[128:].max() == 0
@@ -193,7 +193,7 @@ def test_the_first_few_rows_of_a_rotation_fill_no_more_than_theirs(rows: int) ->
 
 
 def test_one_lost_row_is_bridged() -> None:
-    azimuths = np.delete(np.arange(400) * (2 * np.pi / 400), 77)
+    azimuths = np.delete(np.linspace(0.0, 2 * np.pi, 400, endpoint=False), 77)
     scan = PolarScan(1, np.full((399, 3000), 200, np.uint8), azimuths, 0.05)
     far = np.add.outer((np.arange(256) - 127.5) ** 2, (np.arange(256) - 127.5) ** 2) > 6**2
     assert PolarToCartesian(CONFIG)(scan)[far].min() == 200

@@ -54,7 +54,8 @@ def test_once_told_that_a_recording_starts_any_stamp_is_its_first(stamp: int) ->
 
 @given(st.lists(st.integers(0, 20 * SECOND), max_size=30))
 def test_what_passes_grows_between_restarts(stamps: list[int]) -> None:
-    gate, passed = StampGate(5 * SECOND), []
+    gate = StampGate(5 * SECOND)
+    passed: list[int] = []
     for stamp in stamps:
         try:
             restarted = gate.check(stamp)

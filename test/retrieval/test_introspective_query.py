@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -34,7 +35,7 @@ def searched() -> SearchedMap:
     return loaded
 
 
-def answer(searched: SearchedMap, embedding: Embedding, **changes: object) -> Outcome:
+def answer(searched: SearchedMap, embedding: Embedding, **changes: Any) -> Outcome:
     return IntrospectiveQuery(dataclasses.replace(CONFIG, **changes), searched).query(embedding)
 
 
@@ -109,7 +110,7 @@ def test_an_invalid_embedding_has_no_uncertainty(searched: SearchedMap, embeddin
     assert '\n' not in outcome.detail
 
 
-def rejected(searched: SearchedMap, embedding: Embedding, **changes: object) -> Rejection:
+def rejected(searched: SearchedMap, embedding: Embedding, **changes: Any) -> Rejection:
     outcome = answer(searched, embedding, **changes)
     assert isinstance(outcome, Rejection)
     return outcome
@@ -142,7 +143,7 @@ def test_thresholds_of_another_model_are_never_used(searched: SearchedMap) -> No
 
 
 def test_the_first_reason_in_order_counts(searched: SearchedMap) -> None:
-    strict = {'level': 0, 'max_distance': 1.0}
+    strict: dict[str, Any] = {'level': 0, 'max_distance': 1.0}
     assert rejected(searched, scan((math.nan, 9e9), model=OTHER), **strict).reason is Reason.INVALID_EMBEDDING
     assert rejected(searched, scan((0.0, 9e9), 2.0, model=OTHER), **strict).reason is Reason.WRONG_MODEL
     assert rejected(searched, scan((0.0, 9e9), 2.0), **strict).reason is Reason.UNCERTAIN

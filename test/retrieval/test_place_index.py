@@ -1,11 +1,14 @@
 """Exact search against distances computed pair by pair."""
 
 import math
+import random
+from collections.abc import Mapping
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.distance import cdist
 
 from offradar_ros.errors import RefusedInput
@@ -13,7 +16,7 @@ from offradar_ros.retrieval.place_index import PlaceIndex
 from offradar_ros.types import PlaceTable
 
 
-def table_of(means, place_ids=None) -> PlaceTable:
+def table_of(means: ArrayLike, place_ids: ArrayLike | None = None) -> PlaceTable:
     means = np.asarray(means, np.float32)
     count = len(means)
     ids = np.arange(count) if place_ids is None else np.asarray(place_ids)
@@ -28,7 +31,7 @@ def table_of(means, place_ids=None) -> PlaceTable:
     )
 
 
-def slowly(entries: dict, query, k) -> list:
+def slowly(entries: Mapping[int, NDArray[np.float32]], query: NDArray[np.float32], k: int) -> list[tuple[float, int]]:
     """(float32 distance, id) of the k nearest, every difference summed in Python."""
     ranked = []
     for place_id, mean in entries.items():
@@ -38,9 +41,13 @@ def slowly(entries: dict, query, k) -> list:
     return sorted(ranked)[:k]
 
 
-def found(index, query, k, **without):
-    return [(c.distance, c.place_id) for c in index.search(np.asarray(query, np.float32), k, **without)]
+def found(
+    index: PlaceIndex, query: ArrayLike, k: int, without: NDArray[np.int64] | None = None
+) -> list[tuple[float, int]]:
+    return [(c.distance, c.place_id) for c in index.search(np.asarray(query, np.float32), k, without)]
 
+
+Vector = list[float]
 
 value = st.one_of(
     st.floats(-2, 2, width=32), st.sampled_from([0.0, 1.0, 1e4, 1e4 + 1e-3, -1e4, 3e-20, 1e-30, 1e19, -3e38])
@@ -53,15 +60,15 @@ value = st.one_of(
     st.lists(value, min_size=3, max_size=3),
     st.integers(1, 25),
 )
-def test_any_numbers_however_close_or_large(means, query, k):
+def test_any_numbers_however_close_or_large(means: list[Vector], query: Vector, k: int) -> None:
     index = PlaceIndex(3)
     index.upsert(table_of(means))
-    query = np.asarray(query, np.float32)
-    assert found(index, query, k) == slowly(dict(enumerate(np.asarray(means, np.float32))), query, k)
+    asked = np.asarray(query, np.float32)
+    assert found(index, asked, k) == slowly(dict(enumerate(np.asarray(means, np.float32))), asked, k)
 
 
 @pytest.mark.parametrize('k', [1, 25, 1024, 1025])
-def test_maps_large_enough_to_look_for_the_nearest_by_groups(k):
+def test_maps_large_enough_to_look_for_the_nearest_by_groups(k: int) -> None:
     """Many places resemble the query, all beside one another, and the last rows belong to no group."""
     rng = np.random.default_rng(3)
     means = rng.normal(size=(120_000, 8)).astype(np.float32)
@@ -77,7 +84,7 @@ def test_maps_large_enough_to_look_for_the_nearest_by_groups(k):
     assert found(index, means[0], k, without=all_but_some) == left
 
 
-def test_many_places_against_cdist():
+def test_many_places_against_cdist() -> None:
     rng = np.random.default_rng(0)
     means = rng.normal(size=(3000, 64)).astype(np.float32)
     index = PlaceIndex(64)
@@ -87,7 +94,7 @@ def test_many_places_against_cdist():
         assert [c.place_id for c in index.search(query, 25)] == np.argsort(exact)[:25].tolist()
 
 
-def test_near_duplicates_far_from_zero_keep_their_order():
+def test_near_duplicates_far_from_zero_keep_their_order() -> None:
     """|x|² − 2 x·q alone loses every one of these differences in single precision."""
     rng = np.random.default_rng(1)
     centre = 100.0 + rng.normal(size=128)
@@ -107,10 +114,12 @@ def test_near_duplicates_far_from_zero_keep_their_order():
     st.booleans(),
     st.randoms(use_true_random=False),
 )
-def test_many_queries_find_what_each_of_them_finds(means, queries, k, repeat, random):
+def test_many_queries_find_what_each_of_them_finds(
+    listed_means: list[Vector], listed_queries: list[Vector], k: int, repeat: bool, random: random.Random
+) -> None:
     # A place that is there twice, and a query of a place, are what ties are made of.
-    means = np.array(means + means[:5] * repeat, np.float32).reshape(-1, 3)
-    queries = np.concatenate([np.array(queries, np.float32).reshape(-1, 3), means[:3]])
+    means = np.array(listed_means + listed_means[:5] * repeat, np.float32).reshape(-1, 3)
+    queries = np.concatenate([np.array(listed_queries, np.float32).reshape(-1, 3), means[:3]])
     index = PlaceIndex(3)
     index.upsert(table_of(means, 2 * np.arange(len(means))))
     left_out = np.array([[random.random() < 0.3 for _ in means] for _ in queries], np.bool_).reshape(
@@ -128,7 +137,7 @@ def test_many_queries_find_what_each_of_them_finds(means, queries, k, repeat, ra
             assert all(distance == np.inf for distance, _ in listed[len(expected) :])
 
 
-def test_many_queries_at_once_against_cdist():
+def test_many_queries_at_once_against_cdist() -> None:
     rng = np.random.default_rng(4)
     # Far from the origin single precision would cancel; the last place is the first again.
     means = (rng.normal(size=(700, 16)) + 1000.0).astype(np.float32)
@@ -145,7 +154,7 @@ def test_many_queries_at_once_against_cdist():
         np.testing.assert_array_equal(distances, np.take_along_axis(exact, order, 1).astype(np.float32))
 
 
-def test_many_equal_places_are_found_in_order_of_their_ids():
+def test_many_equal_places_are_found_in_order_of_their_ids() -> None:
     index = PlaceIndex(4)
     index.upsert(table_of(np.zeros((300, 4))))
     rows, distances = index.search_many(np.zeros((3, 4), np.float32), 20)
@@ -153,7 +162,7 @@ def test_many_equal_places_are_found_in_order_of_their_ids():
     assert not distances.any()
 
 
-def test_of_no_places_and_of_no_queries_nothing_is_found():
+def test_of_no_places_and_of_no_queries_nothing_is_found() -> None:
     index = PlaceIndex(4)
     assert [part.shape for part in index.search_many(np.zeros((3, 4), np.float32), 5)] == [(3, 0), (3, 0)]
     assert index.squared_distances(np.zeros((3, 4), np.float32)).shape == (3, 0)
@@ -161,13 +170,13 @@ def test_of_no_places_and_of_no_queries_nothing_is_found():
     assert [part.shape for part in index.search_many(np.zeros((0, 4), np.float32), 5)] == [(0, 2), (0, 2)]
 
 
-def test_ties_go_by_place_id():
+def test_ties_go_by_place_id() -> None:
     index = PlaceIndex(2)
     index.upsert(table_of(np.ones((6, 2)), place_ids=[9, 4, 30, 2, 7, 5]))
     assert [c.place_id for c in index.search(np.zeros(2, np.float32), 4)] == [2, 4, 5, 7]
 
 
-def test_k_beyond_the_map_and_an_empty_map():
+def test_k_beyond_the_map_and_an_empty_map() -> None:
     index = PlaceIndex(2)
     assert index.search(np.zeros(2, np.float32), 5) == []
     index.upsert(table_of([[1, 0], [0, 2]]))
@@ -179,8 +188,9 @@ step = st.tuples(st.sampled_from(['upsert', 'remove']), st.lists(st.integers(0, 
 
 @settings(max_examples=80, deadline=None)
 @given(st.lists(step, max_size=8), st.lists(st.integers(0, 30), max_size=5))
-def test_changes_leave_no_trace_of_what_was(steps, without):
-    index, entries = PlaceIndex(4), {}
+def test_changes_leave_no_trace_of_what_was(steps: list[tuple[str, list[int]]], without: list[int]) -> None:
+    index = PlaceIndex(4)
+    entries: dict[int, NDArray[np.float32]] = {}
     rng = np.random.default_rng(7)
     for verb, ids in steps:
         means = rng.normal(size=(len(ids), 4)).astype(np.float32)
@@ -198,7 +208,7 @@ def test_changes_leave_no_trace_of_what_was(steps, without):
         assert found(index, query, 5, without=np.array(without, np.int64)) == slowly(left, query, 5)
 
 
-def test_a_candidate_carries_its_place():
+def test_a_candidate_carries_its_place() -> None:
     index = PlaceIndex(2)
     index.upsert(table_of([[3, 4]], place_ids=[8]))
     (candidate,) = index.search(np.zeros(2, np.float32), 1)
@@ -215,7 +225,7 @@ def test_a_candidate_carries_its_place():
         (table_of([[1, math.inf]]), 'invalid_place'),
     ],
 )
-def test_unusable_places_are_refused_and_change_nothing(table, cause):
+def test_unusable_places_are_refused_and_change_nothing(table: PlaceTable, cause: str) -> None:
     index = PlaceIndex(2)
     index.upsert(table_of([[1, 2]]))
     with pytest.raises(RefusedInput) as refused:

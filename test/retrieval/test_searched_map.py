@@ -1,5 +1,6 @@
 """What is searched: ended sessions always, the running one only if asked, and never a scan by itself."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -8,8 +9,10 @@ import pytest
 from offradar_ros.config import MapConfig
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.errors import MapError, RefusedInput
+from offradar_ros.mapping.map_reader import read_committed
 from offradar_ros.mapping.sessions import SessionMap
 from offradar_ros.retrieval import searched_map
+from offradar_ros.retrieval.place_index import PlaceIndex
 from offradar_ros.retrieval.searched_map import SearchedMap
 from offradar_ros.types import Candidate, Embedding, Place, PlaceTable, Pose
 
@@ -151,9 +154,13 @@ def test_a_file_is_read_again_only_if_it_was_written_or_is_not_what_is_searched(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / 'a.map'
-    reads = []
-    read = searched_map.read_committed
-    monkeypatch.setattr(searched_map, 'read_committed', lambda *given: reads.append(path) or read(*given))
+    reads: list[Path] = []
+
+    def counted(path: Path, start: Callable[[int, int], PlaceIndex]) -> tuple[str, PlaceIndex]:
+        reads.append(path)
+        return read_committed(path, start)
+
+    monkeypatch.setattr(searched_map, 'read_committed', counted)
     stored_map(path, count=3, running=False).close()
     searched = SearchedMap()
 

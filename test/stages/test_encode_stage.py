@@ -32,7 +32,7 @@ class StubEncoder:
 
 
 def scan_of(stamp: int, level: int = 9) -> PolarScan:
-    return PolarScan(stamp, np.full((8, 4), level, np.uint8), np.arange(8) * (math.tau / 8), 1.0)
+    return PolarScan(stamp, np.full((8, 4), level, np.uint8), np.linspace(0.0, math.tau, 8, endpoint=False), 1.0)
 
 
 Sent = list[tuple[int, str]]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import importlib.util
 import tempfile
 from pathlib import Path
 
@@ -11,27 +12,32 @@ import pytest
 from scipy.spatial.distance import cdist
 from scipy.stats import spearmanr
 
-torch = pytest.importorskip('torch')
-onnx = pytest.importorskip('onnx')
+pytest.importorskip('torch')
+pytest.importorskip('onnx')
 pytest.importorskip('onnxruntime')
 
-from offradar_ros.encoders import model_files  # noqa: E402
-from offradar_ros.encoders.export.calibration_scans import CalibrationScans, calibration_scans  # noqa: E402
-from offradar_ros.encoders.export.onnx_export import Smaller, export_onnx  # noqa: E402
-from offradar_ros.encoders.network_config import NetworkConfig  # noqa: E402
-from offradar_ros.encoders.networks.files import save_network  # noqa: E402
-from offradar_ros.encoders.networks.registry import make_network  # noqa: E402
-from offradar_ros.encoders.onnx_backend import OnnxEncoder  # noqa: E402
-from offradar_ros.encoders.opencv_backend import OpencvEncoder  # noqa: E402
-from offradar_ros.encoders.pretrained import find_weights  # noqa: E402
-from offradar_ros.encoders.registry import LEARNED  # noqa: E402
-from offradar_ros.encoders.weights import read_header  # noqa: E402
-from offradar_ros.errors import ModelError  # noqa: E402
-from offradar_ros.lab.simulation.city import CityPlan, make_city  # noqa: E402
-from offradar_ros.lab.simulation.sensor import SimulatedSensor  # noqa: E402
-from offradar_ros.lab.simulation.sequence import SimulatedSequence  # noqa: E402
-from offradar_ros.lab.simulation.session_plan import SessionPlan  # noqa: E402
-from offradar_ros.recordings.datasets.registry import open_sequence  # noqa: E402
+import onnx
+import torch
+
+from offradar_ros.encoders.export.calibration_scans import CalibrationScans, calibration_scans
+from offradar_ros.encoders.export.onnx_export import Smaller, export_onnx
+from offradar_ros.encoders.network_config import NetworkConfig
+from offradar_ros.encoders.networks.files import save_network
+from offradar_ros.encoders.networks.registry import make_network
+from offradar_ros.encoders.networks.stun import StunNetwork
+from offradar_ros.encoders.networks.vae import VaeNetwork
+from offradar_ros.encoders.networks.variational import VariationalNetwork
+from offradar_ros.encoders.onnx_backend import OnnxEncoder
+from offradar_ros.encoders.opencv_backend import OpencvEncoder
+from offradar_ros.encoders.pretrained import find_weights
+from offradar_ros.encoders.registry import LEARNED
+from offradar_ros.encoders.weights import read_header
+from offradar_ros.errors import ModelError
+from offradar_ros.lab.simulation.city import CityPlan, make_city
+from offradar_ros.lab.simulation.sensor import SimulatedSensor
+from offradar_ros.lab.simulation.sequence import SimulatedSequence
+from offradar_ros.lab.simulation.session_plan import SessionPlan
+from offradar_ros.recordings.datasets.registry import open_sequence
 
 
 def images(count: int, shape: tuple[int, int], seed: int = 9) -> np.ndarray:
@@ -45,7 +51,7 @@ def images(count: int, shape: tuple[int, int], seed: int = 9) -> np.ndarray:
 def saved(config: NetworkConfig, path: Path, half: bool = False) -> Path:
     torch.manual_seed(3)
     network = make_network(config)
-    if hasattr(network, 'log_variance'):
+    if isinstance(network, (VariationalNetwork, VaeNetwork, StunNetwork)):
         torch.nn.init.normal_(network.log_variance.weight, std=0.02)
     network(torch.from_numpy(images(8, config.image_shape)))
     save_network(path, network.eval(), 'random weights of a test', half)
@@ -168,10 +174,8 @@ def test_nothing_is_left_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
 
 def test_a_missing_runtime_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    there = model_files.importlib.util.find_spec
-    monkeypatch.setattr(
-        model_files.importlib.util, 'find_spec', lambda name: None if name == 'onnxruntime' else there(name)
-    )
+    there = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, 'find_spec', lambda name: None if name == 'onnxruntime' else there(name))
     scans = CalibrationScans(images(1, (64, 32)), 'one image')
     with pytest.raises(ModelError, match='needs the Python package onnxruntime, which is not installed'):
         export_onnx(tmp_path / 'net.safetensors', tmp_path / 'int8.onnx', Smaller(scans, int8=True))

@@ -5,13 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-onnx = pytest.importorskip('onnx')
-onnxruntime = pytest.importorskip('onnxruntime')
+pytest.importorskip('onnx')
+pytest.importorskip('onnxruntime')
 
-from onnx import TensorProto, helper, numpy_helper  # noqa: E402
+import onnx
+import onnxruntime
+from onnx import TensorProto, helper, numpy_helper
 
-from offradar_ros.encoders.export.onnx_opencv import OPSET, rewrite_for_opencv  # noqa: E402
-from offradar_ros.encoders.pretrained import find_weights  # noqa: E402
+from offradar_ros.encoders.export.onnx_opencv import OPSET, rewrite_for_opencv
+from offradar_ros.encoders.pretrained import find_weights
 
 
 def constant(name: str, value: np.ndarray) -> onnx.NodeProto:

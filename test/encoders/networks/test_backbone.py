@@ -4,23 +4,28 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-torch = pytest.importorskip('torch')
+pytest.importorskip('torch')
 
-from offradar_ros.encoders.network_config import NetworkConfig  # noqa: E402
-from offradar_ros.encoders.networks.backbone import (  # noqa: E402
+import torch
+
+from offradar_ros.encoders.network_config import NetworkConfig
+from offradar_ros.encoders.networks.backbone import (
     COMPACT_CONVOLUTIONS,
     AzimuthSpectrum,
     Compact,
     make_backbone,
 )
-from offradar_ros.encoders.networks.registry import make_network  # noqa: E402
-from offradar_ros.encoders.registry import LEARNED  # noqa: E402
-from offradar_ros.radar.spinning import spin  # noqa: E402
-from offradar_ros.types import PolarScan  # noqa: E402
+from offradar_ros.encoders.networks.network import Network
+from offradar_ros.encoders.networks.registry import make_network
+from offradar_ros.encoders.registry import LEARNED
+from offradar_ros.radar.spinning import spin
+from offradar_ros.types import PolarScan
 
 UNCHANGED = 1e-5
 
@@ -30,7 +35,7 @@ def images(count: int, shape: tuple[int, int]) -> np.ndarray:
     return np.minimum(speckle, 255).astype(np.uint8)
 
 
-def trained_a_little(network: torch.nn.Module, shape: tuple[int, int]) -> torch.nn.Module:
+def trained_a_little(network: Network, shape: tuple[int, int]) -> Network:
     """With batch statistics that are not those of the start."""
     network.train()(torch.from_numpy(images(8, shape)))
     return network.eval()
@@ -61,6 +66,7 @@ def test_spectrum_of_nothing_has_a_slope_in_any_precision(kind: torch.dtype | No
     assert found.dtype == torch.float32
     assert (found >= 0).all()
     found.sum().backward()
+    assert features.grad is not None
     assert torch.isfinite(features.grad).all()
 
 
@@ -85,7 +91,7 @@ def test_what_is_computed_once_is_not_among_the_weights() -> None:
     assert not any('spectrum' in name for name in shapes)
 
 
-def convolved(features: np.ndarray, layer: torch.nn.Module, stride: int) -> np.ndarray:
+def convolved(features: NDArray[np.float64], layer: Any, stride: int) -> NDArray[np.float64]:
     """(C, A, R) → (C', A / stride, R / stride) by loops: rows go round, columns end in zeros."""
     kernel = layer.convolution.weight.detach().double().numpy()
     normalise = layer.normalise
@@ -103,13 +109,14 @@ def convolved(features: np.ndarray, layer: torch.nn.Module, stride: int) -> np.n
         tensor.detach().double().numpy()[:, None, None]
         for tensor in (normalise.running_mean, normalise.running_var, normalise.weight, normalise.bias)
     )
-    return (found - mean) / np.sqrt(variance + normalise.eps) * weight + bias
+    return np.asarray((found - mean) / np.sqrt(variance + normalise.eps) * weight + bias)
 
 
 def test_the_whole_backbone_against_loops() -> None:
     torch.manual_seed(0)
     network = make_network(NetworkConfig(backbone='compact', dimension=4, azimuths=16, range_bins=24))
     backbone = trained_a_little(network, (16, 24)).features.backbone
+    assert isinstance(backbone, Compact)
     image = images(1, (16, 24)) / 255.0
     standardised = [
         [(image[0, a, r] - image[0, :, r].mean()) / (image[0, :, r].std() + 0.01) for r in range(24)] for a in range(16)

@@ -8,14 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-torch = pytest.importorskip('torch')
+pytest.importorskip('torch')
 
-from offradar_ros.encoders.export.calibration_scans import CalibrationScans  # noqa: E402
-from offradar_ros.encoders.export.onnx_export import Smaller, export_onnx  # noqa: E402
-from offradar_ros.encoders.network_config import NetworkConfig  # noqa: E402
-from offradar_ros.encoders.networks.low_rank import factorise  # noqa: E402
-from offradar_ros.encoders.networks.registry import make_network  # noqa: E402
-from offradar_ros.encoders.onnx_backend import OnnxEncoder  # noqa: E402
+import torch
+
+from offradar_ros.encoders.export.calibration_scans import CalibrationScans
+from offradar_ros.encoders.export.onnx_export import Smaller, export_onnx
+from offradar_ros.encoders.network_config import NetworkConfig
+from offradar_ros.encoders.networks.backbone import Vgg16
+from offradar_ros.encoders.networks.low_rank import factorise
+from offradar_ros.encoders.networks.network import Network
+from offradar_ros.encoders.networks.registry import make_network
+from offradar_ros.encoders.onnx_backend import OnnxEncoder
 
 VGG16 = NetworkConfig(method='bc_radar', dimension=8, side_px=32)
 COMPACT = NetworkConfig(method='bc_radar', backbone='compact', dimension=8, azimuths=64, range_bins=32)
@@ -26,14 +30,20 @@ def images(count: int, shape: tuple[int, int]) -> np.ndarray:
     return np.minimum(speckle, 255).astype(np.uint8)
 
 
-def network_of(config: NetworkConfig, seed: int = 3) -> torch.nn.Module:
+def network_of(config: NetworkConfig, seed: int = 3) -> Network:
     torch.manual_seed(seed)
     return make_network(config).eval()
 
 
-def multiplications(network: torch.nn.Module, config: NetworkConfig) -> int:
+def vgg16_layers(network: Network) -> torch.nn.Sequential:
+    backbone = network.features.backbone
+    assert isinstance(backbone, Vgg16)
+    return backbone.features
+
+
+def multiplications(network: Network, config: NetworkConfig) -> int:
     """Of all convolutions for one image, counted while it goes through."""
-    spent = []
+    spent: list[int] = []
     hooks = [
         layer.register_forward_hook(
             lambda layer, _, out: spent.append(out[0, 0].numel() * len(out) * layer.weight.numel())
@@ -72,10 +82,11 @@ def test_more_multiplications_are_nearer_to_the_whole_network(config: NetworkCon
 def test_filters_that_repeat_each_other_are_spared_without_a_difference() -> None:
     network = network_of(VGG16)
     with torch.no_grad():
-        for layer in network.features.backbone.features:
+        for layer in vgg16_layers(network):
             if isinstance(layer, torch.nn.Conv2d):
                 kept = layer.out_channels // 8
                 layer.weight.copy_(layer.weight[:kept].repeat(8, 1, 1, 1))
+                assert layer.bias is not None
                 layer.bias.normal_(std=0.1)
     given = torch.from_numpy(images(6, VGG16.image_shape))
     before = network.embed(given)[0].detach()
@@ -85,8 +96,11 @@ def test_filters_that_repeat_each_other_are_spared_without_a_difference() -> Non
 
 def test_a_dead_convolution_is_no_obstacle() -> None:
     network = network_of(VGG16)
-    torch.nn.init.zeros_(network.features.backbone.features[10].weight)
-    torch.nn.init.zeros_(network.features.backbone.features[10].bias)
+    dead = vgg16_layers(network)[10]
+    assert isinstance(dead, torch.nn.Conv2d)
+    assert dead.bias is not None
+    torch.nn.init.zeros_(dead.weight)
+    torch.nn.init.zeros_(dead.bias)
     factorise(network, images(2, VGG16.image_shape), 0.5)
     assert torch.isfinite(network.embed(torch.from_numpy(images(2, VGG16.image_shape)))[0]).all()
 

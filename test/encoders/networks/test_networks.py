@@ -7,20 +7,27 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-torch = pytest.importorskip('torch')
-onnx = pytest.importorskip('onnx')
+pytest.importorskip('torch')
+pytest.importorskip('onnx')
 pytest.importorskip('onnxruntime')
 
-from offradar_ros.encoders.export.onnx_export import export_onnx  # noqa: E402
-from offradar_ros.encoders.network_config import NetworkConfig  # noqa: E402
-from offradar_ros.encoders.networks.files import load_network, save_network  # noqa: E402
-from offradar_ros.encoders.networks.mc_dropout import PASSES, McDropoutNetwork  # noqa: E402
-from offradar_ros.encoders.networks.registry import make_network  # noqa: E402
-from offradar_ros.encoders.networks.vae import VaeNetwork  # noqa: E402
-from offradar_ros.encoders.onnx_backend import OnnxEncoder  # noqa: E402
-from offradar_ros.encoders.registry import LEARNED  # noqa: E402
-from offradar_ros.encoders.torch_backend import TorchEncoder  # noqa: E402
+import onnx
+import torch
+
+from offradar_ros.encoders.export.onnx_export import export_onnx
+from offradar_ros.encoders.network_config import NetworkConfig
+from offradar_ros.encoders.networks.files import load_network, save_network
+from offradar_ros.encoders.networks.mc_dropout import PASSES, McDropoutNetwork
+from offradar_ros.encoders.networks.network import Network
+from offradar_ros.encoders.networks.registry import make_network
+from offradar_ros.encoders.networks.stun import StunNetwork
+from offradar_ros.encoders.networks.vae import VaeNetwork
+from offradar_ros.encoders.networks.variational import VariationalNetwork
+from offradar_ros.encoders.onnx_backend import OnnxEncoder
+from offradar_ros.encoders.registry import LEARNED
+from offradar_ros.encoders.torch_backend import TorchEncoder
 
 AGREEMENT = 1e-4
 
@@ -34,11 +41,11 @@ def images(count: int = 4, shape: tuple[int, int] = (64, 32)) -> np.ndarray:
     return np.minimum(speckle, 255).astype(np.uint8)
 
 
-def network_of(method: str) -> torch.nn.Module:
+def network_of(method: str) -> Network:
     """Random weights with batch statistics and variances that are not those of the start."""
     torch.manual_seed(3)
     network = make_network(small(method))
-    if hasattr(network, 'log_variance'):
+    if isinstance(network, (VariationalNetwork, VaeNetwork, StunNetwork)):
         with torch.no_grad():
             network.log_variance.weight.normal_(std=0.05)
     network(torch.from_numpy(images()))
@@ -132,10 +139,10 @@ def test_dropout_passes_against_a_loop_of_thinned_networks() -> None:
         vote = torch.stack([network.head.weight @ row + network.head.bias for row in kept])
         votes.append(vote / vote.square().sum(dim=1, keepdim=True).sqrt())
     assert len(votes) == PASSES == 20
-    mean = sum(votes) / PASSES
+    mean = torch.stack(votes).mean(dim=0)
     descriptor, variance = network.embed(given)
     torch.testing.assert_close(descriptor, mean / mean.norm(dim=1, keepdim=True), rtol=1e-4, atol=1e-5)
-    expected = 8 * sum((vote - mean) ** 2 for vote in votes) / PASSES
+    expected = 8 * torch.stack([(vote - mean) ** 2 for vote in votes]).mean(dim=0)
     torch.testing.assert_close(variance, expected, rtol=1e-3, atol=1e-5)
     # U = 1 − |z̄|², as the docstring says.
     torch.testing.assert_close(variance.mean(dim=1), 1 - mean.square().sum(dim=1), rtol=1e-4, atol=1e-5)
@@ -144,6 +151,8 @@ def test_dropout_passes_against_a_loop_of_thinned_networks() -> None:
 def test_masks_are_fixed_and_thin_by_the_settings_probability() -> None:
     one = make_network(dataclasses.replace(small('mc_dropout'), dropout=0.3))
     two = make_network(dataclasses.replace(small('mc_dropout'), dropout=0.3))
+    assert isinstance(one, McDropoutNetwork)
+    assert isinstance(two, McDropoutNetwork)
     assert torch.equal(one.masks, two.masks)
     assert abs(one.masks.float().mean().item() - 0.7) < 0.02
     assert len({row.numpy().tobytes() for row in one.masks}) == PASSES
@@ -165,6 +174,7 @@ def test_students_variance_is_between_1_and_e() -> None:
 
 def test_a_free_students_variance_is_not() -> None:
     network = make_network(dataclasses.replace(small('stun'), student='free')).eval()
+    assert isinstance(network, StunNetwork)
     torch.nn.init.zeros_(network.log_variance.weight)
     for bias, expected in ((-3.0, np.exp(-3.0)), (-50.0, np.exp(-10.0)), (5.0, np.exp(5.0))):
         torch.nn.init.constant_(network.log_variance.bias, bias)
@@ -197,7 +207,7 @@ def test_auto_encoder_samples_in_training_only() -> None:
     assert not torch.equal(network(given).reconstruction, network(given).reconstruction)
 
 
-def averaged_over_4(given: np.ndarray) -> np.ndarray:
+def averaged_over_4(given: NDArray[np.uint8]) -> NDArray[np.float64]:
     """Means of 4 × 4 pixels, in [0, 1]."""
     count, rows, columns = given.shape
-    return given.astype(np.float64).reshape(count, rows // 4, 4, columns // 4, 4).mean(axis=(2, 4)) / 255
+    return np.asarray(given.astype(np.float64).reshape(count, rows // 4, 4, columns // 4, 4).mean(axis=(2, 4)) / 255)

@@ -8,14 +8,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-torch = pytest.importorskip('torch')
+pytest.importorskip('torch')
 
-from offradar_ros.encoders.network_config import NetworkConfig  # noqa: E402
-from offradar_ros.encoders.networks.backbone import make_backbone  # noqa: E402
-from offradar_ros.encoders.networks.files import save_network  # noqa: E402
-from offradar_ros.encoders.networks.registry import make_network  # noqa: E402
-from offradar_ros.encoders.networks.resnet50 import Bottleneck, GeneralisedMean, Resnet50  # noqa: E402
-from offradar_ros.encoders.torch_backend import TorchEncoder  # noqa: E402
+import torch
+
+from offradar_ros.encoders.network_config import NetworkConfig
+from offradar_ros.encoders.networks.backbone import make_backbone
+from offradar_ros.encoders.networks.bc_radar import BcRadarNetwork
+from offradar_ros.encoders.networks.files import save_network
+from offradar_ros.encoders.networks.mc_dropout import McDropoutNetwork
+from offradar_ros.encoders.networks.registry import make_network
+from offradar_ros.encoders.networks.resnet50 import Bottleneck, GeneralisedMean, Resnet50
+from offradar_ros.encoders.networks.stun import StunNetwork
+from offradar_ros.encoders.torch_backend import TorchEncoder
 
 STUN = NetworkConfig(method='stun', backbone='resnet50', dimension=16, side_px=64)
 
@@ -73,6 +78,7 @@ def test_generalised_mean_lies_between_mean_and_maximum_as_its_power_says() -> N
 def test_stun_and_its_kin_see_pooled_features(method: str) -> None:
     for side_px in (32, 64):
         network = make_network(dataclasses.replace(STUN, method=method, side_px=side_px))
+        assert isinstance(network, (StunNetwork, BcRadarNetwork, McDropoutNetwork))
         assert network.features.flat == network.head.in_features == 2048
         network.eval()
         with torch.no_grad():
@@ -90,10 +96,13 @@ def test_methods_that_rebuild_see_the_whole_map(method: str) -> None:
 def test_its_power_is_trained_and_saved(tmp_path: Path) -> None:
     network = make_network(STUN)
     network(torch.from_numpy(images(2, 64)))[0].sum().backward()
-    assert network.features.pool.power.grad.abs() > 0
-    torch.nn.init.constant_(network.features.pool.power, 2.0)
+    pool = network.features.pool
+    assert pool is not None
+    assert pool.power.grad is not None
+    assert pool.power.grad.abs() > 0
+    torch.nn.init.constant_(pool.power, 2.0)
     save_network(tmp_path / 'two.safetensors', network.eval())
-    torch.nn.init.constant_(network.features.pool.power, 5.0)
+    torch.nn.init.constant_(pool.power, 5.0)
     save_network(tmp_path / 'five.safetensors', network)
     found = [TorchEncoder(tmp_path / f'{name}.safetensors').infer(images(1, 64))[0] for name in ('two', 'five')]
     assert np.abs(found[0] - found[1]).max() > 1e-4

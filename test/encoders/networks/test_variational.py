@@ -6,14 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-torch = pytest.importorskip('torch')
+pytest.importorskip('torch')
 
-from offradar_ros.encoders.network_config import NetworkConfig  # noqa: E402
-from offradar_ros.encoders.networks.backbone import make_backbone  # noqa: E402
-from offradar_ros.encoders.networks.files import load_network, save_network  # noqa: E402
-from offradar_ros.encoders.networks.variational import VariationalNetwork  # noqa: E402
-from offradar_ros.encoders.weights import load_weights, save_weights  # noqa: E402
-from offradar_ros.errors import ModelError  # noqa: E402
+import torch
+
+from offradar_ros.encoders.network_config import NetworkConfig
+from offradar_ros.encoders.networks.backbone import make_backbone
+from offradar_ros.encoders.networks.files import load_network, save_network
+from offradar_ros.encoders.networks.variational import VariationalNetwork
+from offradar_ros.encoders.weights import load_weights, save_weights
+from offradar_ros.errors import ModelError
 
 SMALL = NetworkConfig(backbone='compact', dimension=8, azimuths=64, range_bins=32)
 
