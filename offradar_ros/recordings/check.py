@@ -1,4 +1,4 @@
-"""What a bag or a data-set folder holds, and everything wrong with it."""
+"""Check of a bag or a data-set folder: what it holds, and every problem that is found."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ def check_recording(
     sample: int = 0,
     progress: Callable[[int, int], None] | None = None,
 ) -> Findings:
-    """Every message of a bag, or every scan of a folder (or `sample` of them) and every position file.
+    """Check every message of a bag, or every scan of a folder (or `sample` of them) and every position file.
 
-    `progress` is called with the number of each scan of a folder, from 1, and how many there are; with (1, 1) after a
-    bag. DataError where `path` cannot be opened; whatever else is wrong is a finding.
+    `progress` gets (scan, scans) before each scan of a folder, from 1; for a bag (1, 1) at the end. DataError where
+    `path` cannot be opened; every other problem is a finding.
     """
     if is_bag(path):
         found = check_bag(path, radar, position)

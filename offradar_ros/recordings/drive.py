@@ -24,11 +24,11 @@ from offradar_ros.types import Outcome, PlaceTable
 
 @dataclasses.dataclass(frozen=True)
 class DriveResult:
-    """What a drive through the pipeline gave.
+    """Result of a drive through the stages.
 
     Attributes:
         outcomes: one for each embedding, in order.
-        report: of the session that the drive was mapped as, if it was.
+        report: of the session that the drive was mapped as; None if it was not mapped.
         refused: dropped scans and positions by cause.
     """
 
@@ -49,7 +49,7 @@ def drive(
     """Encode, map (if `session` names one) and query every scan of a bag, as the nodes do on the vehicle.
 
     Queries search the map as of the last ended session; without query.exclude_current_session, the running one too.
-    A drive that maps nothing may search a table of places instead, of the encoder's model.
+    A drive that maps nothing may search a table of places instead, made with the encoder's model.
     """
     return _Drive(bag, config, encoder, session_map, session).run(progress or (lambda _done, _total: None))
 
@@ -84,19 +84,19 @@ class _Drive:
             message = self._bag.decode(raw)
             try:
                 if raw.topic == scans:
-                    self._take_scan(message)
+                    self._handle_scan(message)
                     progress(len(self._outcomes), total)
                 elif self._mapping:
-                    self._settle(_added_position(self._mapping, raw.msgtype, message))
+                    self._apply(_added_position(self._mapping, raw.msgtype, message))
             except RefusedInput as problem:
                 self._refused[problem.cause] += 1
         report = None
         if self._mapping:
             updates, report = self._mapping.end_session()
-            self._settle(updates)
+            self._apply(updates)
         return DriveResult(tuple(self._outcomes), report, self._refused)
 
-    def _take_scan(self, message: Any) -> None:
+    def _handle_scan(self, message: Any) -> None:
         decode = functools.partial(scan_from_image, message, self._config.radar)
         encoded = self._encode.encode(stamp_ns(message.header.stamp), decode)
         if encoded.problem:
@@ -104,9 +104,9 @@ class _Drive:
         if encoded.embedding is not None:
             self._outcomes.append(self._query.query(encoded.embedding))
             if self._mapping:
-                self._settle(self._mapping.add_embedding(encoded.embedding))
+                self._apply(self._mapping.add_embedding(encoded.embedding))
 
-    def _settle(self, updates: Iterable[MapUpdate]) -> None:
+    def _apply(self, updates: Iterable[MapUpdate]) -> None:
         for update in updates:
             if update.problem:
                 self._refused[update.problem.cause] += 1
@@ -129,10 +129,10 @@ def _added_position(mapping: MapStage, msgtype: str, message: Any) -> list[MapUp
 
 
 def in_lockstep_order(bag: Bag, scan_topic: str, others: Sequence[str], ahead_s: float) -> Iterator[RawMessage]:
-    """Messages of a bag, each scan after everything else up to `ahead_s` later than it.
+    """Messages of a bag, each scan after all messages of `others` up to `ahead_s` later than it.
 
-    A scan's position is interpolated, so the one after it has to be known. Live, the map server waits for it; a drive
-    that nothing hurries sends it ahead, so that nothing has to wait.
+    A scan's position is interpolated, so the position after it must be known. On a vehicle the map server waits for
+    that one; a recording has it already, so it comes before the scan and nothing waits.
     """
     other = bag.messages(others) if others else iter(())
     waiting = next(other, None)

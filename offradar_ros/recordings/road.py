@@ -1,4 +1,4 @@
-"""Recordings with positions: the scans of each, in the frame of the road that all of them are of."""
+"""Recordings with positions, in one frame: several drives of one road."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from offradar_ros.sequence import RadarSequence
 from offradar_ros.types import PolarScan
 
 ONE_ROAD_M = 50_000.0
-"""Positions of one road are all within this of where the first of its drives starts."""
+"""All positions of one road are within this distance of the start of its first drive."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -33,7 +33,8 @@ class PositionedDrive:
         rows: (N,) which of its scans, increasing.
         poses: (N, 3) float64, x and y in metres of the road's frame, and heading in radians (NaN where unknown).
         driven_m: (N,) float64 metres driven up to each scan, from the first one with a position.
-        points_lla: (N, 3) float64 latitude°, longitude°, altitude m; None where positions are in a frame of their own.
+        points_lla: (N, 3) float64 latitude°, longitude°, altitude m; None where positions are in metres.
+        trajectory: None, as `RadarSequence` allows: positions are in `poses`.
     """
 
     path: Path
@@ -78,10 +79,11 @@ class PositionedDrive:
 
 
 class Road(NamedTuple):
-    """Attributes: several recordings of one road.
+    """Several recordings of one road.
 
-    drives: in the order of their paths, in one frame.
-    notes: what was left out or taken for granted, one line each.
+    Attributes:
+        drives: in the order of their paths, in one frame.
+        notes: what was left out or assumed, one line each.
     """
 
     drives: list[PositionedDrive]
@@ -96,10 +98,10 @@ def open_road(
     *,
     name: str = 'road',
 ) -> Road:
-    """Bags and data-set folders in the frame of the first one's first position, or all in metres of a frame of theirs.
+    """Open bags and data-set folders as drives in one frame, which starts at the first position of the first one.
 
-    `name` is the road's, in notes. DataError for a recording without positions, with positions of another kind than
-    the first one's, or that starts over 50 km from it.
+    Positions in metres are taken as they are. `name` is the road's, in notes. DataError for a recording without
+    positions, with positions of another kind than the first one's, or that starts over 50 km from it.
     """
     opened = [(path, open_source(path, layout, radar)) for path in paths]
     max_gap_s = (position or PositionConfig()).max_gap_s
@@ -112,8 +114,7 @@ def open_road(
             frame = LocalFrame(origin) if origin else None
         elif (origin is None) != (frame is None):
             raise DataError(
-                f'{path}: expected positions as those of {paths[0]}, in degrees or in metres of a frame of its own: '
-                'they cannot be compared'
+                f'{path}: expected positions as those of {paths[0]}, in degrees or in metres: they cannot be compared'
             )
         drive = positioned(sequence, path, frame, max_gap_s)
         missing = len(sequence) - len(drive)
@@ -123,7 +124,7 @@ def open_road(
             notes.append(f'{name}: positions are in metres, taken to be of one frame')
         if frame and np.hypot(*drive.poses[0, :2]) > ONE_ROAD_M:
             raise DataError(f'{path}: over {ONE_ROAD_M / 1000:g} km from {paths[0]}')
-        drives.append(dataclasses.replace(drive, name=_title(path, paths)))
+        drives.append(dataclasses.replace(drive, name=_unique_name(path, paths)))
     return Road(drives, notes)
 
 
@@ -160,11 +161,12 @@ def read_or_refuse(sequence: RadarSequence, index: int) -> PolarScan:
 
 
 class Start(NamedTuple):
-    """Attributes: where a recording's positions begin.
+    """Where a recording's positions begin.
 
-    path: the recording.
-    name: what people call it.
-    origin: its first position; None where positions are in metres of a frame of its own.
+    Attributes:
+        path: the recording.
+        name: what people call it.
+        origin: its first position; None where positions are in metres.
     """
 
     path: Path
@@ -181,7 +183,7 @@ def start_of(path: Path, layout: str = 'auto', radar: RadarConfig | None = None)
 def shared_frames(starts: Sequence[Start]) -> list[Start]:
     """For each recording, the one in whose frame it is: the first that starts within 50 km of it.
 
-    One with positions in a frame of its own stands alone: nobody says where its frame is.
+    A recording with positions in metres shares its frame with no other: where that frame is, is not known.
     """
     roads: list[tuple[Start, LocalFrame]] = []
     found = []
@@ -189,7 +191,7 @@ def shared_frames(starts: Sequence[Start]) -> list[Start]:
         if start.origin is None:
             found.append(start)
             continue
-        first = next((road for road, frame in roads if _away_m(frame, start.origin) < ONE_ROAD_M), None)
+        first = next((road for road, frame in roads if _distance_m(frame, start.origin) < ONE_ROAD_M), None)
         if first is None:
             first = start
             roads.append((start, LocalFrame(start.origin)))
@@ -197,10 +199,10 @@ def shared_frames(starts: Sequence[Start]) -> list[Start]:
     return found
 
 
-def _away_m(frame: LocalFrame, point: GeoPoint) -> float:
+def _distance_m(frame: LocalFrame, point: GeoPoint) -> float:
     return float(np.linalg.norm(frame.to_enu(np.array([dataclasses.astuple(point)]))))
 
 
-def _title(path: Path, paths: Sequence[Path]) -> str:
-    """The folder's name, with that of the folder it is in where another is called the same."""
+def _unique_name(path: Path, paths: Sequence[Path]) -> str:
+    """The folder's name, after its parent's where another folder has the same name."""
     return path.name if [other.name for other in paths].count(path.name) == 1 else f'{path.parent.name}/{path.name}'

@@ -12,7 +12,7 @@ from offradar_ros.recordings.datasets.registry import LAYOUTS, open_sequence, re
 from offradar_ros.sequence import RadarSequence
 
 LAYOUT_HELP = f'Layout of the folder: auto recognises it; else {", ".join(LAYOUTS)}.'
-NAMED = 3
+_MOST_NAMED = 3
 
 
 def open_source(path: Path, layout: str = 'auto', radar: RadarConfig | None = None) -> RadarSequence:
@@ -31,21 +31,21 @@ def is_recording(path: Path, layout: str = 'auto') -> bool:
 
 
 def require_recording(path: Path, layout: str) -> None:
-    """DataError where `path` is missing, or no recording itself but a folder of some, which it names."""
+    """DataError where `path` is missing, or is a folder of recordings, some of which the error names."""
     if not path.exists():
         raise DataError(f'{path}: no such folder')
     inside = recordings_in(path, layout)
     if inside:
-        others = f' (or one of {len(inside) - NAMED} others)' if len(inside) > NAMED else ''
+        others = f' (or one of {len(inside) - _MOST_NAMED} others)' if len(inside) > _MOST_NAMED else ''
         raise DataError(
-            f'{path}: no radar scans recognised: did you mean {" or ".join(map(str, inside[:NAMED]))}?{others}'
+            f'{path}: no radar scans recognised: did you mean {" or ".join(map(str, inside[:_MOST_NAMED]))}?{others}'
         )
 
 
 def recordings_in(path: Path, layout: str) -> list[Path]:
-    """The data-set folders and bags in a folder, by name; none where it is no folder, or a recording itself.
+    """The data-set folders and bags in a folder, by name; empty where `path` is no folder, or a recording itself.
 
-    Folders in it that may not be read are passed over.
+    Folders in it that may not be read are ignored.
     """
     try:
         if not path.is_dir() or is_recording(path, layout):
@@ -56,7 +56,7 @@ def recordings_in(path: Path, layout: str) -> list[Path]:
 
 
 def folders_in(path: Path) -> list[Path]:
-    """The folders in a folder, by name, but for hidden ones."""
+    """The folders in a folder, by name, without hidden ones."""
     return [found for found in sorted(path.iterdir()) if found.is_dir() and not found.name.startswith('.')]
 
 

@@ -1,4 +1,4 @@
-"""Answers against where the vehicle really was."""
+"""Answers compared with the recorded positions of the vehicle."""
 
 from __future__ import annotations
 
@@ -45,5 +45,5 @@ def _error_m(outcome: Outcome, x_m: float, y_m: float) -> float:
 
 
 def recall_at_1(errors: NDArray[np.float64]) -> float:
-    """Share of (N,) errors, metres, that are within `TOLERANCE_M`; unknown ones count as wrong, none gives NaN."""
+    """Share of (N,) errors, metres, that are within `TOLERANCE_M`; unknown ones count as wrong. NaN without errors."""
     return float(np.mean(errors <= TOLERANCE_M)) if len(errors) else math.nan

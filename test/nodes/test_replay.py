@@ -24,8 +24,8 @@ from offradar_ros.geometry import Trajectory
 from offradar_ros.lab.live.node_processes import Stack
 from offradar_ros.mapping.store import MapStore
 from offradar_ros.messages import stamp_ns
-from offradar_ros.recordings.bags.reader import Bag
-from offradar_ros.recordings.bags.writer import TYPES, image_message, write_bag
+from offradar_ros.recordings.bags.reader import TYPES, Bag
+from offradar_ros.recordings.bags.writer import image_message, write_bag
 from offradar_ros.ros import qos
 from offradar_ros.ros.embedding_message import embedding_message
 from offradar_ros.types import Embedding

@@ -1,4 +1,4 @@
-"""A drive through the stages against plain expectations: each scan answered once, whatever comes in between."""
+"""A drive through the stages, compared with slow loops: each scan is answered once, also among bad messages."""
 
 from __future__ import annotations
 
@@ -22,9 +22,8 @@ from offradar_ros.encoders.registry import make_encoder
 from offradar_ros.geometry import GeoPoint, LocalFrame, Trajectory
 from offradar_ros.mapping.sessions import SessionMap
 from offradar_ros.messages import point_from_fix, scan_from_image, stamp_ns
-from offradar_ros.recordings.bags.reader import Bag, RawMessage
+from offradar_ros.recordings.bags.reader import TYPES, Bag, RawMessage
 from offradar_ros.recordings.bags.topics import FIX, IMAGE_TYPE, SCANS
-from offradar_ros.recordings.bags.writer import TYPES
 from offradar_ros.recordings.drive import drive, in_lockstep_order
 from offradar_ros.stages.encode import EncodeStage
 from offradar_ros.stages.map import MapStage, MapUpdate
@@ -38,7 +37,7 @@ MODEL = ModelInfo('stub', 'ab' * 32, 2, {})
 
 
 class Recording:
-    """What `in_lockstep_order` asks of a bag."""
+    """The part of a bag that `in_lockstep_order` uses."""
 
     def __init__(self, **topics: list[int]) -> None:
         self.recorded = [RawMessage(topic, '', log, b'') for topic, logs in topics.items() for log in sorted(logs)]
@@ -102,7 +101,7 @@ CONFIG = load_config(overrides=VALUES)
 
 @dataclasses.dataclass
 class SlowDrive:
-    """The whole way of a scan written a second time: interpolate, merge and search by loops over lists."""
+    """The stages written a second time: interpolate, merge and search by loops over lists."""
 
     config: Config
     origin: GeoPoint | None = None
@@ -198,7 +197,7 @@ def test_a_drive_that_is_not_mapped_changes_no_map(street_bag: Callable[..., Pat
 
 def test_bad_images_are_refused_one_by_one(street: Callable[..., Any], street_bag: Callable[..., Path]) -> None:
     path = street_bag('sound', count=12)
-    spoilers: dict[int, tuple[str, Callable[[Any], dict[str, Any]]]] = {
+    faults: dict[int, tuple[str, Callable[[Any], dict[str, Any]]]] = {
         1: ('wrong_encoding', lambda m: {'encoding': 'bgr8'}),
         3: ('short_step', lambda m: {'step': 100}),
         4: ('short_data', lambda m: {'data': m.data[:1000]}),
@@ -208,8 +207,8 @@ def test_bad_images_are_refused_one_by_one(street: Callable[..., Any], street_ba
     messages, index = [], -1
     for topic, kind, log_ns, message in messages_of(path):
         index += topic == SCANS
-        spoiler = spoilers.get(index) if topic == SCANS else None
-        changed = dataclasses.replace(message, **spoiler[1](message)) if spoiler else message
+        fault = faults.get(index) if topic == SCANS else None
+        changed = dataclasses.replace(message, **fault[1](message)) if fault else message
         messages.append((topic, kind, log_ns, changed))
     # Scans out of order: one again, and one from half a second before.
     stamps = street(count=12).stamps_ns
@@ -229,14 +228,14 @@ def test_bad_images_are_refused_one_by_one(street: Callable[..., Any], street_ba
         for index, outcome in enumerate(result.outcomes)
         if isinstance(outcome, Rejection) and outcome.reason is Reason.INVALID_EMBEDDING
     ]
-    assert invalid == [*sorted(spoilers), 11]
-    expected = Counter(cause for cause, _ in spoilers.values())
-    expected.update({'repeated_stamp': 1, 'stamp_backwards': 1, 'invalid_embedding': len(spoilers) + 1})
+    assert invalid == [*sorted(faults), 11]
+    expected = Counter(cause for cause, _ in faults.values())
+    expected.update({'repeated_stamp': 1, 'stamp_backwards': 1, 'invalid_embedding': len(faults) + 1})
     assert result.refused == expected
     report = result.report
-    assert report.inserted + report.replaced + report.kept == 12 - len(spoilers)
-    assert dict(report.dropped) == {'invalid_embedding': len(spoilers) + 1}
-    assert not set(table.stamps_ns.tolist()) & {int(stamps[index]) for index in spoilers}
+    assert report.inserted + report.replaced + report.kept == 12 - len(faults)
+    assert dict(report.dropped) == {'invalid_embedding': len(faults) + 1}
+    assert not set(table.stamps_ns.tolist()) & {int(stamps[index]) for index in faults}
 
 
 def without_fix(path: Path, lost: Callable[[int], bool]) -> Path:
@@ -251,7 +250,7 @@ def without_fix(path: Path, lost: Callable[[int], bool]) -> Path:
     return write_messages(path.with_name('lost'), messages)
 
 
-def test_fixes_without_a_fix_are_passed_over(street_bag: Callable[..., Path]) -> None:
+def test_fixes_without_a_fix_are_refused(street_bag: Callable[..., Path]) -> None:
     path = street_bag('sound', count=10)
     with SessionMap(CONFIG.map) as session_map:
         driven(path, CONFIG, session_map, 'one')
@@ -278,7 +277,7 @@ def test_without_any_fix_scans_are_answered_and_none_is_mapped(street_bag: Calla
     assert result.refused['no_position'] == 5
 
 
-def test_positions_are_those_of_the_source_that_is_asked_for(street_bag: Callable[..., Path]) -> None:
+def test_positions_are_those_of_the_configured_source(street_bag: Callable[..., Path]) -> None:
     lost = without_fix(street_bag('sound', count=5), lambda index: True)
     config = load_config(overrides=VALUES | {'position.source': 'odometry'})
     with SessionMap(config.map) as session_map:
@@ -287,7 +286,7 @@ def test_positions_are_those_of_the_source_that_is_asked_for(street_bag: Callabl
     assert result.refused == {}
 
 
-def test_stamps_count_and_not_when_a_message_was_recorded(street_bag: Callable[..., Path]) -> None:
+def test_stamps_count_not_log_times(street_bag: Callable[..., Path]) -> None:
     path = street_bag('sound', count=8)
     delays_ns = {SCANS: 240_000_000, FIX: 90_000_000}
     late = [(topic, kind, log_ns + delays_ns.get(topic, 0), m) for topic, kind, log_ns, m in messages_of(path)]
@@ -302,7 +301,7 @@ def test_stamps_count_and_not_when_a_message_was_recorded(street_bag: Callable[.
     np.testing.assert_array_equal(tables[0].positions_m, tables[1].positions_m)
 
 
-def test_a_bag_without_the_asked_positions_maps_nothing(street_bag: Callable[..., Path]) -> None:
+def test_a_bag_without_positions_of_the_configured_source_maps_nothing(street_bag: Callable[..., Path]) -> None:
     path = street_bag('sound', count=4)
     scans = [m for m in messages_of(path) if m[0] == SCANS]
     with SessionMap(CONFIG.map) as session_map:
@@ -349,7 +348,7 @@ def test_a_recording_played_twice_is_answered_twice_and_maps_the_same_places(
     assert not report.dropped
 
 
-def test_a_table_of_places_answers_as_the_map_that_it_is_of(street_bag: Callable[..., Path]) -> None:
+def test_a_table_of_places_answers_as_its_map(street_bag: Callable[..., Path]) -> None:
     encoder = make_encoder(CONFIG.encoder)
     with SessionMap(CONFIG.map) as session_map:
         driven(street_bag('first', count=6), CONFIG, session_map, 'one')

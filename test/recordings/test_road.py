@@ -87,13 +87,13 @@ def test_what_is_not_one_road_is_one_line(street: Street, tmp_path: Path) -> Non
     write_bag(moved(street, 'far', positions=track.positions + np.array([1.0, 0.0, 0.0])), tmp_path / 'far')
     write_bag(moved(street, 'metric', geodetic=False), tmp_path / 'metric')
     write_bag(moved(street, 'none', stamps_ns=track.stamps_ns + 10**15), tmp_path / 'none')
-    for name, said in (
+    for name, expected in (
         ('far', 'far: over 50 km from .*a$'),
         ('metric', 'metric: expected positions as those of .*a, in degrees or .*cannot be compared$'),
         ('none', 'none: expected positions beside the scans, and there are none$'),
         ('gone', 'gone: no such folder$'),
     ):
-        with pytest.raises(DataError, match=said):
+        with pytest.raises(DataError, match=expected):
             open_road([tmp_path / 'a', tmp_path / name])
 
 

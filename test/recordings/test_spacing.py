@@ -23,7 +23,7 @@ def test_the_first_scan_of_each_stretch_is_kept(steps: list[float], spacing_m: f
     assert subsample_by_distance(driven_m, spacing_m).tolist() == kept
 
 
-def test_the_mean_spacing_is_the_one_asked_for() -> None:
+def test_the_mean_spacing_is_the_requested_one() -> None:
     driven_m = 2.0 * np.arange(501, dtype=np.float64)
     assert np.diff(driven_m[subsample_by_distance(driven_m, 5.0)]).mean() == pytest.approx(5.0)
 

@@ -1,4 +1,4 @@
-"""What a bag holds, and everything wrong with it, in plain words."""
+"""Check of a bag: what it holds, and every problem that is found."""
 
 from __future__ import annotations
 

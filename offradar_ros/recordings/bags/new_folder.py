@@ -1,4 +1,4 @@
-"""A folder that appears under its name only when it is complete: a bag's, or one of scans."""
+"""A folder that appears under its name only when it is complete: a bag or a data-set folder."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from offradar_ros.errors import DataError
 
 @contextlib.contextmanager
 def new_folder(out: Path, *, overwrite: bool, mark: str = 'metadata.yaml') -> Iterator[Path]:
-    """Yields the folder to write, which is moved to `out` at the end, and removed where that is not reached.
+    """Yields the folder to write, which is moved to `out` at the end, and removed if the block raises.
 
     It is named like `out`, because a recording's file is named after its folder, and lies in ``OUT.partial``. DataError
-    if `out` exists and may not be replaced (only what holds a file named `mark` may: by default, bags), if something of
-    others is in the way, or if it cannot be written.
+    if `out` exists and may not be replaced (only a folder with a file named `mark` may: by default, a bag), if files of
+    somebody else are in the way, or if it cannot be written.
     """
     _require_name(out)
     partial, aside = out.with_name(out.name + '.partial'), out.with_name(out.name + '.replaced')
     try:
         _require_free(out, overwrite, mark)
-        _require_leftover(partial, out.name)
+        _require_own_partial(partial, out.name)
         if os.path.lexists(aside):
             raise DataError(f'{aside}: in the way, left by a run that was cut off: move it to {out} or remove it')
         shutil.rmtree(partial, ignore_errors=True)
         partial.mkdir(parents=True)
         try:
             yield partial / out.name
-            _put(partial / out.name, out, aside)
+            _move(partial / out.name, out, aside)
         finally:
             shutil.rmtree(partial, ignore_errors=True)
     except OSError as error:
@@ -52,8 +52,8 @@ def _require_free(out: Path, overwrite: bool, mark: str) -> None:
         raise DataError(f'{out}: exists and is not {kind}: not overwritten, choose another folder')
 
 
-def _require_leftover(partial: Path, name: str) -> None:
-    """What an earlier run left holds nothing but the folder it wrote."""
+def _require_own_partial(partial: Path, name: str) -> None:
+    """DataError where `partial` holds anything but the folder that an earlier run wrote."""
     if not os.path.lexists(partial):
         return
     ours = partial.is_dir() and not partial.is_symlink()
@@ -61,7 +61,7 @@ def _require_leftover(partial: Path, name: str) -> None:
         raise DataError(f'{partial}: in the way, and not left by an earlier run: move it or remove it')
 
 
-def _put(draft: Path, out: Path, aside: Path) -> None:
+def _move(draft: Path, out: Path, aside: Path) -> None:
     if not out.exists():
         draft.rename(out)
         return

@@ -2,7 +2,7 @@
 
 ``radar/<µs>.png`` (rows = azimuths, 11 metadata columns with µs, then power), ``radar.timestamps``, and where positions
 are geodetic ``gps/gps.csv`` and ``gps/ins.csv`` (headings in radians clockwise from north). Stamps are cut to
-microseconds, as the layout knows no finer.
+microseconds, the resolution of the layout.
 """
 
 from __future__ import annotations
@@ -61,8 +61,9 @@ def write_oxford(
 ) -> Path:
     """Write the folder, which appears when it is complete, and return it.
 
-    `encoded` are the files' bytes in order where the caller makes them (`encode_oxford_png` of every scan). DataError
-    if the sequence is empty, or `out` exists, is not such a folder that may be replaced, or cannot be written.
+    `encoded` are the bytes of the files in order (`encode_oxford_png` of every scan), for a caller that encodes in
+    parallel; without it they are encoded here. DataError if the sequence is empty, or `out` exists and may not be
+    replaced, or cannot be written.
     """
     out = Path(out)
     if not len(sequence):

@@ -29,7 +29,7 @@ class RawMessage:
 
 
 def is_bag(path: str | Path) -> bool:
-    """Whether `path` is a rosbag2 folder or an unfinished or foreign one that only a bag reader can check."""
+    """Whether `path` is a rosbag2 folder or MCAP file, be it unfinished: reading it reports what is wrong."""
     path = Path(path)
     return (path / 'metadata.yaml').exists() or path.suffix == '.mcap' or any(path.glob('*.mcap'))
 
@@ -108,7 +108,7 @@ class Bag:
 
 
 def decode_message(cdr: bytes, msgtype: str) -> Any:
-    """The message in CDR bytes. What follows it is ignored: some drivers send more of their buffer than they filled."""
+    """The message in CDR bytes. Bytes after it are ignored: some drivers send a buffer that is not full."""
     definition = TYPES.get_msgdef(msgtype)
     read = definition.deserialize_cdr_le if cdr[1] else definition.deserialize_cdr_be
     return read(cdr[4:], 0, definition.cls, TYPES)[0]

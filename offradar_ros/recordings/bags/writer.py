@@ -16,18 +16,17 @@ from typing import Any
 
 import numpy as np
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
 
 from offradar_ros.errors import DataError, RefusedInput
 from offradar_ros.geometry import LocalFrame, Trajectory
 from offradar_ros.radar.navtech_rows import join_rows
 from offradar_ros.recordings.bags.new_folder import new_folder
+from offradar_ros.recordings.bags.reader import TYPES
 from offradar_ros.recordings.bags.topics import FIX, FIX_TYPE, IMAGE_TYPE, ODOMETRY, ODOMETRY_TYPE, SCANS
 from offradar_ros.sequence import RadarSequence
 from offradar_ros.types import PolarScan
 
 POSITION_MARGIN_NS = 5 * 10**9
-TYPES = get_typestore(Stores.ROS2_JAZZY)
 Progress = Callable[[int, int], None]
 Unreadable = Callable[[int, DataError | RefusedInput], None]
 _Stamped = tuple[int, int, str, Any]
@@ -39,7 +38,7 @@ class BagOptions:
 
     Attributes:
         plain: leave out the 11 metadata columns, as Navtech's driver does; by default they are kept where the source
-            has them, so that each row's azimuth and stamp are kept.
+            has them, and with them each row's azimuth and stamp.
         position_offset_ns: added to every position's stamp, for data sets whose clocks disagree.
         overwrite: replace an existing bag.
         encoder_size: counts in a rotation, for the metadata columns.
@@ -61,7 +60,7 @@ def write_bag(
     """Write scans, ``gps/fix`` and ``ground_truth/odometry`` in order of time; returns the folder.
 
     Positions are those of the drive and of the few seconds around it, so that its ends can be interpolated. A scan that
-    cannot be read is an error, unless `unreadable` takes its index and the error and returns: then it is left out.
+    cannot be read is an error, unless `unreadable(index, error)` is given and returns: then the scan is left out.
     Raises DataError if the sequence is empty, no scan can be read, or `out` exists, is not a bag that may be replaced,
     or cannot be written.
     """

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from offradar_ros.config import RadarConfig
-from offradar_ros.recordings.datasets.folders import carry_metadata, climb, files_of, first_folder
+from offradar_ros.recordings.datasets.folders import files_of, first_folder, have_metadata, sequence_folder
 from offradar_ros.recordings.datasets.position_file import PositionFile, present
 from offradar_ros.recordings.datasets.positions import read_radar_poses
 from offradar_ros.recordings.datasets.sequence import RecordedSequence, in_stamp_order
@@ -19,13 +19,13 @@ def locate(path: Path) -> Path | None:
     folder = first_folder(path, ('radar',), '.png') or (path if files_of(path, '.png') else None)
     if folder is None:
         return None
-    is_boreas = (climb(folder, ('radar',)) / 'applanix').is_dir()
-    return folder if is_boreas or carry_metadata(files_of(folder, '.png')) else None
+    is_boreas = (sequence_folder(folder, ('radar',)) / 'applanix').is_dir()
+    return folder if is_boreas or have_metadata(files_of(folder, '.png')) else None
 
 
 def open_boreas(folder: Path, radar: RadarConfig) -> RecordedSequence:
     """The sequence whose scans are in `folder`."""
-    root = climb(folder, ('radar',))
+    root = sequence_folder(folder, ('radar',))
     files = files_of(folder, '.png')
     stamps, warnings = stamps_of(files, radar)
     ordered, stamps_ns = in_stamp_order(files, stamps)

@@ -19,7 +19,7 @@ def fraction_covered(
 
 
 def seconds_apart(stamps_ns: NDArray[np.int64], trajectory: Trajectory) -> float:
-    """Seconds between the scans and the positions where they do not overlap in time, else 0."""
+    """Seconds between the scans and the positions if they do not overlap in time; 0 if they do."""
     before = int(stamps_ns[0] - trajectory.stamps_ns[-1])
     after = int(trajectory.stamps_ns[0] - stamps_ns[-1])
     return max(before, after, 0) / 1e9

@@ -1,4 +1,4 @@
-"""Finding scans in a folder as people have it on disk."""
+"""Files of scans in a folder, wherever the data set's download or its tools put them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from offradar_ros.radar.png import read_gray_png
 from offradar_ros.recordings.datasets.stamp_names import stamp_of_name
 
 _MAX_BYTES = 64 * 2**20
-_LOOKED_AT = 5
+_MOST_READ = 5
 
 
 def files_of(folder: Path, suffix: str) -> list[Path]:
@@ -22,7 +22,7 @@ def files_of(folder: Path, suffix: str) -> list[Path]:
 
 
 def first_folder(root: Path, names: Sequence[str], suffix: str) -> Path | None:
-    """The first of the subfolders `names`, or `root` itself where it is called so, that holds files."""
+    """The first of the subfolders `names` that holds files, or `root` itself if it has such a name and holds files."""
     for name in names:
         if files_of(root / name, suffix):
             return root / name
@@ -31,11 +31,19 @@ def first_folder(root: Path, names: Sequence[str], suffix: str) -> Path | None:
     return None
 
 
-def climb(folder: Path, names: Sequence[str]) -> Path:
-    """The data set's own folder: `folder`, or above it while it is called by one of `names`."""
+def sequence_folder(folder: Path, names: Sequence[str]) -> Path:
+    """The sequence's folder: the first one, from `folder` upwards, whose name is not one of `names`."""
     while folder.name in names and folder.parent != folder:
         folder = folder.parent
     return folder
+
+
+def lines_of(path: Path, encoding: str = 'utf-8') -> list[str]:
+    """Lines of a text file; DataError where it cannot be read."""
+    try:
+        return path.read_text(encoding=encoding).splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise DataError(f'{path}: cannot be read ({error})') from None
 
 
 def named_by_stamp(files: Sequence[Path]) -> bool:
@@ -43,18 +51,18 @@ def named_by_stamp(files: Sequence[Path]) -> bool:
     return 2 * sum(stamp_of_name(f) is not None for f in files) > len(files)
 
 
-def carry_metadata(files: Sequence[Path]) -> bool:
+def have_metadata(files: Sequence[Path]) -> bool:
     """Whether one of the first readable PNG files has the 11 metadata columns."""
-    return any(has_columns for _, has_columns in _looks(files))
+    return any(has_columns for _, has_columns in _first_readable(files))
 
 
 def shape_of(files: Sequence[Path]) -> tuple[int, int] | None:
     """Rows and columns of the first readable PNG file."""
-    return next((shape for shape, _ in _looks(files)), None)
+    return next((shape for shape, _ in _first_readable(files)), None)
 
 
-def _looks(files: Sequence[Path]) -> Iterator[tuple[tuple[int, int], bool]]:
-    for file in files[:_LOOKED_AT]:
+def _first_readable(files: Sequence[Path]) -> Iterator[tuple[tuple[int, int], bool]]:
+    for file in files[:_MOST_READ]:
         try:
             image = read_gray_png(file, _MAX_BYTES)
         except (DataError, RefusedInput):

@@ -1,4 +1,4 @@
-"""How a data set's list of scans and its files disagree."""
+"""Differences between a data set's list of scans and its files."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from offradar_ros.recordings.datasets.stamp_names import stamp_of_name
 def listing_differences(listing: Path, listed: Sequence[int], files: Sequence[Path], unit_ns: int) -> list[str]:
     """A line for each kind of difference between the stamps in a list, in ns, and the files that are named by stamp.
 
-    `unit_ns` is that of the names: 1000 where files are named in microseconds.
+    `unit_ns` is the unit of the names: 1000 where files are named in microseconds.
     """
     differences = []
     backwards = sum(later < earlier for earlier, later in itertools.pairwise(listed))

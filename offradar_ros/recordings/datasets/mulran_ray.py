@@ -13,8 +13,8 @@ import numpy as np
 from offradar_ros.config import RadarConfig
 from offradar_ros.errors import DataError, RefusedInput
 from offradar_ros.radar.image import scan_from_rows
-from offradar_ros.recordings.datasets.folders import climb, files_of, first_folder
-from offradar_ros.recordings.datasets.mulran import places, position_files
+from offradar_ros.recordings.datasets.folders import files_of, first_folder, lines_of, sequence_folder
+from offradar_ros.recordings.datasets.mulran import candidate_folders, position_files
 from offradar_ros.recordings.datasets.sequence import RecordedSequence, in_stamp_order
 from offradar_ros.recordings.datasets.stamp_names import parse_stamp_ns, stamp_of_name
 from offradar_ros.types import PolarScan
@@ -30,7 +30,7 @@ _REMARKS = (
 
 def locate(path: Path) -> Path | None:
     """The folder of scans, if this is the layout."""
-    folder = first_folder(path, places('ray'), '.csv') or path
+    folder = first_folder(path, candidate_folders('ray'), '.csv') or path
     scans = _scan_files(folder)
     return folder if scans and _is_ray(scans[0]) else None
 
@@ -51,7 +51,7 @@ def open_ray(folder: Path, radar: RadarConfig) -> RecordedSequence:
     """The sequence whose scans are in `folder`."""
     found = _scan_files(folder)
     files, stamps_ns = in_stamp_order(found, [stamp_of_name(file) or 0 for file in found])
-    root = climb(folder, ('ray', 'radar', 'sensor_data'))
+    root = sequence_folder(folder, ('ray', 'radar', 'sensor_data'))
     return RecordedSequence(
         name=root.name,
         layout='mulran_ray',
@@ -66,32 +66,29 @@ def open_ray(folder: Path, radar: RadarConfig) -> RecordedSequence:
 
 def read_ray_scan(path: Path, stamp_ns: int, radar: RadarConfig) -> PolarScan:
     """One scan of a ray file. DataError names the line that is damaged; RefusedInput as `scan_from_rows`."""
-    try:
-        lines = path.read_text(encoding='ascii').splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise DataError(f'{path}: cannot be read ({error})') from None
+    lines = lines_of(path, 'ascii')
     if not lines:
         raise DataError(f'{path}: empty file: expected a line an azimuth')
     columns = lines[0].count(',') + 1
     stamps = np.empty(len(lines), np.int64)
     angles = np.empty(len(lines), np.float64)
     power = np.empty((len(lines), max(columns - _LEADING, 0)), np.uint8)
-    for at, line in enumerate(lines):
+    for row, line in enumerate(lines):
         cells = line.split(',')
         if len(cells) != columns or columns <= _LEADING:
             raise DataError(
-                f'{path}, line {at + 1}: expected stamp, azimuth, encoder, counter and powers in {columns} columns, '
+                f'{path}, line {row + 1}: expected stamp, azimuth, encoder, counter and powers in {columns} columns, '
                 f'got {len(cells)}'
             )
         try:
-            stamps[at] = parse_stamp_ns(cells[0])
-            angles[at] = np.radians(float(cells[1]))
+            stamps[row] = parse_stamp_ns(cells[0])
+            angles[row] = np.radians(float(cells[1]))
             powers = np.array(cells[_LEADING:]).astype(np.int64)
         except (ValueError, OverflowError) as error:
-            raise DataError(f'{path}, line {at + 1}: {error}') from None
-        if powers.min() < 0 or powers.max() > 255 or not np.isfinite(angles[at]):
-            raise DataError(f'{path}, line {at + 1}: expected a finite azimuth and powers of 0 to 255')
-        power[at] = powers
+            raise DataError(f'{path}, line {row + 1}: {error}') from None
+        if powers.min() < 0 or powers.max() > 255 or not np.isfinite(angles[row]):
+            raise DataError(f'{path}, line {row + 1}: expected a finite azimuth and powers of 0 to 255')
+        power[row] = powers
     try:
         return scan_from_rows(power, angles, stamps, stamp_ns, radar)
     except RefusedInput as refusal:

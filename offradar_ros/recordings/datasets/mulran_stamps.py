@@ -7,6 +7,7 @@ from pathlib import Path
 
 from offradar_ros.config import RadarConfig
 from offradar_ros.errors import DataError
+from offradar_ros.recordings.datasets.folders import lines_of
 from offradar_ros.recordings.datasets.listed_scans import listing_differences
 from offradar_ros.recordings.datasets.stamp_names import parse_stamp_ns, stamp_of_name
 from offradar_ros.recordings.datasets.stamped_png import ASSUMED_PERIOD_NS, first_row_stamp
@@ -39,10 +40,10 @@ def polar_stamps(files: Sequence[Path], root: Path, radar: RadarConfig) -> tuple
     return [place * ASSUMED_PERIOD_NS for place in places], [warning]
 
 
-def unlisted(files: Sequence[Path], root: Path) -> list[str]:
-    """How files that are named by stamp and the list of the radar's stamps disagree.
+def stamp_list_differences(files: Sequence[Path], root: Path) -> list[str]:
+    """How files that are named by stamp and the list of the radar's stamps disagree, one line each.
 
-    Nothing where they have no stamp in common: then the list is of something else.
+    Empty where they have no stamp in common: then it is the list of another recording.
     """
     try:
         listing, listed = _listed_stamps(root)
@@ -54,7 +55,7 @@ def unlisted(files: Sequence[Path], root: Path) -> list[str]:
 
 
 def _listed_stamps(root: Path) -> tuple[Path, list[int]]:
-    """The first list that there is, and the stamps of the radar in it; a stamp a line, or stamp and sensor."""
+    """The first list that exists, and the radar's stamps in it. A line holds a stamp, or a stamp and a sensor."""
     for folder in (root / 'sensor_data', root):
         for name in ('navtech_top_stamp.csv', 'data_stamp.csv'):
             if (folder / name).is_file():
@@ -65,12 +66,8 @@ def _listed_stamps(root: Path) -> tuple[Path, list[int]]:
 
 
 def _stamps_in(path: Path, *, every: bool) -> list[int]:
-    try:
-        lines = path.read_text(encoding='utf-8').splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise DataError(f'{path}: cannot be read ({error})') from None
     stamps = []
-    for number, line in enumerate(lines, start=1):
+    for number, line in enumerate(lines_of(path), start=1):
         stamp, _, sensor = line.partition(',')
         if not stamp.strip() or not (every or any(name in sensor.lower() for name in _RADAR_NAMES)):
             continue

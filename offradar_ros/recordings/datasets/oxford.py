@@ -7,7 +7,14 @@ from pathlib import Path
 
 from offradar_ros.config import RadarConfig
 from offradar_ros.errors import DataError
-from offradar_ros.recordings.datasets.folders import climb, files_of, first_folder, named_by_stamp, shape_of
+from offradar_ros.recordings.datasets.folders import (
+    files_of,
+    first_folder,
+    lines_of,
+    named_by_stamp,
+    sequence_folder,
+    shape_of,
+)
 from offradar_ros.recordings.datasets.listed_scans import listing_differences
 from offradar_ros.recordings.datasets.position_file import PositionFile, present
 from offradar_ros.recordings.datasets.positions import read_oxford_gps, read_oxford_ins
@@ -24,7 +31,7 @@ def locate(path: Path) -> Path | None:
     folder = first_folder(path, ('radar',), '.png') or (path if files_of(path, '.png') else None)
     if folder is None or not named_by_stamp(files_of(folder, '.png')):
         return None
-    root = climb(folder, ('radar',))
+    root = sequence_folder(folder, ('radar',))
     if any((root / name).exists() for name in ('radar.timestamps', 'gps/gps.csv', 'gps/ins.csv')):
         return folder
     return folder if shape_of(files_of(folder, '.png')) == _SIZE else None
@@ -32,7 +39,7 @@ def locate(path: Path) -> Path | None:
 
 def open_oxford(folder: Path, radar: RadarConfig) -> RecordedSequence:
     """The sequence whose scans are in `folder`."""
-    root = climb(folder, ('radar',))
+    root = sequence_folder(folder, ('radar',))
     files = files_of(folder, '.png')
     stamps, warnings = stamps_of(files, radar)
     ordered, stamps_ns = in_stamp_order(files, stamps)
@@ -63,12 +70,8 @@ def _listing_differences(listing: Path, files: Sequence[Path]) -> list[str]:
 
 
 def _listed_stamps(listing: Path) -> list[int]:
-    try:
-        lines = listing.read_text(encoding='utf-8').splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise DataError(f'{listing}: cannot be read ({error})') from None
     stamps = []
-    for number, line in enumerate(lines, start=1):
+    for number, line in enumerate(lines_of(listing), start=1):
         if line.strip():
             try:
                 stamps.append(parse_stamp_ns(line.split()[0]))

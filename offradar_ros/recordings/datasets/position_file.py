@@ -10,14 +10,14 @@ from offradar_ros.geometry import Trajectory
 
 
 class Reader(Protocol):
-    """Reads a trajectory; counts in `tally` what it leaves out, by reason."""
+    """Reads a trajectory; counts in `tally` the rows that it leaves out, by reason."""
 
     def __call__(self, path: Path, tally: Counter[str] | None = None) -> Trajectory:
         """The file's trajectory; DataError names the file, line and what was expected."""
 
 
 class PositionFile(NamedTuple):
-    """`title` is what people call it."""
+    """A file of positions, the title under which it is reported, and the function that reads it."""
 
     title: str
     path: Path

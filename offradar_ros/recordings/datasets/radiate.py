@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 from pathlib import Path
 
 from offradar_ros.config import RadarConfig
 from offradar_ros.errors import DataError
-from offradar_ros.radar.png import decode_png
-from offradar_ros.recordings.datasets.folders import climb, files_of, first_folder
+from offradar_ros.recordings.datasets.folders import files_of, first_folder, sequence_folder
 from offradar_ros.recordings.datasets.position_file import PositionFile, present
 from offradar_ros.recordings.datasets.positions import read_gps_twist
 from offradar_ros.recordings.datasets.radiate_frames import read_frames
 from offradar_ros.recordings.datasets.sequence import RecordedSequence, in_stamp_order
-from offradar_ros.types import PolarScan
+from offradar_ros.recordings.datasets.stamped_png import transposed_reader
 
 LOOKS_FOR = 'Navtech_Polar/<frame>.png with Navtech_Polar.txt (RADIATE)'
 
@@ -26,7 +24,7 @@ def locate(path: Path) -> Path | None:
 
 def open_radiate(folder: Path, radar: RadarConfig) -> RecordedSequence:
     """The sequence whose scans are in `folder`; the list's stamps are the scans' stamps."""
-    root = climb(folder, ('Navtech_Polar',))
+    root = sequence_folder(folder, ('Navtech_Polar',))
     listing = root / 'Navtech_Polar.txt'
     frames = read_frames(listing)
     found = {file.stem: file for file in files_of(folder, '.png')}
@@ -46,22 +44,13 @@ def open_radiate(folder: Path, radar: RadarConfig) -> RecordedSequence:
     if not kept:
         raise DataError(f'{listing}: none of the {len(frames)} listed scans has a file in {folder}')
     files, stamps_ns = in_stamp_order([found[frame.name] for frame in kept], [frame.stamp_ns for frame in kept])
-    settled = dataclasses.replace(
-        radar,
-        azimuth_axis='columns' if radar.azimuth_axis == 'auto' else radar.azimuth_axis,
-        metadata_columns='0' if radar.metadata_columns == 'auto' else radar.metadata_columns,
-    )
-
-    def read_scan(path: Path, stamp_ns: int) -> PolarScan:
-        return decode_png(path, stamp_ns, settled)
-
     return RecordedSequence(
         name=root.name,
         layout='radiate',
         root=root,
         files=files,
         stamps_ns=stamps_ns,
-        read_scan=read_scan,
+        read_scan=transposed_reader(radar),
         position_files=present(PositionFile('GPS', root / 'GPS_IMU_Twist.txt', read_gps_twist)),
         warnings=tuple(warnings),
     )

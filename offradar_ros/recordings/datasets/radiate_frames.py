@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from offradar_ros.errors import DataError
+from offradar_ros.recordings.datasets.folders import lines_of
 from offradar_ros.recordings.datasets.stamp_names import parse_stamp_ns
 
 _LINE = re.compile(r'Frame:\s*(\d+)\s+Time:\s*(\d+(?:\.\d*)?)\s*')
@@ -22,12 +23,8 @@ class Frame(NamedTuple):
 
 def read_frames(path: Path) -> list[Frame]:
     """Every sample that a list names, in its order; DataError names the line that is not one."""
-    try:
-        lines = path.read_text(encoding='utf-8').splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise DataError(f'{path}: cannot be read ({error})') from None
     frames = []
-    for number, line in enumerate(lines, start=1):
+    for number, line in enumerate(lines_of(path), start=1):
         if not line.strip():
             continue
         found = _LINE.fullmatch(line.strip())

@@ -1,4 +1,4 @@
-"""Parts of the ground that a split keeps apart: circles and polygons in UTM."""
+"""The test region of a split: circles and polygons in UTM."""
 
 from __future__ import annotations
 
@@ -15,11 +15,12 @@ from offradar_ros.geometry import geodetic_to_utm
 
 @dataclasses.dataclass(frozen=True)
 class Circle:
-    """Attributes: a disc, in metres of UTM.
+    """A disc in UTM.
 
-    northing_m: of its centre.
-    easting_m: of its centre.
-    radius_m: above 0.
+    Attributes:
+        northing_m: of its centre, metres.
+        easting_m: of its centre, metres.
+        radius_m: above 0, metres.
     """
 
     northing_m: float

@@ -1,4 +1,4 @@
-"""Opening a data-set folder, whatever its layout."""
+"""The layouts of data sets, and opening a folder in any of them."""
 
 from __future__ import annotations
 

@@ -24,13 +24,13 @@ class RecordedSequence:
     Attributes:
         name: name of the data set's folder.
         layout: name in the registry.
-        root: the folder that `name` is of.
+        root: the folder that has this name.
         files: N files in the order of their stamps.
         stamps_ns: (N,) int64, never decreasing.
         read_scan: decodes a file, given its stamp.
         position_files: every known position file that is there, preferred first.
         warnings: what opening found wrong, one line each.
-        remarks: what is worth knowing about a layout that lacks something, one line each.
+        remarks: what the layout does not contain, one line each.
     """
 
     name: str
@@ -54,7 +54,7 @@ class RecordedSequence:
     def trajectory(self) -> Trajectory | None:
         """Positions from the file that covers most scans, the preferred one among equals; None without any file.
 
-        Read at first use. A damaged file is passed over; DataError if every one is damaged.
+        Read at first use. A damaged file is ignored; DataError if every one is damaged.
         """
         return None if self._chosen is None else self._chosen[1]
 
@@ -74,9 +74,10 @@ class RecordedSequence:
                 damage.append(error)
         if damage and not readable:
             raise damage[0]
-        return min(readable, key=lambda found: self._lack(found[1]), default=None)
+        return min(readable, key=lambda found: self._rank(found[1]), default=None)
 
-    def _lack(self, trajectory: Trajectory) -> tuple[float, float]:
+    def _rank(self, trajectory: Trajectory) -> tuple[float, float]:
+        """The least covers most scans; among those that cover none, it is the nearest in time."""
         return -fraction_covered(self.stamps_ns, trajectory), seconds_apart(self.stamps_ns, trajectory)
 
 

@@ -17,16 +17,16 @@ from offradar_ros.shipped import shipped_file
 
 @dataclasses.dataclass(frozen=True)
 class Split:
-    """A data set divided.
+    """A data set divided into test and training sequences.
 
     Attributes:
         name: stable, in results.
         title: for people.
-        source: where the division is from, and what of it is a substitute.
-        test: folder names of the sequences that are tested, and of which nothing is trained on.
-        train: folder names of those that may be trained on.
-        region: where it is tested; without one everywhere, and then no scan of `train` is left out.
-        buffer_m: scans of `train` this far from the region or nearer are left out of training.
+        source: where the division is published, and which part of it is a substitute.
+        test: folder names of the test sequences, from which no scan is trained on.
+        train: folder names of the training sequences.
+        region: where it is tested; without a region everywhere, and then no scan of `train` is left out.
+        buffer_m: scans of `train` this near to the region are left out of training.
     """
 
     name: str
@@ -55,7 +55,7 @@ class Split:
     def tested(self, points_lla: NDArray[np.float64]) -> NDArray[np.bool_]:
         """(N,) bool: which scans of a test sequence, at (N, 3) latitude°, longitude°, altitude m, are tested.
 
-        A scan whose position is not finite is not.
+        A scan whose position is not finite is not tested.
         """
         outside_m = self.region.outside_m(points_lla)
         return outside_m <= 0.0 if self.region else ~np.isnan(outside_m)

@@ -1,4 +1,4 @@
-"""PNG files whose rows carry metadata columns: Oxford, MulRan's polar_oxford_form, Boreas, UTIAS.
+"""Scans as PNG files, most with metadata columns: Oxford, MulRan, RADIATE, Boreas, UTIAS.
 
 Convention: a scan's stamp is its file name. In Oxford that is the time of the first row; elsewhere it may be another
 row's. A file that is not named by a stamp gets the time of its first row.
@@ -21,13 +21,23 @@ ASSUMED_PERIOD_NS = 250_000_000
 
 
 def metadata_reader(radar: RadarConfig) -> Callable[[Path, int], PolarScan]:
-    """Decodes such a file; what `radar` leaves to `auto` is settled by the layout."""
-    settled = dataclasses.replace(
+    """Decodes files with rows = azimuths and metadata columns, unless `radar` says otherwise."""
+    return _reader(radar, azimuth_axis='rows', metadata_columns='11')
+
+
+def transposed_reader(radar: RadarConfig) -> Callable[[Path, int], PolarScan]:
+    """Decodes files with rows = range and no metadata, unless `radar` says otherwise."""
+    return _reader(radar, azimuth_axis='columns', metadata_columns='0')
+
+
+def _reader(radar: RadarConfig, azimuth_axis: str, metadata_columns: str) -> Callable[[Path, int], PolarScan]:
+    """A function of (file, stamp in ns); the layout's values take the place of `auto`."""
+    resolved = dataclasses.replace(
         radar,
-        azimuth_axis='rows' if radar.azimuth_axis == 'auto' else radar.azimuth_axis,
-        metadata_columns='11' if radar.metadata_columns == 'auto' else radar.metadata_columns,
+        azimuth_axis=azimuth_axis if radar.azimuth_axis == 'auto' else radar.azimuth_axis,
+        metadata_columns=metadata_columns if radar.metadata_columns == 'auto' else radar.metadata_columns,
     )
-    return lambda path, stamp_ns: decode_png(path, stamp_ns, settled)
+    return lambda path, stamp_ns: decode_png(path, stamp_ns, resolved)
 
 
 def first_row_stamp(path: Path, radar: RadarConfig) -> int | None:

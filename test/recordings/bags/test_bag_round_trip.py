@@ -117,7 +117,7 @@ def test_what_a_killed_run_leaves_is_refused_and_replaced(street: Callable[..., 
     assert not partial.exists()
 
 
-def test_an_existing_bag_is_kept_unless_told(street: Callable[..., Any], tmp_path: Path) -> None:
+def test_an_existing_bag_is_kept_without_overwrite(street: Callable[..., Any], tmp_path: Path) -> None:
     write_bag(street(count=2), tmp_path / 'bag')
     with pytest.raises(DataError, match=r'exists already.*--overwrite'):
         write_bag(street(count=3), tmp_path / 'bag')
@@ -190,7 +190,7 @@ def test_damage_within_a_chunk_is_refused(street: Callable[..., Any], tmp_path: 
             sequence.scan(index)
 
 
-def test_bags_are_told_from_other_folders(street: Callable[..., Any], tmp_path: Path) -> None:
+def test_bags_are_distinguished_from_other_folders(street: Callable[..., Any], tmp_path: Path) -> None:
     assert is_bag(write_bag(street(count=2), tmp_path / 'bag'))
     (tmp_path / 'other').mkdir()
     assert not is_bag(tmp_path / 'other')

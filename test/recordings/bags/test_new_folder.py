@@ -1,4 +1,4 @@
-"""A folder is there when it is complete, and nothing else is lost on the way."""
+"""A folder appears when it is complete, and no other file is lost."""
 
 from __future__ import annotations
 

@@ -37,7 +37,7 @@ def scans_of(folder: Path) -> list[Path]:
 def test_a_sound_folder(oxford_folder: Path) -> None:
     findings = check_folder(oxford_folder)
     assert (findings.path, findings.layout, findings.problems) == (oxford_folder, 'oxford', ())
-    said = ' | '.join(texts(findings, 'ok'))
+    text = ' | '.join(texts(findings, 'ok'))
     for expected in (
         'oxford sequence 2019-01-10-14-36-48-radar-oxford-10k: 6 scans',
         '1.2 s at 4.00 scans a second',
@@ -46,7 +46,7 @@ def test_a_sound_folder(oxford_folder: Path) -> None:
         'GPS (gps.csv): 20 positions, 5.0 a second',
         'gps.csv: 6 of 6 scans have a position',
     ):
-        assert expected in said
+        assert expected in text
 
 
 def test_an_unrecognised_folder_is_an_error(tmp_path: Path) -> None:
@@ -247,11 +247,11 @@ def test_the_proposed_offset_brings_both_together(length_ns: int, later_ns: int,
 def test_an_offset_already_given_is_part_of_the_proposed_one() -> None:
     known = np.array([100, 110]) * 10**9
     trajectory = Trajectory(known, np.zeros((2, 3)), np.full(2, np.nan), geodetic=False)
-    said = coverage('gps', np.array([10, 20]) * 10**9, trajectory, 1.5, offset_s=7.0).text
-    assert said.endswith('--position-offset-s -83.0)')
-    untold = dataclasses.replace(trajectory, stamps_ns=known * 2 * 10**7)
-    said = coverage('gps', np.array([10, 20]) * 10**9, untold, 1.5).text
-    assert said.endswith('positions start 23148.1 days after the last scan')
+    text = coverage('gps', np.array([10, 20]) * 10**9, trajectory, 1.5, offset_s=7.0).text
+    assert text.endswith('--position-offset-s -83.0)')
+    unset = dataclasses.replace(trajectory, stamps_ns=known * 2 * 10**7)
+    text = coverage('gps', np.array([10, 20]) * 10**9, unset, 1.5).text
+    assert text.endswith('positions start 23148.1 days after the last scan')
     nothing = dataclasses.replace(trajectory, stamps_ns=known[:0], positions=np.zeros((0, 3)), yaws_rad=np.zeros(0))
     assert coverage('gps', known, nothing, 1.5).level == 'problem'
 

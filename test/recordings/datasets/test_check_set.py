@@ -1,4 +1,4 @@
-"""Sequences of one data set held against each other, and against a split."""
+"""Sequences of one data set compared with each other, and with a split."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ OXFORD = GeoPoint(51.76, -1.26, 65.0)
 
 
 def loop_m(seed: int, scans: int = 400) -> NDArray[np.float64]:
-    """(N, 3) a closed way of about two kilometres, the same but for the vehicle's lane whatever the seed."""
+    """(N, 3) a closed route of about two kilometres; the seed chooses the lane alone."""
     angles = np.linspace(0.0, 2 * np.pi, scans, endpoint=False)
     radii = 300.0 + 80.0 * np.sin(2 * angles) + 40.0 * np.cos(5 * angles) + np.random.default_rng(seed).uniform(-2, 2)
     return np.stack([radii * np.cos(angles), 0.7 * radii * np.sin(angles), np.zeros(scans)], axis=1)
@@ -52,13 +52,13 @@ def test_drives_of_one_route_align() -> None:
     assert findings[0].text.startswith('a: 100% of its scans are within 25 m of ')
 
 
-def test_the_share_is_that_of_all_pairs() -> None:
+def test_the_nearest_point_is_the_nearest_of_all_pairs() -> None:
     rng = np.random.default_rng(5)
-    points, way = rng.uniform(0.0, 400.0, (1200, 3)), rng.uniform(0.0, 400.0, (70, 3))
-    away_m = np.linalg.norm(points[:, None] - way[None], axis=-1)
-    np.testing.assert_allclose(nearest(points, way)[0], away_m.min(axis=1))
-    np.testing.assert_array_equal(nearest(points, way)[1], away_m.argmin(axis=1))
-    assert share_near(points, way, 40.0) == (away_m.min(axis=1) <= 40.0).mean()
+    points, line = rng.uniform(0.0, 400.0, (1200, 3)), rng.uniform(0.0, 400.0, (70, 3))
+    away_m = np.linalg.norm(points[:, None] - line[None], axis=-1)
+    np.testing.assert_allclose(nearest(points, line)[0], away_m.min(axis=1))
+    np.testing.assert_array_equal(nearest(points, line)[1], away_m.argmin(axis=1))
+    assert share_near(points, line, 40.0) == (away_m.min(axis=1) <= 40.0).mean()
 
 
 def test_a_route_is_subsampled_by_distance_not_by_time() -> None:
@@ -72,29 +72,29 @@ def test_a_route_is_subsampled_by_distance_not_by_time() -> None:
 
 
 @pytest.mark.parametrize(('east_m', 'north_m'), [(60.0, 0.0), (-400.0, 733.0), (5000.0, -20_000.0)])
-def test_a_constant_offset_is_told(east_m: float, north_m: float) -> None:
+def test_a_constant_offset_is_reported(east_m: float, north_m: float) -> None:
     away = drive('moved', moved(loop_m(2), east_m, north_m, 0.0))
     text = problem_of(drive('a', loop_m(1)), drive('b', loop_m(3)), away)
     assert text.startswith('moved: ')
     words = text.rpartition('it fits ')[2].split()
     assert ' '.join(words[1:5]) == 'moved by a constant'
-    # Of 20 km the ground is curved.
+    # Over 20 km the curvature of the ground shows.
     assert float(words[5]) == pytest.approx(-east_m, abs=20.0)
     assert float(words[11]) == pytest.approx(-north_m, abs=20.0)
 
 
-def test_an_offset_of_a_drive_along_part_of_the_route_is_told() -> None:
+def test_an_offset_of_a_drive_along_part_of_the_route_is_reported() -> None:
     part = drive('part', moved(loop_m(2)[50:300], 900.0, 300.0, 0.0))
     assert 'moved by a constant -90' in problem_of(drive('a', loop_m(1)), part)
 
 
-def test_two_that_do_not_meet_are_told_once() -> None:
+def test_two_sequences_that_do_not_meet_are_reported_once() -> None:
     findings = found(drive('a', loop_m(1)), drive('b', moved(loop_m(2), 2000.0, 0.0, 0.0)))
     assert [finding.level for finding in findings] == ['problem', 'note']
     assert 'never within 25 m of another sequence, the nearest is b, ' in findings[0].text
 
 
-def test_exchanged_coordinates_and_a_sign_are_told() -> None:
+def test_exchanged_coordinates_and_a_wrong_sign_are_reported() -> None:
     right, other = drive('right', loop_m(1)), drive('wrong', loop_m(2))
     swapped = other._replace(positions=other.positions[:, [1, 0, 2]])
     assert problem_of(drive('b', loop_m(3)), right, swapped).endswith(' with latitude and longitude exchanged')
@@ -103,7 +103,7 @@ def test_exchanged_coordinates_and_a_sign_are_told() -> None:
 
 
 @pytest.mark.parametrize(('read_as', 'side'), [(32631, 'west'), (32629, 'east')])
-def test_a_wrong_zone_is_told(read_as: int, side: str) -> None:
+def test_a_wrong_zone_is_reported(read_as: int, side: str) -> None:
     right, other = drive('right', loop_m(1)), drive('wrong', loop_m(2))
     wrong = other._replace(positions=utm_to_geodetic(geodetic_to_utm(other.positions, 32630), read_as))
     text = problem_of(right, drive('also', loop_m(3)), wrong)
@@ -119,7 +119,7 @@ def test_another_place_is_no_problem() -> None:
     assert findings[2].text.endswith('of another place, or its positions are of another frame')
 
 
-def test_a_part_of_the_way_in_common_is_no_problem() -> None:
+def test_a_shared_part_of_the_route_is_no_problem() -> None:
     ring = loop_m(1)
     leaves = np.concatenate([ring[:100], ring[100] + np.linspace([0, 0, 0], [0, 2500, 0], 300)])
     (_, second) = found(drive('a', ring), drive('leaves', leaves))
@@ -134,7 +134,7 @@ def test_frames_that_cannot_be_compared() -> None:
     (note,) = found(metric, metric._replace(name='other'))
     assert (note.level, note.text) == (
         'note',
-        'positions in metres of a frame of its own, so not compared: metric, other',
+        'positions in metres, each sequence in its own frame, so not compared: metric, other',
     )
     (note,) = found(drive('a', loop_m(1)), no_positions('lost', 7))
     assert note.text == 'no scan has a position, so not compared: lost'
@@ -158,7 +158,7 @@ def split(region: Region) -> Split:
     return Split('mine', 'Mine', 'this test', ('friday', 'saturday'), ('monday',), region)
 
 
-def test_what_of_a_split_is_there() -> None:
+def test_present_and_missing_sequences_of_a_split_are_reported() -> None:
     monday, friday = drive('monday', loop_m(1)), drive('friday', loop_m(2))
     friday.positions[:10] = np.nan
     findings = list(check_split(split(Region()), [monday, friday, no_positions('sunday', 3)]))
@@ -171,15 +171,15 @@ def test_what_of_a_split_is_there() -> None:
     ]
 
 
-def test_how_many_scans_a_region_leaves() -> None:
+def test_scans_outside_a_region_are_counted() -> None:
     centre = geodetic_to_utm(LocalFrame(OXFORD).to_geodetic(np.array([[300.0, 0.0, 0.0]])), 32630)[0]
     region = Region(32630, (Circle(float(centre[1]), float(centre[0]), 100.0),))
     monday, friday = loop_m(1), loop_m(2)
     away_m = [np.hypot(*(points[:, :2] - (300.0, 0.0)).T) for points in (monday, friday)]
     usable, tested = int((away_m[0] > 150.0).sum()), int((away_m[1] <= 100.0).sum())
     findings = list(check_split(split(region), [drive('monday', monday), drive('friday', friday)]))
-    said = [finding.text for finding in findings][-2:]
-    assert said == [
+    reported = [finding.text for finding in findings][-2:]
+    assert reported == [
         f'friday: {tested} of 400 scans tested ({400 - tested} outside the region)',
         f'monday: {usable} of 400 scans usable for training ({400 - usable} within 50 m of the test region)',
     ]
@@ -188,6 +188,6 @@ def test_how_many_scans_a_region_leaves() -> None:
     assert 'expected latitudes and longitudes' in list(check_split(split(region), [metric]))[-1].text
 
 
-def test_a_sequence_of_which_nothing_is_left_is_a_problem() -> None:
+def test_a_sequence_without_usable_scans_is_a_problem() -> None:
     findings = list(check_split(split(Region()), [no_positions('monday', 4)]))
     assert findings[-1] == Finding('problem', 'monday: 0 of 4 scans usable for training (4 without a position)')

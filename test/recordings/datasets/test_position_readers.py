@@ -96,8 +96,8 @@ def test_global_pose_is_utm_with_a_rotation(tmp_path: Path) -> None:
 @pytest.mark.parametrize('epsg', [32652, 32617, 32630])
 def test_yaw_from_utm_is_the_way_the_vehicle_goes(tmp_path: Path, epsg: int) -> None:
     start, heading = np.array([620_000.0, 4_800_000.0]), 0.7
-    ways = [start + 5.0 * k * np.array([math.cos(heading), math.sin(heading)]) for k in range(5)]
-    rows = [f'{US + 250_000 * k},{e:.6f},{n:.6f},{heading}' for k, (e, n) in enumerate(ways)]
+    points = [start + 5.0 * k * np.array([math.cos(heading), math.sin(heading)]) for k in range(5)]
+    rows = [f'{US + 250_000 * k},{e:.6f},{n:.6f},{heading}' for k, (e, n) in enumerate(points)]
     trajectory = read_radar_utm(written(tmp_path, 'timestamp_us,utm_e,utm_n,yaw', *rows), None, epsg)
     origin = trajectory.origin()
     assert origin is not None

@@ -82,7 +82,9 @@ def test_a_damaged_position_file_is_an_error_only_when_positions_are_asked_for(o
 
 @pytest.mark.parametrize('above', ['', 'sensor_data/radar/', 'radar/', 'sensor_data/'])
 @pytest.mark.parametrize('folder', ['polar_oxford_form', 'polar'])
-def test_mulran_lies_on_disk_in_many_ways(tmp_path: Path, scan_writers: Writers, above: str, folder: str) -> None:
+def test_mulran_scans_are_found_in_every_folder(
+    tmp_path: Path, scan_writers: Writers, above: str, folder: str
+) -> None:
     root = tmp_path / 'KAIST03'
     stamps = mulran(root, scan_writers, above + folder, oxford_form=folder != 'polar')
     (root / 'global_pose.csv').write_text(f'{START_NS},1,0,0,350000,0,1,0,4026000,0,0,1,20\n')
@@ -197,7 +199,7 @@ def test_radiate(tmp_path: Path, scan_writers: Writers) -> None:
     assert sequence.warnings == ()
 
 
-def test_radiate_says_what_list_and_files_disagree_on(tmp_path: Path, scan_writers: Writers) -> None:
+def test_differences_between_list_and_files_of_radiate_are_warnings(tmp_path: Path, scan_writers: Writers) -> None:
     listing = radiate(tmp_path, scan_writers)
     (tmp_path / 'Navtech_Polar' / '000002.png').unlink()
     lines = listing.read_text().splitlines()
@@ -306,7 +308,7 @@ def test_both_layouts_of_kaist03_hold_the_same_scans(real_data: Path) -> None:
         assert a.azimuths_rad - b.azimuths_rad == pytest.approx(np.full(400, 7 / 5600 * 2 * np.pi))
 
 
-def test_mulran_says_what_bare_polar_lacks(tmp_path: Path, scan_writers: Writers) -> None:
+def test_a_remark_reports_what_bare_polar_does_not_contain(tmp_path: Path, scan_writers: Writers) -> None:
     mulran(tmp_path / 'KAIST01', scan_writers, 'sensor_data/radar/polar', oxford_form=False)
     (remark,) = open_sequence(tmp_path / 'KAIST01').remarks
     assert remark.startswith('polar without polar_oxford_form: ')
@@ -329,7 +331,7 @@ def test_the_step_between_both_forms_is_the_one_that_is_said(real_data: Path) ->
     np.testing.assert_allclose(np.radians(0.45), 0.00785, atol=5e-6)
 
 
-def test_mulran_says_what_its_ray_form_means(real_data: Path) -> None:
+def test_a_remark_reports_what_the_ray_form_contains(real_data: Path) -> None:
     sequence = open_sequence(real_data / 'mulran_ray')
     (remark,) = sequence.remarks
     assert remark.startswith('ray without polar_oxford_form: nothing is missing')
@@ -339,7 +341,7 @@ def test_mulran_says_what_its_ray_form_means(real_data: Path) -> None:
 
 
 @pytest.mark.parametrize('folder', ['polar', 'polar_oxford_form'])
-def test_mulran_scans_that_are_listed_but_not_there_are_told(
+def test_mulran_scans_that_are_listed_but_missing_are_warnings(
     tmp_path: Path, scan_writers: Writers, folder: str
 ) -> None:
     stamps = mulran(tmp_path, scan_writers, folder, oxford_form=folder != 'polar')

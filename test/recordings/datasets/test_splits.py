@@ -17,9 +17,9 @@ from offradar_ros.recordings.datasets.splits import Split, read_split
 OXFORD_CENTRE = (5735611.299219, 620540.270327)
 
 
-def geodesic(latitude: float, longitude: float, bearing_deg: float, way_m: float) -> list[float]:
-    """The point so far away on the ellipsoid, without any projection."""
-    east, north, _ = pyproj.Geod(ellps='WGS84').fwd(longitude, latitude, bearing_deg, way_m)
+def geodesic(latitude: float, longitude: float, bearing_deg: float, distance_m: float) -> list[float]:
+    """The point at this bearing and distance on the ellipsoid, without any projection."""
+    east, north, _ = pyproj.Geod(ellps='WGS84').fwd(longitude, latitude, bearing_deg, distance_m)
     return [north, east, 70.0]
 
 
@@ -31,10 +31,10 @@ def centre_lla() -> tuple[float, float]:
 @pytest.mark.parametrize('bearing_deg', [0.0, 77.0, 200.0])
 def test_a_circle_is_measured_over_the_ground(bearing_deg: float) -> None:
     region = Region(32630, (Circle(*OXFORD_CENTRE, 200.0),))
-    ways_m = np.array([0.0, 150.0, 199.0, 201.0, 260.0, 5000.0])
-    points = np.array([geodesic(*centre_lla(), bearing_deg, way_m) for way_m in ways_m])
+    distances_m = np.array([0.0, 150.0, 199.0, 201.0, 260.0, 5000.0])
+    points = np.array([geodesic(*centre_lla(), bearing_deg, distance_m) for distance_m in distances_m])
     # UTM's scale is within 0.04 % of true here.
-    np.testing.assert_allclose(region.outside_m(points), ways_m - 200.0, rtol=5e-4, atol=0.1)
+    np.testing.assert_allclose(region.outside_m(points), distances_m - 200.0, rtol=5e-4, atol=0.1)
 
 
 def distance_to_square_m(x: float, y: float, side_m: float) -> float:
@@ -58,7 +58,7 @@ def test_a_region_is_the_union_of_its_shapes() -> None:
     near, far = Circle(*OXFORD_CENTRE, 200.0), Circle(OXFORD_CENTRE[0] + 1000.0, OXFORD_CENTRE[1], 100.0)
     square = Polygon(((620_000.0, 5_735_000.0), (620_000.0, 5_735_100.0), (620_100.0, 5_735_100.0)))
     latitude, longitude = centre_lla()
-    points = np.array([geodesic(latitude, longitude, 0.0, way_m) for way_m in (0.0, 600.0, 1000.0)])
+    points = np.array([geodesic(latitude, longitude, 0.0, distance_m) for distance_m in (0.0, 600.0, 1000.0)])
     alone = [Region(32630, (near,)), Region(32630, (far,)), Region(32630, (), (square,))]
     expected = np.min([region.outside_m(points) for region in alone], axis=0)
     np.testing.assert_array_equal(Region(32630, (near, far), (square,)).outside_m(points), expected)
@@ -70,7 +70,9 @@ def split(**changes: Any) -> Split:
 
 
 def test_the_buffer_belongs_to_neither_side() -> None:
-    points = np.array([geodesic(*centre_lla(), 90.0, way_m) for way_m in (10.0, 190.0, 210.0, 245.0, 255.0, 900.0)])
+    points = np.array(
+        [geodesic(*centre_lla(), 90.0, distance_m) for distance_m in (10.0, 190.0, 210.0, 245.0, 255.0, 900.0)]
+    )
     points = np.concatenate([points, np.full((1, 3), np.nan)])
     assert split().tested(points).tolist() == [True, True, False, False, False, False, False]
     assert split().trainable(points).tolist() == [False, False, False, False, True, True, False]
@@ -110,7 +112,7 @@ WHOLE = 'name: n\ntitle: t\nsource: s\ntest: [a]\ntrain: [b]\n'
 
 
 @pytest.mark.parametrize(
-    ('text', 'said'),
+    ('text', 'expected'),
     [
         (WHOLE.replace('[a]', '[]'), 'key test: expected at least one sequence'),
         (WHOLE.replace('[b]', '[a]'), 'sequence a: expected once, in test or in train'),
@@ -125,13 +127,13 @@ WHOLE = 'name: n\ntitle: t\nsource: s\ntest: [a]\ntrain: [b]\n'
         (WHOLE.replace('train: [b]\n', ''), 'key train is missing'),
     ],
 )
-def test_what_is_wrong_with_a_split_is_one_line(tmp_path: Path, text: str, said: str) -> None:
+def test_an_error_in_a_split_is_one_line(tmp_path: Path, text: str, expected: str) -> None:
     file = tmp_path / 'mine.yaml'
     file.write_text(text)
     with pytest.raises(ConfigError) as error:
         read_split(file)
     assert str(error.value).startswith(f'{file}: ')
-    assert said in str(error.value)
+    assert expected in str(error.value)
     assert '\n' not in str(error.value)
 
 

@@ -22,7 +22,7 @@ from offradar_ros.recordings.datasets.stamp_names import parse_stamp_ns, stamp_o
         ('1.567410201563630080e18', 1_567_410_201_563_630_080),
     ],
 )
-def test_the_unit_is_told_by_magnitude(text: str, stamp_ns: int) -> None:
+def test_the_magnitude_shows_the_unit(text: str, stamp_ns: int) -> None:
     assert parse_stamp_ns(text) == stamp_ns
 
 

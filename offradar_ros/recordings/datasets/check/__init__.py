@@ -1,4 +1,4 @@
-"""What a data-set folder holds, and everything wrong with it, in plain words."""
+"""Check of a data-set folder: what it holds, and every problem that is found."""
 
 from offradar_ros.recordings.datasets.check.findings import Finding, Findings, Level
 from offradar_ros.recordings.datasets.check.folder import check_folder

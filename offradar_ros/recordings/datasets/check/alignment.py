@@ -1,35 +1,35 @@
-"""Whether the sequences of a data set lie on one another, as those of one place do."""
+"""Whether the positions of a data set's sequences agree: those of one place lie on one another."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
 from offradar_ros.geometry import GeoPoint, LocalFrame
+from offradar_ros.recordings.datasets.check.coordinate_errors import coordinate_error
 from offradar_ros.recordings.datasets.check.findings import Finding, note, ok, problem
-from offradar_ros.recordings.datasets.check.mix_ups import mix_up
 from offradar_ros.recordings.datasets.check.route import NEAR_M, Route, nearest, route
 from offradar_ros.recordings.datasets.check.scan_positions import ScanPositions
 
-# A sequence of which less is near another is looked at for what may be mixed up.
+# Where a smaller share of a sequence is near another one, its coordinates are examined for an error.
 _ALIGNED = 0.5
 _MOST_COMPARED = 3
 
 
 def check_alignment(sequences: Sequence[ScanPositions]) -> Iterator[Finding]:
-    """Findings about several sequences, by the places of their scans."""
-    lost = [s.name for s in sequences if not s.known.any()]
-    if lost:
-        yield note(f'no scan has a position, so not compared: {", ".join(lost)}')
-    placed = [s for s in sequences if s.known.any()]
-    metric = [s.name for s in placed if not s.geodetic]
-    geodetic = [s for s in placed if s.geodetic]
+    """Findings about several sequences, from the positions of their scans."""
+    unlocated = [s.name for s in sequences if not s.known.any()]
+    if unlocated:
+        yield note(f'no scan has a position, so not compared: {", ".join(unlocated)}')
+    located = [s for s in sequences if s.known.any()]
+    metric = [s.name for s in located if not s.geodetic]
+    geodetic = [s for s in located if s.geodetic]
     if metric and geodetic:
         yield problem(
-            f'positions of {", ".join(metric)} are metres in a frame of its own, those of '
-            f'{", ".join(s.name for s in geodetic)} latitudes and longitudes: expected one kind'
+            f'positions of {", ".join(metric)} are in metres, those of '
+            f'{", ".join(s.name for s in geodetic)} in latitude and longitude: expected one kind'
         )
     elif metric:
-        yield note(f'positions in metres of a frame of its own, so not compared: {", ".join(metric)}')
+        yield note(f'positions in metres, each sequence in its own frame, so not compared: {", ".join(metric)}')
     if len(geodetic) > 1:
         yield from _compared(geodetic)
 
@@ -47,8 +47,9 @@ def _compared(sequences: Sequence[ScanPositions]) -> Iterator[Finding]:
             yield ok(text)
             continue
         if share == 0.0:
-            text = f'{name}: never within {NEAR_M:g} m of another sequence, the nearest is {other}, {_far(away_m)} away'
-        hints = ((mix_up(points[name], routes[to], frame), to) for _, _, to in others[:_MOST_COMPARED])
+            distance = _distance(away_m)
+            text = f'{name}: never within {NEAR_M:g} m of another sequence, the nearest is {other}, {distance} away'
+        hints = ((coordinate_error(points[name], routes[to], frame), to) for _, _, to in others[:_MOST_COMPARED])
         hint, to = next(((hint, to) for hint, to in hints if hint), ('', ''))
         if hint and to not in explained:
             explained.add(name)
@@ -69,5 +70,5 @@ def _nearest_others(name: str, own: Route, routes: dict[str, Route]) -> list[tup
     return sorted(found, key=lambda item: (-item[0], item[1]))
 
 
-def _far(away_m: float) -> str:
+def _distance(away_m: float) -> str:
     return f'{away_m:.0f} m' if away_m < 10_000.0 else f'{away_m / 1000.0:.0f} km'

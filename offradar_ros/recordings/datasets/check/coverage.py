@@ -1,4 +1,4 @@
-"""Whether positions cover the scans, and if their clocks disagree, by how much."""
+"""Whether positions cover the scans, and by how much their clocks differ if not."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from offradar_ros.recordings.datasets.check.findings import Finding, ok, problem
 from offradar_ros.recordings.datasets.coverage import seconds_apart
 
 LARGEST_OFFSET_S = 1e9
-"""Clocks that disagree by more are not set wrong: one of them does not tell the time."""
+"""A larger difference is no offset between clocks: one of them does not give the time."""
 
 _STEP_NS = 10**8
 _DAY_S = 24 * 3600.0
@@ -29,7 +29,7 @@ def coverage(
     if apart_s:
         early = trajectory.stamps_ns[-1] < stamps_ns[0]
         where = 'end {} before the first scan' if early else 'start {} after the last scan'
-        text = f'{name}: no scan has a position: positions {where.format(apart(apart_s))}'
+        text = f'{name}: no scan has a position: positions {where.format(duration(apart_s))}'
         remedy_s = offset_s + _offset_s(stamps_ns, trajectory)
         if abs(remedy_s) <= LARGEST_OFFSET_S:
             text += f' (if the clocks disagree: offradar convert --position-offset-s {remedy_s:.1f})'
@@ -39,11 +39,11 @@ def coverage(
     return ok(text) if count == len(stamps_ns) else problem(text)
 
 
-def apart(seconds: float) -> str:
-    """A time between recordings as people say it."""
+def duration(seconds: float) -> str:
+    """Seconds, or days where it is more than one."""
     return f'{seconds:.1f} s' if seconds < _DAY_S else f'{seconds / _DAY_S:.1f} days'
 
 
 def _offset_s(stamps_ns: NDArray[np.int64], trajectory: Trajectory) -> float:
-    """What to add so that both start together, the first position no later than the first scan."""
+    """Seconds to add to the positions, so that the first one is at the first scan, or less than 0.1 s before it."""
     return int(stamps_ns[0] - trajectory.stamps_ns[0]) // _STEP_NS * _STEP_NS / 1e9

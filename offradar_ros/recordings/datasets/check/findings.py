@@ -1,4 +1,4 @@
-"""The outcome of a check."""
+"""Results of a check."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ Level = Literal['ok', 'note', 'problem']
 
 @dataclasses.dataclass(frozen=True)
 class Finding:
-    """One line for a person: `ok` is as it should be, `note` worth knowing, `problem` something to put right."""
+    """One line for a person: `ok` is as it should be, `note` is information, `problem` has to be corrected."""
 
     level: Level
     text: str
@@ -27,7 +27,7 @@ class Findings:
 
     @property
     def problems(self) -> tuple[Finding, ...]:
-        """What has to be put right."""
+        """The findings that have to be corrected."""
         return tuple(finding for finding in self.findings if finding.level == 'problem')
 
 
@@ -37,21 +37,21 @@ def ok(text: str) -> Finding:
 
 
 def note(text: str) -> Finding:
-    """A finding worth knowing."""
+    """A finding that is information."""
     return Finding('note', text)
 
 
 def problem(text: str) -> Finding:
-    """A finding to put right."""
+    """A finding that has to be corrected."""
     return Finding('problem', text)
 
 
 def counted(count: int, noun: str) -> str:
-    """A number and its noun, in the plural where it is not one."""
+    """A number and its noun, in the plural unless the number is 1."""
     return f'{count} {noun}' if count == 1 else f'{count} {noun}s'
 
 
-def some(items: list[str], most: int = 3) -> str:
+def first_few(items: list[str], most: int = 3) -> str:
     """The first few of many, and how many more there are."""
     shown = ', '.join(items[:most])
     return shown if len(items) <= most else f'{shown} and {len(items) - most} more'

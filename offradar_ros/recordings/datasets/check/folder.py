@@ -27,7 +27,7 @@ def check_folder(
 
     `progress` is called before each scan with its number, from 1, and how many there are.
 
-    DataError where the folder holds no recognised scans; whatever else is wrong is a finding.
+    DataError where the folder holds no recognised scans; every other problem is a finding.
     """
     sequence = open_sequence(path, layout, radar)
     max_gap_s = (position or PositionConfig()).max_gap_s

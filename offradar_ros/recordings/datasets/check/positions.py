@@ -1,4 +1,4 @@
-"""Position files: what they hold, what had to be left out, and whether they cover the scans."""
+"""Position files: what they hold, which rows are left out, and whether they cover the scans."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from offradar_ros.errors import DataError
 from offradar_ros.geometry import Trajectory
-from offradar_ros.recordings.datasets.check.coverage import apart, coverage
+from offradar_ros.recordings.datasets.check.coverage import coverage, duration
 from offradar_ros.recordings.datasets.check.findings import Finding, counted, note, ok, problem
 from offradar_ros.recordings.datasets.coverage import seconds_apart
 from offradar_ros.recordings.datasets.position_file import PositionFile
@@ -34,7 +34,7 @@ def check_positions(sequence: RecordedSequence, max_gap_s: float) -> Iterator[Fi
         yield from _contents(source, trajectory, tally, max_gap_s)
         apart_s = seconds_apart(sequence.stamps_ns, trajectory)
         if apart_s and source.path != sequence.trajectory_path:
-            yield note(f'{source.path.name}: {apart(apart_s)} from the scans at the nearest: not of this drive')
+            yield note(f'{source.path.name}: {duration(apart_s)} from the scans at the nearest: not of this drive')
     if readable and sequence.trajectory is not None and sequence.trajectory_path is not None:
         yield coverage(sequence.trajectory_path.name, sequence.stamps_ns, sequence.trajectory, max_gap_s)
 

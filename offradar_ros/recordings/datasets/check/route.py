@@ -1,4 +1,4 @@
-"""A sequence's scans on the ground, and how near they are to the line of another."""
+"""A sequence's scans on the ground, and their distance to the route of another sequence."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ _CHUNK = 500
 
 
 class Route(NamedTuple):
-    """Attributes: in one east-north-up frame, metres, altitudes left out so that data sets' heights may disagree.
+    """A route in an east-north-up frame, metres, with altitudes of 0, so that data sets' heights may disagree.
 
-    scans: (N, 3) float64 places of scans, at most 1000, evenly spread.
-    line: (M, 3) float64 of them, 5 m or more apart.
+    Attributes:
+        scans: (N, 3) float64 positions of scans, at most 1000, evenly spread.
+        line: (M, 3) float64 positions of scans that are 5 m or more apart.
     """
 
     scans: NDArray[np.float64]
@@ -28,7 +29,7 @@ class Route(NamedTuple):
 
 def route(points_lla: NDArray[np.float64], frame: LocalFrame) -> Route:
     """The route of (N, 3) latitude°, longitude°, altitude m in the order of time; all finite, N > 0."""
-    # The third coordinate is how far the ground has curved away: with it distances hold around the Earth.
+    # The third coordinate keeps the curvature of the Earth: with it, distances are right over any range.
     points_m = frame.to_enu(points_lla * (1.0, 1.0, 0.0))
     kept = [points_m[0]]
     for point in points_m:
@@ -39,7 +40,7 @@ def route(points_lla: NDArray[np.float64], frame: LocalFrame) -> Route:
 
 
 def nearest(points_m: NDArray[np.float64], line_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
-    """(N,) distance in metres of each point to the nearest of a line, and (N,) which of it that is."""
+    """(N,) distance in metres from each point to the nearest point of a line, and (N,) the index of that point."""
     away_m = np.empty(len(points_m))
     which = np.empty(len(points_m), np.intp)
     for start in range(0, len(points_m), _CHUNK):

@@ -1,4 +1,4 @@
-"""Where a sequence's scans were made, for comparing sequences with one another."""
+"""Positions of a sequence's scans, for comparing sequences with one another."""
 
 from __future__ import annotations
 
@@ -12,11 +12,12 @@ from offradar_ros.sequence import RadarSequence
 
 
 class ScanPositions(NamedTuple):
-    """Attributes: the scans of one sequence.
+    """Positions of the N scans of one sequence.
 
-    name: of the sequence's folder.
-    positions: (N, 3) float64, a row a scan: latitude°, longitude°, altitude m, or metres; NaN where there is none.
-    geodetic: whether they are latitudes and longitudes; else they are in a frame of the sequence's own.
+    Attributes:
+        name: of the sequence's folder.
+        positions: (N, 3) float64 latitude°, longitude°, altitude m, or metres; NaN for a scan without a position.
+        geodetic: whether they are latitudes and longitudes; else they are metres in a frame of this sequence.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Every scan decoded: what cannot be read, differs from the others or contradicts its stamp."""
+"""Every scan is decoded: which cannot be read, differ from the others or contradict their stamp."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from offradar_ros.errors import DataError, RefusedInput
-from offradar_ros.recordings.datasets.check.findings import Finding, counted, note, ok, problem, some
+from offradar_ros.recordings.datasets.check.findings import Finding, counted, first_few, note, ok, problem
 from offradar_ros.recordings.datasets.check.sizes import Sizes
 from offradar_ros.recordings.datasets.sequence import RecordedSequence
 from offradar_ros.types import PolarScan
@@ -17,6 +17,10 @@ from offradar_ros.types import PolarScan
 _ROW_STAMP_SLACK_NS = 50_000_000
 # Neighbouring rows further apart than this many typical steps have lost a row between them.
 _LOST_ROW_STEPS = 1.5
+_REFUSALS = {
+    'no_signal': 'no signal, every power value is zero',
+    'wrong_size': 'rows without the metadata columns that this layout has',
+}
 
 
 def check_scans(
@@ -24,7 +28,7 @@ def check_scans(
 ) -> Iterator[Finding]:
     """Findings from decoding every scan, or `sample` of them, evenly spread, where that is not 0.
 
-    `progress` is called with the number of the scan at hand and how many there are.
+    `progress` gets (scan, scans) before each one, from 1.
     """
     indices = list(range(len(sequence)))
     if 0 < sample < len(sequence):
@@ -53,16 +57,10 @@ def check_scans(
             anchors[_anchor(scan)] += 1
     yield from sizes.findings()
     for fault, files in faults.items():
-        yield problem(f'{fault}: {counted(len(files), "scan")} ({some(files)})')
+        yield problem(f'{fault}: {counted(len(files), "scan")} ({first_few(files)})')
     for anchor, count in anchors.most_common():
         if anchor:
             yield ok(f'stamp of the scan is that of its {anchor} row: {counted(count, "scan")}')
-
-
-_REFUSALS = {
-    'no_signal': 'no signal, every power value is zero',
-    'wrong_size': 'rows without the metadata columns that this layout has',
-}
 
 
 def _faults(scan: PolarScan) -> Iterator[str]:
@@ -90,7 +88,7 @@ def _faults(scan: PolarScan) -> Iterator[str]:
 
 
 def _anchor(scan: PolarScan) -> str:
-    """Which row the scan's stamp is that of; empty where it is none's."""
+    """The row whose stamp is the scan's stamp; empty if there is none."""
     stamps = scan.azimuth_stamps_ns
     if stamps is None or scan.stamp_ns not in stamps:
         return ''

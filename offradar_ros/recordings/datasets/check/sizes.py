@@ -1,4 +1,4 @@
-"""How large scans are: one size is expected, any other is odd."""
+"""Sizes of scans: one is expected, any other is a problem."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ class Sizes:
         self._first: dict[tuple[int, int, float], str] = {}
 
     def add(self, scan: PolarScan, name: str) -> None:
-        """Count a scan, which people find by `name`."""
+        """Count a scan, which is reported by `name`."""
         size = (int(scan.power.shape[0]), int(scan.power.shape[1]), scan.range_resolution_m)
         self._counts[size] += 1
         self._first.setdefault(size, name)

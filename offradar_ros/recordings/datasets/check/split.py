@@ -1,4 +1,4 @@
-"""What of a split is there, and what its test region leaves."""
+"""Which sequences of a split are present, and how many of their scans it uses."""
 
 from __future__ import annotations
 

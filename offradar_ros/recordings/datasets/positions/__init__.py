@@ -1,4 +1,4 @@
-"""Where the vehicle was: a reader for each data set's position files, all giving a geometry.Trajectory."""
+"""Readers of the data sets' position files; each returns a geometry.Trajectory."""
 
 from offradar_ros.recordings.datasets.positions.boreas import read_radar_poses
 from offradar_ros.recordings.datasets.positions.mulran import read_global_pose, read_mulran_gps, read_radar_utm

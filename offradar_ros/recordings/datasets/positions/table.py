@@ -47,7 +47,7 @@ class Row(NamedTuple):
 
 
 def named_rows(path: Path, names: Sequence[str]) -> Iterator[Row]:
-    """The columns `names` of a CSV file whose first line is a header; other columns are passed over."""
+    """The columns `names` of a CSV file whose first line is a header; other columns are ignored."""
     lines = _lines(path, ',')
     _, header = next(lines, (0, []))
     header = [cell.strip() for cell in header]

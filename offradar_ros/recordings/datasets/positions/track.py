@@ -1,4 +1,4 @@
-"""Positions as they are read, one after another, to a Trajectory."""
+"""Collects the positions of a file into a Trajectory."""
 
 from __future__ import annotations
 
@@ -71,17 +71,17 @@ class Track:
         return Trajectory(*self._columns(), geodetic=True)
 
     def local(self) -> Trajectory:
-        """The positions as metres in a frame of their own."""
+        """The positions as metres in the file's frame."""
         return Trajectory(*self._columns(), geodetic=False)
 
     def from_utm(self, epsg: int) -> Trajectory:
-        """The positions as UTM easting, northing, altitude, turned geodetic; yaw from grid east to true east."""
+        """The positions as UTM easting, northing, altitude, converted to geodetic; yaw from grid east to true east."""
         import pyproj  # noqa: PLC0415
 
         stamps, utm, yaws = self._columns()
         points = utm_to_geodetic(utm, epsg)
         if not np.isfinite(points).all():
             raise DataError(f'{self._path}: expected UTM easting and northing in metres (EPSG {epsg})')
-        # Grid north leans from true north by the meridian convergence, clockwise: about a degree at a zone's edge.
-        lean = pyproj.Proj(epsg).get_factors(points[:, 1], points[:, 0]).meridian_convergence
-        return Trajectory(stamps, points, wrap_angle(yaws - np.radians(lean)), geodetic=True)
+        # Grid north is clockwise of true north by the meridian convergence: about a degree at a zone's edge.
+        convergence_deg = pyproj.Proj(epsg).get_factors(points[:, 1], points[:, 0]).meridian_convergence
+        return Trajectory(stamps, points, wrap_angle(yaws - np.radians(convergence_deg)), geodetic=True)

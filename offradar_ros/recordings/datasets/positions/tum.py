@@ -1,4 +1,4 @@
-"""TUM trajectory files: ``seconds x y z qx qy qz qw`` a line, in a frame of their own."""
+"""TUM trajectory files: ``seconds x y z qx qy qz qw`` a line, in the file's own frame."""
 
 from __future__ import annotations
 

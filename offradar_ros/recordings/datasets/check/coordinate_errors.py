@@ -1,4 +1,4 @@
-"""Why two sequences of one place do not meet: a frame or zone mixed up, or a constant offset."""
+"""Errors that keep the positions of two sequences of one place apart: axes, sign, zone, or a constant offset."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ from numpy.typing import NDArray
 from offradar_ros.geometry import LocalFrame
 from offradar_ros.recordings.datasets.check.route import Route, nearest, route, share_near
 
-# What fits a route this well once it is moved is the same route.
+# A route of which this share lies on another, once it is moved, is the same route.
 _FITS = 0.8
 _FIT_M = 10.0
-# A street that hardly turns fits many others.
+# A street without turns fits many others.
 _NARROWEST_M = 30.0
 _CELL_M = 20.0
-_MOST_VOTERS = 1000
+_MOST_POINTS = 1000
 _ZONE_DEG = np.array([0.0, 6.0, 0.0])
 
 _Move = Callable[[NDArray[np.float64]], NDArray[np.float64]]
-_MIX_UPS: dict[str, _Move] = {
+_ERRORS: dict[str, _Move] = {
     'with latitude and longitude exchanged': lambda lla: lla[:, [1, 0, 2]],
     'with the sign of the longitude changed': lambda lla: lla * (1.0, -1.0, 1.0),
     'in the next UTM zone to the east': lambda lla: lla + _ZONE_DEG,
@@ -28,9 +28,9 @@ _MIX_UPS: dict[str, _Move] = {
 }
 
 
-def mix_up(points_lla: NDArray[np.float64], other: Route, frame: LocalFrame) -> str:
-    """What makes (N, 3) latitude°, longitude°, altitude m lie on `other`, whose frame is given; empty if nothing."""
-    for text, move in _MIX_UPS.items():
+def coordinate_error(points_lla: NDArray[np.float64], other: Route, frame: LocalFrame) -> str:
+    """The change that puts (N, 3) latitude°, longitude°, altitude m on `other`, a route in `frame`; empty if none."""
+    for text, move in _ERRORS.items():
         moved = move(points_lla)
         if np.abs(moved[:, 0]).max() <= 90.0 and share_near(route(moved, frame).scans, other.line) >= _FITS:
             return text
@@ -67,7 +67,7 @@ def _most_voted(points_m: NDArray[np.float64], line_m: NDArray[np.float64]) -> N
 
 
 def _subsampled(line_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    return line_m[:: -(-len(line_m) // _MOST_VOTERS)]
+    return line_m[:: -(-len(line_m) // _MOST_POINTS)]
 
 
 def _width_m(line_m: NDArray[np.float64]) -> float:
