@@ -156,6 +156,7 @@ def run_node(name: str, environment: dict[str, str], *arguments: str) -> subproc
         ('map_server_node', ['-p', 'map.match_distance_m:=-1.0'], 'map.match_distance_m: expected at least 0.01 m'),
         ('query_node', ['-p', 'query.map_path:=/no/such/map.db'], '/no/such/map.db'),
         ('encoder_node', ['-p', 'encoder.weights:=missing'], 'encoder.weights: expected a .onnx or .safetensors'),
+        ('encoder_node', ['-p', 'encoder.name:=mine'], 'encoder.name: expected one of variational, '),
         ('encoder_node', ['-p', 'radar.profile:=lidar'], 'radar.profile: expected one of auto'),
     ],
 )
