@@ -102,7 +102,9 @@ def test_without_row_stamps_or_positions_the_scans_are_written(street: Callable[
     assert not (tmp_path / 'none').exists()
 
 
-def test_an_existing_folder_is_replaced_only_with_overwrite_and_if_it_is_of_this_layout(drive: SimulatedSequence, tmp_path: Path) -> None:
+def test_only_a_folder_of_this_layout_is_replaced_and_only_with_overwrite(
+    drive: SimulatedSequence, tmp_path: Path
+) -> None:
     write_oxford(drive, tmp_path / 'drive')
     with pytest.raises(DataError, match='exists already'):
         write_oxford(drive, tmp_path / 'drive')

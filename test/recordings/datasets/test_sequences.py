@@ -82,9 +82,7 @@ def test_a_damaged_position_file_is_an_error_only_when_positions_are_asked_for(o
 
 @pytest.mark.parametrize('above', ['', 'sensor_data/radar/', 'radar/', 'sensor_data/'])
 @pytest.mark.parametrize('folder', ['polar_oxford_form', 'polar'])
-def test_mulran_scans_are_found_in_every_folder(
-    tmp_path: Path, scan_writers: Writers, above: str, folder: str
-) -> None:
+def test_mulran_scans_are_found_in_every_folder(tmp_path: Path, scan_writers: Writers, above: str, folder: str) -> None:
     root = tmp_path / 'KAIST03'
     stamps = mulran(root, scan_writers, above + folder, oxford_form=folder != 'polar')
     (root / 'global_pose.csv').write_text(f'{START_NS},1,0,0,350000,0,1,0,4026000,0,0,1,20\n')
