@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from offradar_ros.recordings.bags.oxford_folder import write_oxford
+from offradar_ros.recordings.datasets.oxford_writer import write_oxford
 
 SPLIT = """
 name: street

@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from offradar_ros.recordings.bags.oxford_folder import write_oxford
 from offradar_ros.recordings.bags.reader import Bag
 from offradar_ros.recordings.bags.sequence import BagSequence
+from offradar_ros.recordings.datasets.oxford_writer import write_oxford
 from offradar_ros.recordings.datasets.registry import open_sequence
 
 NAMES = ('friday', 'monday', 'tuesday')

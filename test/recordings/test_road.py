@@ -14,8 +14,8 @@ from street_sequence import Repositioned, StreetSequence
 from offradar_ros.config import PositionConfig
 from offradar_ros.errors import DataError, RefusedInput
 from offradar_ros.geometry import GeoPoint, LocalFrame
-from offradar_ros.recordings.bags.oxford_folder import write_oxford
 from offradar_ros.recordings.bags.writer import write_bag
+from offradar_ros.recordings.datasets.oxford_writer import write_oxford
 from offradar_ros.recordings.road import Start, open_road, shared_frames, start_of
 
 Street = Callable[..., StreetSequence]

@@ -19,8 +19,8 @@ from offradar_ros.lab.simulation.route_sessions import session_plan
 from offradar_ros.lab.simulation.sensor import SimulatedSensor
 from offradar_ros.lab.simulation.sequence import SimulatedSequence
 from offradar_ros.radar.profiles import PROFILES
-from offradar_ros.recordings.bags.oxford_folder import encode_oxford_png, write_oxford
 from offradar_ros.recordings.bags.writer import BagOptions, write_bag
+from offradar_ros.recordings.datasets.oxford_writer import encode_oxford_png, write_oxford
 
 SCANS = 120
 

@@ -20,9 +20,9 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from offradar_ros.errors import DataError, RefusedInput
 from offradar_ros.geometry import LocalFrame, Trajectory
 from offradar_ros.radar.navtech_rows import join_rows
-from offradar_ros.recordings.bags.new_folder import new_folder
 from offradar_ros.recordings.bags.reader import TYPES
 from offradar_ros.recordings.bags.topics import FIX, FIX_TYPE, IMAGE_TYPE, ODOMETRY, ODOMETRY_TYPE, SCANS
+from offradar_ros.recordings.new_folder import new_folder
 from offradar_ros.sequence import RadarSequence
 from offradar_ros.types import PolarScan
 

@@ -18,7 +18,7 @@ from offradar_ros.cli.main import app
 from offradar_ros.errors import ConfigError, DataError
 from offradar_ros.geometry import GeoPoint, LocalFrame, utm_to_geodetic
 from offradar_ros.lab.evaluation.results.file import read_results
-from offradar_ros.recordings.bags.oxford_folder import write_oxford
+from offradar_ros.recordings.datasets.oxford_writer import write_oxford
 from offradar_ros.recordings.datasets.splits import read_split
 from offradar_ros.shipped import shipped_file
 

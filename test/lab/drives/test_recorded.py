@@ -13,8 +13,8 @@ from offradar_ros.errors import DataError, RefusedInput
 from offradar_ros.geometry import LocalFrame
 from offradar_ros.lab.drives.cache import cached_drives
 from offradar_ros.lab.drives.recorded import RecordedDrive
-from offradar_ros.recordings.bags.oxford_folder import write_oxford
 from offradar_ros.recordings.bags.writer import write_bag
+from offradar_ros.recordings.datasets.oxford_writer import write_oxford
 from offradar_ros.recordings.datasets.region import Circle, Region
 from offradar_ros.recordings.datasets.splits import Split
 

@@ -15,8 +15,8 @@ from offradar_ros.lab.drives.drive import Drive
 from offradar_ros.lab.evaluation.evaluate import Options, encode_drives, evaluate
 from offradar_ros.lab.evaluation.protocol import Group, Protocol, Recorded, Validation
 from offradar_ros.lab.evaluation.recorded_drives import RecordedSource, recorded_drives
-from offradar_ros.recordings.bags.oxford_folder import write_oxford
 from offradar_ros.recordings.bags.writer import write_bag
+from offradar_ros.recordings.datasets.oxford_writer import write_oxford
 
 ORIGIN = GeoPoint(51.75, -1.25, 70.0)
 

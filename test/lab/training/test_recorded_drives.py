@@ -19,8 +19,8 @@ from offradar_ros.errors import ConfigError, DataError
 from offradar_ros.lab.training.config import DataConfig
 from offradar_ros.lab.training.config_file import read_config
 from offradar_ros.lab.training.recorded_drives import recorded_drives, training_sequences
-from offradar_ros.recordings.bags.oxford_folder import write_oxford
 from offradar_ros.recordings.bags.writer import write_bag
+from offradar_ros.recordings.datasets.oxford_writer import write_oxford
 
 SMOKE = Path(__file__).resolve().parents[3] / 'params' / 'train' / 'smoke.yaml'
 

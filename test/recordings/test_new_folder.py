@@ -9,9 +9,9 @@ from typing import Any
 import pytest
 
 from offradar_ros.errors import DataError
-from offradar_ros.recordings.bags.new_folder import new_folder
 from offradar_ros.recordings.bags.sequence import BagSequence
 from offradar_ros.recordings.bags.writer import BagOptions, write_bag
+from offradar_ros.recordings.new_folder import new_folder
 
 
 def fill(draft: Path, text: str = 'new') -> None:

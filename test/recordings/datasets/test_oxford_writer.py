@@ -17,7 +17,7 @@ from offradar_ros.lab.simulation.city import CityPlan, make_city
 from offradar_ros.lab.simulation.ground_truth import COLUMNS, write_ground_truth
 from offradar_ros.lab.simulation.sequence import SimulatedSequence
 from offradar_ros.lab.simulation.session_plan import SessionPlan
-from offradar_ros.recordings.bags.oxford_folder import encode_oxford_png, write_oxford
+from offradar_ros.recordings.datasets.oxford_writer import encode_oxford_png, write_oxford
 from offradar_ros.recordings.datasets.positions import read_oxford_gps, read_oxford_ins
 from offradar_ros.recordings.datasets.registry import open_sequence
 

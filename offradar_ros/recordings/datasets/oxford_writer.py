@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from offradar_ros.errors import DataError
 from offradar_ros.geometry import Trajectory, geodetic_to_utm
 from offradar_ros.radar.navtech_rows import join_rows
-from offradar_ros.recordings.bags.new_folder import new_folder
+from offradar_ros.recordings.new_folder import new_folder
 from offradar_ros.sequence import RadarSequence
 from offradar_ros.types import PolarScan
 
