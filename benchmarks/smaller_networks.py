@@ -22,8 +22,8 @@ from offradar_ros.encoders.onnx_backend import OnnxEncoder
 from offradar_ros.encoders.weights import read_header
 from offradar_ros.lab.drives.cache import cached_drives
 from offradar_ros.lab.drives.drive import Drive
-from offradar_ros.lab.evaluation.answers import Pair, Rules, answers_from
-from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive, embedded
+from offradar_ros.lab.evaluation.answers import Pair, Rules, search_drive_map
+from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive, cached_embeddings
 from offradar_ros.lab.evaluation.metrics.recall_at_n import recall_at_n
 from offradar_ros.lab.evaluation.metrics.spearman import spearman
 from offradar_ros.lab.evaluation.protocol import VALIDATION, Protocol
@@ -184,7 +184,7 @@ def _answered(encoder: OnnxEncoder, drives: list[Drive], protocol: Protocol, cac
     made = []
     for drive in drives:
         with progress_bar(f'{variant}: {drive.name}') as progress:
-            made.append(embedded(encoder, drive, cache / 'embeddings', progress))
+            made.append(cached_embeddings(encoder, drive, cache / 'embeddings', progress))
     ranks = []
     for mapped, query in itertools.permutations(made, 2):
         if mapped.drive.world == query.drive.world:
@@ -196,7 +196,7 @@ def _answered(encoder: OnnxEncoder, drives: list[Drive], protocol: Protocol, cac
                 query.drive.index,
                 protocol.map_spacings_m[0],
             )
-            found = answers_from(pair, mapped, query, Rules(protocol.tolerance_m, protocol.negative_m))
+            found = search_drive_map(pair, mapped, query, Rules(protocol.tolerance_m, protocol.negative_m))
             ranks.append(found.ranks[found.positive])
     together = np.concatenate(ranks)
     return Answered(made, recall_at_n(together, 1), len(together))

@@ -11,7 +11,7 @@ from offradar_ros.lab.evaluation.protocol_file import read_protocol
 from offradar_ros.lab.evaluation.results.arrays import map_arrays, scan_rows
 from offradar_ros.lab.evaluation.results.assemble import assemble
 from offradar_ros.lab.evaluation.results.results import Results
-from offradar_ros.lab.evaluation.runner import measure, opened_worlds
+from offradar_ros.lab.evaluation.runner import drives_by_world, measure
 from offradar_ros.lab.evaluation.simulated_drives import simulated_drives
 
 REJECTIONS = (0.0, 0.1, 0.2, 0.3, 0.5)
@@ -27,7 +27,7 @@ def main() -> None:
     parser.add_argument('--threads', type=int, default=0)
     arguments = parser.parse_args()
     protocol, cache = read_protocol(arguments.protocol), arguments.cache
-    worlds = opened_worlds(list(simulated_drives(protocol, arguments.streets)), [], cache, progress_bar)
+    worlds = drives_by_world(list(simulated_drives(protocol, arguments.streets)), [], cache, progress_bar)
     measured = []
     for text in arguments.variants:
         spacing_m = protocol.map_spacings_m[0]

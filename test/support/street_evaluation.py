@@ -1,4 +1,4 @@
-"""Drives that need no simulation: poses along a street, and descriptors made for the test."""
+"""An evaluation without simulation: poses along a street, with artificial descriptors."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import numpy as np
 
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.lab.drives.drive import Drive
-from offradar_ros.lab.evaluation.answers import Pair, Rules, answers_from
+from offradar_ros.lab.evaluation.answers import Pair, Rules, search_drive_map
 from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive
-from offradar_ros.lab.evaluation.maintenance import ablate, merges
+from offradar_ros.lab.evaluation.maintenance import ablate, merge_plans
 from offradar_ros.lab.evaluation.protocol import Group, Lane, Protocol, Validation
 from offradar_ros.lab.evaluation.results.arrays import map_arrays, scan_rows
 from offradar_ros.lab.evaluation.results.assemble import assemble
@@ -25,7 +25,7 @@ from offradar_ros.types import PolarScan
 
 
 def street_drive(index: int, count: int, *, seed: int = 0, degraded: float = 0.4, noise: float = 0.4) -> EmbeddedDrive:
-    """Scans 4 m apart; the descriptor is the place's, and noise that grows with a severity that U follows."""
+    """Scans 4 m apart: each descriptor is that of the place, plus noise that grows with the severity, as U does."""
     rng = np.random.default_rng([seed, index])
     driven_m = 4.0 * np.arange(count, dtype=np.float64)
     bad = rng.random(count) < degraded
@@ -67,16 +67,16 @@ THRESHOLDS = thresholds_from([0.3, 0.35, 0.4], Validation((8,), levels=7))
 
 
 def measure_street(name: str, drives: list[EmbeddedDrive], protocol: Protocol) -> Measured:
-    """What a method with these embeddings answers, as the runner measures it."""
+    """What the runner measures of a method with these embeddings."""
     found, ablations = [], {}
     for spacing_m in protocol.map_spacings_m:
         for a, b in itertools.permutations(drives, 2):
             pair = Pair(name, 'streets', 'street', a.drive.index, b.drive.index, spacing_m)
-            found.append(answers_from(pair, a, b, Rules()))
+            found.append(search_drive_map(pair, a, b, Rules()))
         by_pair = {(a.pair.map_index, a.pair.query_index): a for a in found if a.pair.spacing_m == spacing_m}
         ablations['streets', spacing_m] = [
             ablate(by_pair[m.drive.index, q.drive.index], m, between, q, protocol.maintenance, Rules(), 0)
-            for m, between, q in merges(drives)
+            for m, between, q in merge_plans(drives)
         ]
     info = ModelInfo(name, name * 8, 24, {'settings': '{}'})
     cost = Cost(1.5, math.nan, 96.0, 100.0)
@@ -85,7 +85,7 @@ def measure_street(name: str, drives: list[EmbeddedDrive], protocol: Protocol) -
 
 @dataclasses.dataclass(frozen=True)
 class StreetEvaluation:
-    """Results of ours and STUN on one street, and what they were made of."""
+    """Results of ours and STUN on one street, and what they are computed from."""
 
     results: Results
     measured: list[Measured]
@@ -95,7 +95,7 @@ class StreetEvaluation:
 def evaluate_street(protocol: Protocol = SMALL_PROTOCOL) -> StreetEvaluation:
     """An evaluation of three drives of 60 scans."""
     ours = [street_drive(index, 60) for index in range(3)]
-    # STUN's U says nothing, its descriptors are the same.
+    # The same descriptors for STUN, with a U that is independent of them.
     rng = np.random.default_rng(0)
     stun = [dataclasses.replace(drive, uncertainties=rng.random(60)) for drive in ours]
     measured = [measure_street('ours', ours, protocol), measure_street('stun', stun, protocol)]

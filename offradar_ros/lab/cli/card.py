@@ -1,4 +1,4 @@
-"""`offradar card`: the model card of weights, from the results that were measured with them."""
+"""`offradar card`: the model card of weights, from results of an evaluation."""
 
 import dataclasses
 import shlex
@@ -20,25 +20,23 @@ def card(
     source: Annotated[
         Path,
         typer.Argument(
-            help='results.json of offradar evaluate, with the method ours; or a card, NAME.card.json, to write again.'
+            help='results.json of offradar evaluate, with the method ours; or a card, NAME.card.json, to rewrite.'
         ),
     ],
     weights: Annotated[Path | None, typer.Option(help='The weights of that method, safetensors.')] = None,
     out: Annotated[
-        Path | None, typer.Option(help='Card for programs, NAME.card.json; NAME.md is written beside it.')
+        Path | None, typer.Option(help='Card for programs, NAME.card.json; NAME.md is written next to it.')
     ] = None,
     training: Annotated[Path | None, typer.Option(help='Folder of the training run, with its config.yaml.')] = None,
-    remarks: Annotated[
-        Path | None, typer.Option(help='Markdown of what no figure says: intended use, limits; goes into the card.')
-    ] = None,
+    remarks: Annotated[Path | None, typer.Option(help='Markdown for the card: intended use, limits.')] = None,
 ) -> None:
-    """Write the card of trained weights: every figure is one of the results."""
+    """Write the model card of trained weights from the results of an evaluation."""
     text = '' if remarks is None else _remarks(remarks)
     if source.name.endswith(ENDING):
         if weights or training:
-            raise ConfigError('--weights, --training: expected with results alone; a card has both in it')
+            raise ConfigError('--weights, --training: expected only with results: a card contains both')
         out = out or source
-        made = _again(source, out, text)
+        made = _renamed(source, out, text)
     else:
         if weights is None or out is None:
             raise ConfigError(f'--weights, --out: expected both, for a card of {source}')
@@ -46,7 +44,7 @@ def card(
     typer.echo(f'{out} and {write_card(out, made)}: written')
 
 
-def _again(source: Path, out: Path, remarks: str) -> Card:
+def _renamed(source: Path, out: Path, remarks: str) -> Card:
     found = read_card(source)
     return dataclasses.replace(found, name=card_name(out), remarks=remarks or found.remarks)
 

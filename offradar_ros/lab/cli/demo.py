@@ -1,4 +1,4 @@
-"""`offradar demo`: the main job on simulated drives, through the real nodes."""
+"""`offradar demo`: mapping and querying simulated drives with the real nodes."""
 
 import importlib.util
 from pathlib import Path
@@ -12,14 +12,14 @@ from offradar_ros.errors import OffradarError
 
 
 def demo(
-    out: Annotated[Path, typer.Option(help='Folder for everything that is made; emptied first.')] = Path('demo_output'),
-    domain_id: Annotated[int, typer.Option(min=0, max=101, help='ROS domain of its own.')] = 83,
+    out: Annotated[Path, typer.Option(help='Folder for all output; emptied first.')] = Path('demo_output'),
+    domain_id: Annotated[int, typer.Option(min=0, max=101, help='ROS domain of the nodes.')] = 83,
 ) -> None:
     """Simulate three drives, replay them through the nodes over DDS, and print and draw the results."""
     for package, extra in (('rclpy', 'ros'), ('matplotlib', 'plot')):
         if importlib.util.find_spec(package) is None:
             raise OffradarError(f'the demo {ros_hint(package, extra)}')
-    # Only the demonstration needs ROS: the other commands work without it.
+    # Only the demonstration needs ROS; the other commands run without it.
     from offradar_ros.lab.demo.run import run_demo  # noqa: PLC0415
 
     run_demo(out, domain_id, progress_bar)

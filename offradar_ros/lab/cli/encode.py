@@ -1,4 +1,4 @@
-"""`offradar encode`: the embeddings of a protocol's drives, ready for `offradar evaluate`."""
+"""`offradar encode`: embeddings of the drives of a protocol, for `offradar evaluate`."""
 
 from pathlib import Path
 from typing import Annotated
@@ -20,8 +20,8 @@ from offradar_ros.lab.cli.evaluation_options import (
     Queries,
     Streets,
     Threads,
+    print_note,
     protocol_of,
-    say,
 )
 from offradar_ros.lab.evaluation.evaluate import Options, encode_drives
 from offradar_ros.lab.evaluation.recorded_drives import RecordedSource
@@ -30,7 +30,7 @@ from offradar_ros.lab.evaluation.recorded_drives import RecordedSource
 def encode(
     protocol: ProtocolName = None,
     methods: Methods = None,
-    cache: Annotated[Path, typer.Option(help='Folder of simulated scans and embeddings, as evaluate is given it.')] = (
+    cache: Annotated[Path, typer.Option(help='Folder of simulated scans and embeddings, as for evaluate.')] = (
         Path('evaluation') / 'cache'
     ),
     data: Data = None,
@@ -42,14 +42,14 @@ def encode(
     processes: Processes = 0,
     threads: Threads = 0,
 ) -> None:
-    """Encode every drive that a protocol names, once; goes on where it was interrupted."""
+    """Encode every drive of a protocol; an interrupted run continues where it stopped."""
     config = load_config(params)
     options = Options(
         out=cache,
         cache=cache,
         command='',
         bar=progress_bar,
-        say=say,
+        note=print_note,
         streets=streets,
         recorded=RecordedSource(data, config.radar, config.position),
         encoder=config.encoder,

@@ -26,8 +26,8 @@ from offradar_ros.lab.cli.evaluation_options import (
     Queries,
     Streets,
     Threads,
+    print_note,
     protocol_of,
-    say,
 )
 from offradar_ros.lab.evaluation.evaluate import Options
 from offradar_ros.lab.evaluation.evaluate import evaluate as run
@@ -55,12 +55,15 @@ def evaluate(
     streets: Streets = None,
     clean_scans: Annotated[
         Path | None,
-        typer.Option(help='A recording in good conditions: U of its scans, as they are and degraded on their bytes.'),
+        typer.Option(
+            help='A recording in good conditions: U of its scans, as recorded and with faults added to their bytes.'
+        ),
     ] = None,
     compared_scans: Annotated[
         list[str] | None,
         typer.Option(
-            metavar='NAME=RECORDING', help='Another recording, whose U is compared with theirs. May be repeated.'
+            metavar='NAME=RECORDING',
+            help='Another recording, whose U is compared with that of the clean scans. May be repeated.',
         ),
     ] = None,
     cache: Annotated[
@@ -70,7 +73,7 @@ def evaluate(
     threads: Threads = 0,
     pictures: Annotated[bool, typer.Option(help='Draw pictures (needs matplotlib).')] = True,
 ) -> None:
-    """Measure encoders on drives that none of them was trained on; goes on where it was interrupted."""
+    """Compare encoders on drives of a protocol; an interrupted run continues where it stopped."""
     if pictures and importlib.util.find_spec('matplotlib') is None:
         raise ConfigError(f'pictures need the Python package matplotlib: {pip_hint("plot")}, or --no-pictures')
     config = load_config(params)
@@ -80,7 +83,7 @@ def evaluate(
         cache=cache or out / 'cache',
         command=shlex.join(['offradar', *sys.argv[1:]]),
         bar=progress_bar,
-        say=say,
+        note=print_note,
         streets=streets,
         recorded_scans=_recorded_scans(clean_scans, compared_scans or [], config.radar),
         recorded=RecordedSource(data, config.radar, config.position),
@@ -95,11 +98,11 @@ def evaluate(
     console = Console()
     for table in tables(results):
         console.print(table)
-    typer.echo(f'{out / RESULTS_FILE}: written; offradar report {out} makes tables and figures of it')
+    typer.echo(f'{out / RESULTS_FILE}: written; offradar report {out} makes tables and figures from it')
 
 
 def _recorded_scans(clean: Path | None, compared: list[str], radar: RadarConfig) -> RecordedScans | None:
-    """What the two options say; ConfigError where they cannot be understood."""
+    """The recordings of the two options; ConfigError if they are malformed."""
     named: dict[str, Path] = {}
     for text in compared:
         name, _, path = text.partition('=')

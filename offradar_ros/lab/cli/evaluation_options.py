@@ -14,15 +14,15 @@ from offradar_ros.recordings.source import require_recording
 
 METHODS_HELP = (
     f'NAME is {", ".join(METHODS)}, or an encoder of an installed package. WEIGHTS is a file, the folder of a training '
-    'run or the name of weights that come with us; ring_key has none, and rad_vlad is fitted to each map without. '
-    'LABEL=NAME:WEIGHTS is a variant under a name of its own. May be repeated; ours=compact and ring_key if not given.'
+    'run or the name of weights that ship; ring_key has none, and rad_vlad is fitted to each map without them. '
+    'LABEL=NAME:WEIGHTS is a variant, named LABEL in results. May be repeated; ours=compact and ring_key if not given.'
 )
 DEFAULT_METHODS = ('ring_key', 'ours=compact')
 
 ProtocolName = Annotated[
     str | None,
     typer.Argument(
-        help='Protocol: a YAML file, or the name of one that comes with us; simulated if not given, or own with --map.'
+        help='Protocol: a YAML file, or the name of one that ships; simulated if not given, or own with --map.'
     ),
 ]
 Methods = Annotated[list[str] | None, typer.Option('--method', metavar='NAME[=WEIGHTS]', help=METHODS_HELP)]
@@ -31,18 +31,18 @@ Maps = Annotated[
     list[Path] | None,
     typer.Option(
         '--map',
-        help='A recording of your own, mapped, in place of what the protocol drives; for M the others given are merged '
-        'into it.',
+        help='A recording of your own that is mapped, in place of the drives of the protocol; for M the other '
+        'recordings are merged into its map.',
     ),
 ]
 Queries = Annotated[
-    list[Path] | None, typer.Option('--query', help='A recording of your own, searched for in the maps.')
+    list[Path] | None, typer.Option('--query', help='A recording of your own that is searched for in the maps.')
 ]
 ExclusionS = Annotated[
     float | None,
     typer.Option(
         min=0.0,
-        help='Above 0 drives are also searched for in their own maps, less places within so many seconds of the scan.',
+        help='Above 0: drives are also searched for in their own maps, without places scanned within these seconds.',
     ),
 ]
 Params = Annotated[
@@ -54,12 +54,12 @@ Params = Annotated[
 Streets = Annotated[
     Path | None, typer.Option(help='Folder of the nav2 maps and recorded traversals that the protocol names.')
 ]
-Processes = Annotated[int, typer.Option(min=0, help='Processes that simulate; 0 for one a core.')]
-Threads = Annotated[int, typer.Option(min=0, help='Threads of a learned encoder; 0 for one a core.')]
+Processes = Annotated[int, typer.Option(min=0, help='Processes that simulate; 0 for one per core.')]
+Threads = Annotated[int, typer.Option(min=0, help='Threads of a learned encoder; 0 for one per core.')]
 
 
-def say(note: str) -> None:
-    """Prints what is worth a note."""
+def print_note(note: str) -> None:
+    """Print a note of an evaluation."""
     typer.echo(f'note: {note}')
 
 
@@ -69,10 +69,10 @@ def protocol_of(
     queries: list[Path] | None,
     exclusion_s: float | None = None,
 ) -> Protocol:
-    """The protocol of a name, with recordings of one's own in place of what it drives where any are given.
+    """The protocol of a name, with the given recordings in place of its drives, if any are given.
 
-    One that is mapped and searched for is searched for in its own map, too. No simulated drives are left to validate
-    on: their U says nothing of another radar's.
+    A recording that is both mapped and searched for is also searched for in its own map. Simulated validation drives
+    are dropped, because U has another scale with another radar. ConfigError if the options do not fit each other.
     """
     given = bool(maps or queries)
     protocol = read_protocol(name or ('own' if given else 'simulated'))
@@ -84,15 +84,15 @@ def protocol_of(
         raise ConfigError(f'protocol {protocol.name}: expected at least one --map and one --query')
     for path in (*maps, *queries):
         require_recording(path, 'auto')
-    mapped, asked = (list(dict.fromkeys(str(path.resolve()) for path in paths)) for paths in (maps, queries))
-    both = [path for path in mapped if path in asked]
+    mapped, searched = (list(dict.fromkeys(str(path.resolve()) for path in paths)) for paths in (maps, queries))
+    both = [path for path in mapped if path in searched]
     if both and not protocol.exclusion_s > 0.0:
         raise ConfigError(f'{both[0]}: is searched for in its own map: expected --exclusion-s above 0')
     road = Recorded(
         'own',
         sequences=tuple(both),
         maps=tuple(path for path in mapped if path not in both),
-        queries=tuple(path for path in asked if path not in both),
+        queries=tuple(path for path in searched if path not in both),
     )
     return dataclasses.replace(
         protocol,

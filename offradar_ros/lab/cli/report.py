@@ -1,4 +1,4 @@
-"""`offradar report`: an evaluation as a page, Markdown and tables."""
+"""`offradar report`: an evaluation as HTML, Markdown and CSV tables."""
 
 import importlib.util
 from pathlib import Path
@@ -14,10 +14,10 @@ from offradar_ros.lab.report.write import write_report
 
 
 def report(
-    folder: Annotated[Path, typer.Argument(help='What offradar evaluate wrote: --out of it.')],
+    folder: Annotated[Path, typer.Argument(help='Folder of results: --out of offradar evaluate.')],
     out: Annotated[Path | None, typer.Option(help='Folder for the report; FOLDER/report if not given.')] = None,
 ) -> None:
-    """Write report.html, which needs nothing else, report.md with figures/, and tables/ as CSV."""
+    """Write report.html (self-contained), report.md with figures/, and tables/ as CSV."""
     for package in ('matplotlib', 'jinja2'):
         if importlib.util.find_spec(package) is None:
             raise ConfigError(f'reports need the Python package {package}: {pip_hint("plot")}')

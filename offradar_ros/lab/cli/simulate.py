@@ -40,11 +40,13 @@ def simulate(
     ] = None,
     scans: Annotated[
         int | None,
-        typer.Option(min=1, max=100_000, help=f'Scans a drive; {SCANS}, or the whole traversal.', show_default=False),
+        typer.Option(
+            min=1, max=100_000, help=f'Scans of each drive; {SCANS}, or the whole traversal.', show_default=False
+        ),
     ] = None,
     traversal: Annotated[
         List[Path] | None,  # noqa: UP006
-        typer.Option(help='TUM file of a drive to follow, in the frame of the world; several are taken in turn.'),
+        typer.Option(help='TUM file of a drive to follow, in the frame of the world; sessions take several in turn.'),
     ] = None,
     two_way: Annotated[bool, typer.Option('--two-way', help='Drive every second session backwards.')] = False,
     format_: Annotated[Format, typer.Option('--format', help='rosbag2 folders or Oxford-layout folders.')] = Format.BAG,
@@ -59,9 +61,9 @@ def simulate(
     workers: Annotated[int, typer.Option(min=1, max=256, help='Processes; the scans are the same for any number.')] = 2,
     overwrite: Annotated[bool, typer.Option('--overwrite', help='Replace existing drives.')] = False,
 ) -> None:
-    """Simulate several drives through one world, deterministically by seed.
+    """Simulate several drives through one world; the same seed gives the same drives.
 
-    Beside each drive lies NAME.csv: for every scan the true pose, and what is wrong with it.
+    NAME.csv next to each drive holds the true pose and the degradation of every scan.
     """
     size = _size_of_scans(sensor)
     air, paths = parse_weather(weather), [load_tum(file) for file in traversal or ()]
@@ -77,7 +79,7 @@ def simulate(
             length = path.scans(size.rotation_s, start_m=0.0)
             plan = dataclasses.replace(plan, path=path, start_m=start_m, scans=min(scans or length, length))
         elif plan.reverse:
-            # Back from where the others end, over the same streets.
+            # It starts where the other drives end, and follows the same streets back.
             plan = dataclasses.replace(plan, start_m=plan.scans * size.rotation_s * plan.speed_mps)
         sequence = SimulatedSequence(place, plan, size)
         _write(sequence, out / plan.name, format_, overwrite=overwrite, workers=workers)

@@ -16,11 +16,11 @@ DEVICES = ('auto', 'cpu', 'cuda')
 
 
 def train(
-    config: Annotated[Path, typer.Option(help='Training configuration, as those of params/train.')],
+    config: Annotated[Path, typer.Option(help='Training configuration, such as those of params/train.')],
     out: Annotated[Path, typer.Option(help='Folder for weights, checkpoint, logs and curves.')],
-    resume: Annotated[bool, typer.Option('--resume', help="Go on from the folder's checkpoint.")] = False,
+    resume: Annotated[bool, typer.Option('--resume', help="Continue from the folder's checkpoint.")] = False,
     minutes: Annotated[
-        float | None, typer.Option(min=0.0, help='Stop with a checkpoint after so long; --resume goes on later.')
+        float | None, typer.Option(min=0.0, help='Stop with a checkpoint after this time; --resume continues later.')
     ] = None,
     device: Annotated[str, typer.Option(help=f'Where to compute: {", ".join(DEVICES)}.')] = 'auto',
     settings: Annotated[
@@ -48,7 +48,7 @@ def train(
         wanted = len(sequences.missing) + len(sequences.found)
         typer.echo(
             f'warning: {read.data.root}: {len(sequences.missing)} of {wanted} training sequences of split '
-            f'{sequences.split.name} are not there: {", ".join(sequences.missing)}',
+            f'{sequences.split.name} are missing: {", ".join(sequences.missing)}',
             err=True,
         )
     with held_interrupt() as check:
@@ -57,7 +57,7 @@ def train(
     if os.environ.get('RANK', '0') != '0':
         return
     if not result.finished:
-        typer.echo(f'{out}: stopped after {result.step} steps; --resume goes on from there')
+        typer.echo(f'{out}: stopped after {result.step} steps; --resume continues from there')
         return
     score = '' if math.isnan(result.score) else f', validation score {result.score:.3f}'
     typer.echo(f'{result.best}: written{score}')

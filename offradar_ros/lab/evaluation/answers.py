@@ -1,4 +1,4 @@
-"""What one drive's scans find in another drive's map, and whether it is right."""
+"""Every scan of one drive searched for in the map of another, and whether its answer is correct."""
 
 from __future__ import annotations
 
@@ -9,25 +9,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros.lab.drives.drive import Drive
+from offradar_ros.lab.evaluation.distances import distances_m
 from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive
 from offradar_ros.lab.evaluation.metrics.pair_level import PairDistances, PairLevel
-from offradar_ros.lab.evaluation.nearness import distances_m
 from offradar_ros.recordings.spacing import subsample_by_distance
 from offradar_ros.retrieval.place_index import PlaceIndex
 from offradar_ros.types import PlaceTable
 
 DEPTH = 10
-"""So many nearest places of each query are evaluated."""
+"""Number of nearest places of each query that are evaluated."""
 
 NOT_FOUND = 1_000_000
-"""Rank where none of them is right."""
+"""Rank of a query with no positive among them."""
 
 _BLOCK = 256
 
 
 @dataclasses.dataclass(frozen=True)
 class Pair:
-    """Which drive searched which: `map_index` and `query_index` are drives of `world`."""
+    """An ordered pair of drives: `map_index` is mapped and `query_index` searched for, both drives of `world`."""
 
     method: str
     group: str
@@ -38,7 +38,13 @@ class Pair:
 
 
 class Rules(NamedTuple):
-    """What is right, as in the protocol: metres, and nanoseconds around a scan whose places are left out."""
+    """Which places count, as in the protocol.
+
+    Attributes:
+        tolerance_m: a place within this is a positive.
+        negative_m: a place farther than this is a negative.
+        exclusion_ns: places whose scans are this near to the query in time are left out; 0 keeps all.
+    """
 
     tolerance_m: float = 25.0
     negative_m: float = 50.0
@@ -50,18 +56,19 @@ class Answers:
     """One row for each of Q query scans.
 
     Attributes:
-        pair: who searched whom.
+        pair: the drives.
         places: size of the map.
-        uncertainties: (Q,) float64, infinite where the encoder refused the scan.
-        ranks: (Q,) int, 0 where the nearest place is right, and so on; `NOT_FOUND` beyond `DEPTH`.
-        positive: (Q,) whether the map holds a right place at all.
-        errors_m: (Q,) metres from the nearest place in embedding space to where the scan was taken.
-        distances: (Q,) distance of that place in embedding space.
-        found: (Q,) int, row of that place in the map.
-        right: (Q,) int, row of the place nearest to where the scan was taken.
-        kinds: (Q,) what is wrong with the scan; empty where nothing is known to be.
-        severities: (Q,) how badly, 0 to 1; NaN where nobody knows.
-        pair_level: of every query with every place, as right or wrong pairs; None where it was not asked for.
+        uncertainties: (Q,) float64 U, infinite where the encoder refused the scan.
+        ranks: (Q,) int64 rank of the first positive by distance in embedding space, 0 for the nearest place;
+            `NOT_FOUND` if none of the nearest `DEPTH` places is one.
+        positive: (Q,) whether the map holds a positive.
+        errors_m: (Q,) metres from where the scan was taken to the place found, the nearest one in embedding space.
+        distances: (Q,) distance of the place found, in embedding space.
+        found: (Q,) int64 row of the place found in the map.
+        nearest: (Q,) int64 row of the place that is nearest to where the scan was taken.
+        kinds: (Q,) kind of degradation; empty for a clean scan, and where it is unknown.
+        severities: (Q,) severity of the degradation, 0 to 1; NaN where it is unknown.
+        pair_level: figures of every query with every place; None if not computed.
     """
 
     pair: Pair
@@ -72,26 +79,26 @@ class Answers:
     errors_m: NDArray[np.float64]
     distances: NDArray[np.float64]
     found: NDArray[np.int64]
-    right: NDArray[np.int64]
+    nearest: NDArray[np.int64]
     kinds: NDArray[np.str_]
     severities: NDArray[np.float64]
     pair_level: PairLevel | None
 
     @property
     def correct(self) -> NDArray[np.bool_]:
-        """(Q,) whether the nearest place is right."""
-        right: NDArray[np.bool_] = self.ranks == 0
-        return right
+        """(Q,) whether the place found is a positive."""
+        correct: NDArray[np.bool_] = self.ranks == 0
+        return correct
 
 
 def map_rows(drive: EmbeddedDrive, spacing_m: float) -> NDArray[np.intp]:
-    """Scans of a drive that a map with a place every `spacing_m` holds; refused ones are passed over."""
+    """(P,) rows of the scans that a map with a place every `spacing_m` holds; refused scans are skipped."""
     usable = np.flatnonzero(drive.usable)
     return usable[subsample_by_distance(drive.drive.driven_m[usable], spacing_m)]
 
 
 def places_of(drive: EmbeddedDrive, rows: NDArray[np.intp]) -> PlaceTable:
-    """The map of these scans, in their order."""
+    """The places of the map that is made of these scans, in their order."""
     count = len(rows)
     return PlaceTable(
         np.arange(count, dtype=np.int64),
@@ -104,7 +111,7 @@ def places_of(drive: EmbeddedDrive, rows: NDArray[np.intp]) -> PlaceTable:
     )
 
 
-def answers(
+def search_places(
     pair: Pair,
     places: PlaceTable,
     query: EmbeddedDrive,
@@ -113,15 +120,15 @@ def answers(
     all_pairs: bool = False,
     depth: int = DEPTH,
 ) -> Answers:
-    """Search the places, ids 0, 1, …, for every scan of `query`; the `depth` nearest of each are evaluated.
+    """Search the places (ids 0, 1, …) for every scan of `query`, and evaluate the `depth` nearest of each.
 
-    `all_pairs` asks for `pair_level`, which takes as long again.
+    `all_pairs` also computes `pair_level`, which doubles the time.
     """
     count, depth = len(query.means), min(depth, len(places))
     index = PlaceIndex(places.means.shape[1], len(places))
     index.upsert(places)
     ranks = np.full(count, NOT_FOUND, np.int64)
-    found, right = np.zeros((2, count), np.int64)
+    found, nearest = np.zeros((2, count), np.int64)
     errors_m, distances = np.full((2, count), np.inf)
     positive = np.zeros(count, np.bool_)
     pairs = PairDistances() if all_pairs else None
@@ -130,18 +137,18 @@ def answers(
         apart_m = _apart_m(places, query.drive, part, rules)
         left_out, usable = np.isinf(apart_m), query.usable[part]
         without = left_out[usable] if rules.exclusion_ns else None
-        rows, nearness = np.zeros((len(usable), depth), np.intp), np.full((len(usable), depth), np.nan)
-        rows[usable], nearness[usable] = index.search_many(query.means[part][usable], depth, without)
+        rows, similar = np.zeros((len(usable), depth), np.intp), np.full((len(usable), depth), np.nan)
+        rows[usable], similar[usable] = index.search_many(query.means[part][usable], depth, without)
         if pairs:
             squares = np.full(apart_m.shape, np.inf)
             squares[usable] = index.squared_distances(query.means[part][usable])
             squares[left_out] = np.inf
             pairs.add(squares, apart_m <= rules.tolerance_m, ~left_out & (apart_m > rules.negative_m))
-        near = (np.take_along_axis(apart_m, rows, 1) <= rules.tolerance_m) & np.isfinite(nearness)
+        near = (np.take_along_axis(apart_m, rows, 1) <= rules.tolerance_m) & np.isfinite(similar)
         ranks[part] = np.where(near.any(axis=1), np.argmax(near, axis=1), NOT_FOUND)
-        found[part], right[part] = rows[:, 0], apart_m.argmin(axis=1)
+        found[part], nearest[part] = rows[:, 0], apart_m.argmin(axis=1)
         errors_m[part] = np.take_along_axis(apart_m, rows[:, :1], 1)[:, 0]
-        distances[part] = nearness[:, 0]
+        distances[part] = similar[:, 0]
         positive[part] = apart_m.min(axis=1) <= rules.tolerance_m
     return Answers(
         pair,
@@ -152,30 +159,30 @@ def answers(
         errors_m,
         distances,
         found,
-        right,
+        nearest,
         query.drive.kinds,
         query.drive.severities,
         pairs.level() if pairs else None,
     )
 
 
-def answers_from(pair: Pair, mapped: EmbeddedDrive, query: EmbeddedDrive, rules: Rules) -> Answers:
-    """Search the map made of one drive for another's scans; rows of places become rows of the mapped drive.
+def search_drive_map(pair: Pair, mapped: EmbeddedDrive, query: EmbeddedDrive, rules: Rules) -> Answers:
+    """Search the map of one drive for every scan of another; `found` and `nearest` are rows of the mapped drive.
 
-    Queries have a right place where the drive has one, also if the encoder refused its scan: so all methods have the
-    same queries. A map without any place answers nothing.
+    A query also has a positive where the encoder refused the scan of that place, so that all methods have the same
+    queries. A map without places answers no query.
     """
     rows = map_rows(mapped, pair.spacing_m)
-    searched = answers(pair, places_of(mapped, rows), query, rules, all_pairs=True)
+    searched = search_places(pair, places_of(mapped, rows), query, rules, all_pairs=True)
     if not mapped.usable.all():
         searched = dataclasses.replace(searched, positive=_positive(mapped, pair.spacing_m, query, rules))
     if not len(rows):
         return searched
-    return dataclasses.replace(searched, found=rows[searched.found], right=rows[searched.right])
+    return dataclasses.replace(searched, found=rows[searched.found], nearest=rows[searched.nearest])
 
 
 def _apart_m(places: PlaceTable, drive: Drive, part: slice, rules: Rules) -> NDArray[np.float64]:
-    """(B, P) metres from where some scans of a drive were taken to the places; infinite to those that are left out."""
+    """(B, P) metres from where B scans of a drive were taken to P places; infinite where a place is left out."""
     apart_m = distances_m(drive.poses[part, :2], places.positions_m[:, :2])
     if rules.exclusion_ns:
         late_ns = np.abs(places.stamps_ns - drive.stamps_ns[part, np.newaxis])
@@ -184,7 +191,7 @@ def _apart_m(places: PlaceTable, drive: Drive, part: slice, rules: Rules) -> NDA
 
 
 def _positive(mapped: EmbeddedDrive, spacing_m: float, query: EmbeddedDrive, rules: Rules) -> NDArray[np.bool_]:
-    """(Q,) whether the map would hold a right place had no scan been refused."""
+    """(Q,) whether the map would hold a positive if the encoder had refused no scan."""
     whole = dataclasses.replace(mapped, uncertainties=np.zeros(len(mapped.uncertainties)))
     places = places_of(whole, map_rows(whole, spacing_m))
     parts = [slice(start, start + _BLOCK) for start in range(0, len(query.means), _BLOCK)]

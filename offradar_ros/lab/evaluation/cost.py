@@ -1,4 +1,4 @@
-"""What an encoder costs: time a scan, time a query, memory a place."""
+"""What an encoder costs: time per scan, time per query, memory per place."""
 
 from __future__ import annotations
 
@@ -15,11 +15,14 @@ from offradar_ros.retrieval.place_index import PlaceIndex
 from offradar_ros.types import Embedding, Place, PlaceTable, Pose
 
 SCANS = 20
+"""Scans that are timed."""
+
 WARM_UP = 3
+"""Scans before them that are not."""
 
 
 def measure_cost(encoder: Encoder, drive: Drive, places: int) -> Cost:
-    """Medians over some scans of a drive, one by one as a node encodes them, decoding left out.
+    """Medians over some scans of a drive, encoded one by one as a node does; reading the scan is not timed.
 
     `places` is the size of the map that is searched.
     """
@@ -47,7 +50,7 @@ def measure_cost(encoder: Encoder, drive: Drive, places: int) -> Cost:
 
 
 def _index(embedding: Embedding, places: int) -> PlaceIndex:
-    """So many places with descriptors of this kind."""
+    """`places` places with descriptors like this one."""
     table = PlaceTable.from_places(
         [Place(i, 1, i, Pose(0.0, 0.0), 1.0, embedding.mean * (1.0 + 0.01 * i)) for i in range(max(places, 1))],
         len(embedding.mean),

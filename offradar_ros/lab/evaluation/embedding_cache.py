@@ -1,9 +1,8 @@
-"""Embeddings of drives on disk, so that an evaluation goes on where it stopped.
+"""Embeddings of drives on disk, so that an interrupted evaluation continues where it stopped.
 
 ``MODEL/DRIVE.means.npy`` is (N, d) float32, or float16 for descriptors of more than 4096 numbers;
-``MODEL/DRIVE.uncertainty.npy`` is (N,) float64 and written last. A scan that the encoder refuses has no descriptor
-(NaN) and the highest uncertainty there is (infinite). A drive of more than `BLOCK` scans is kept in blocks until it is
-whole.
+``MODEL/DRIVE.uncertainty.npy`` is (N,) float64 and written last. A scan that the encoder refuses has a descriptor
+of NaN and an infinite uncertainty. A drive of more than `BLOCK` scans is kept in blocks until it is complete.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ from offradar_ros.processes import Progress
 from offradar_ros.types import Embedding
 
 BLOCK = 1024
-"""So many scans at most are encoded anew when an encoding was interrupted."""
+"""Most scans that are encoded again after an interruption."""
 
 LONG = 4096
 """Longer descriptors are kept in half precision: signed square roots of unit length lose nothing that matters."""
@@ -33,7 +32,7 @@ LONG = 4096
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class EmbeddedDrive:
-    """A drive and what an encoder made of it: `means` (N, d) float32, `uncertainties` (N,) float64."""
+    """A drive and its embeddings: `means` (N, d) float32, `uncertainties` (N,) float64."""
 
     drive: Drive
     means: NDArray[np.float32]
@@ -45,8 +44,11 @@ class EmbeddedDrive:
         return np.isfinite(self.uncertainties)
 
 
-def embedded(encoder: Encoder, drive: Drive, folder: Path, progress: Progress) -> EmbeddedDrive:
-    """The drive's embeddings, from `folder` or made and kept there; a long drive's block by block."""
+def cached_embeddings(encoder: Encoder, drive: Drive, folder: Path, progress: Progress) -> EmbeddedDrive:
+    """The embeddings of a drive: read from `folder`, or encoded and kept there, a long drive block by block.
+
+    DataError where the folder cannot be made, or holds damaged embeddings.
+    """
     place = folder / encoder.info.fingerprint[:16]
     kept = _load(drive, place, drive.key)
     if kept:
@@ -73,7 +75,7 @@ def _block(encoder: Encoder, drive: Drive, start: int, place: Path, progress: Pr
     part = _part_of(drive, start)
     kept = _load(part, place, _block_key(drive, start))
     if kept is None:
-        kept = encode(encoder, part, lambda done, _: progress(start + done, len(drive)))
+        kept = encode_drive(encoder, part, lambda done, _: progress(start + done, len(drive)))
         if len(drive) > BLOCK:
             _keep(kept, place, _block_key(drive, start))
     progress(start + len(part), len(drive))
@@ -109,7 +111,7 @@ def _load(drive: Drive, place: Path, key: str) -> EmbeddedDrive | None:
         means = np.load(means_path, allow_pickle=False).astype(np.float32)
         return EmbeddedDrive(drive, means, np.load(uncertainty_path, allow_pickle=False))
     except (OSError, ValueError, EOFError) as error:
-        raise DataError(f'{means_path}: damaged embeddings ({error}): remove them to have them made again') from None
+        raise DataError(f'{means_path}: damaged embeddings ({error}): remove them, and they are made again') from None
 
 
 def _keep(made: EmbeddedDrive, place: Path, key: str) -> None:
@@ -118,20 +120,20 @@ def _keep(made: EmbeddedDrive, place: Path, key: str) -> None:
     _write(uncertainty_path, made.uncertainties)
 
 
-def encode(encoder: Encoder, drive: Drive, progress: Progress) -> EmbeddedDrive:
-    """Every scan of a drive; those that the encoder refuses, or gives anything but finite numbers for, are unusable."""
+def encode_drive(encoder: Encoder, drive: Drive, progress: Progress) -> EmbeddedDrive:
+    """Encode every scan; one that the encoder refuses, or whose embedding is not finite, is unusable."""
     if isinstance(encoder, ImageEncoder):
         means, variances = encode_all(encoder, drive, progress)
         uncertainties = variances.mean(axis=1, dtype=np.float64)
     else:
-        means, uncertainties = _at_once(encoder, drive, progress)
+        means, uncertainties = _in_parallel(encoder, drive, progress)
     usable = np.isfinite(means).all(axis=1) & np.isfinite(uncertainties)
     means[~usable], uncertainties[~usable] = np.nan, np.inf
     return EmbeddedDrive(drive, means, uncertainties)
 
 
-def _at_once(encoder: Encoder, drive: Drive, progress: Progress) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-    """A scan a core: encoders without a network have no batches."""
+def _in_parallel(encoder: Encoder, drive: Drive, progress: Progress) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+    """Encode one scan on each core: encoders without a network have no batches."""
     means = np.full((len(drive), encoder.info.dimension), np.nan, np.float32)
     uncertainties = np.full(len(drive), np.nan)
 

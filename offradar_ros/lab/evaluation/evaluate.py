@@ -12,11 +12,11 @@ import numpy as np
 
 from offradar_ros.config import EncoderConfig
 from offradar_ros.errors import ConfigError, DataError
+from offradar_ros.lab.evaluation.distances import nearest_m
 from offradar_ros.lab.evaluation.extremes import draw_extremes
 from offradar_ros.lab.evaluation.failures import draw_failures
-from offradar_ros.lab.evaluation.figures import draw_rejection_curves, draw_severity
 from offradar_ros.lab.evaluation.methods import OURS, Method, open_method
-from offradar_ros.lab.evaluation.nearness import nearest_m
+from offradar_ros.lab.evaluation.plots import draw_rejection_curves, draw_severity
 from offradar_ros.lab.evaluation.protocol import VALIDATION, Protocol
 from offradar_ros.lab.evaluation.recorded_drives import RecordedSource, recorded_drives
 from offradar_ros.lab.evaluation.recorded_uncertainty import RecordedScans, measure_recorded
@@ -30,26 +30,37 @@ from offradar_ros.lab.evaluation.runner import (
     Encodings,
     Measured,
     Worlds,
+    drives_by_world,
     drives_of_pair,
-    encode_all,
+    encode_worlds,
+    is_searched,
     measure,
-    opened_worlds,
-    searched,
 )
 from offradar_ros.lab.evaluation.simulated_drives import simulated_drives
 from offradar_ros.lab.evaluation.thresholds import NOT_DEPLOYED, Deployed
 
 CURVES, PICTURES = 'recall_at_rejection', ('extremes', 'failures', 'severity')
-"""Pictures: the first of all methods, the others of one, whose name follows."""
+"""Names of picture files: the first shows all methods; the others show one, whose name is appended."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Options:
-    """Where things are and how much of the machine is used; as `offradar evaluate` explains them.
+    """Where data is, and how much of the machine is used: the options of `offradar evaluate`.
 
-    `streets` is the folder of the maps and traversals that a protocol names, `recorded_scans` what U of recorded scans
-    is measured on. `say` gets each note as it comes. `deployed` is the threshold in use where it is not to come from
-    the protocol's validation.
+    Attributes:
+        out: folder for the results.
+        cache: folder of simulated scans and embeddings.
+        command: the command line, as the results record it.
+        bar: opens a progress bar.
+        streets: folder of the maps and traversals that a protocol names.
+        recorded_scans: the recordings on which U of recorded scans is measured.
+        note: is called with each note, one line.
+        recorded: where the recorded drives of the protocol are.
+        encoder: settings of the encoders; its name and weights are those of each method.
+        deployed: the threshold in use; NOT_DEPLOYED takes it from the protocol's validation.
+        processes: that simulate; 0 for one per core.
+        threads: of a learned encoder; 0 for one per core.
+        pictures: whether pictures are drawn.
     """
 
     out: Path
@@ -58,7 +69,7 @@ class Options:
     bar: Bar
     streets: Path | None = None
     recorded_scans: RecordedScans | None = None
-    say: Callable[[str], None] = print
+    note: Callable[[str], None] = print
     recorded: RecordedSource = dataclasses.field(default_factory=RecordedSource)
     encoder: EncoderConfig = dataclasses.field(default_factory=EncoderConfig)
     deployed: Deployed = NOT_DEPLOYED
@@ -68,9 +79,9 @@ class Options:
 
 
 def evaluate(protocol: Protocol, methods: Sequence[str], options: Options) -> Results:
-    """Measure ``NAME=WEIGHTS`` methods; writes results.json, scans.npy, maps.npz and pictures into `options.out`.
+    """Measure methods (as `open_method` takes them); writes results.json, scans.npy, maps.npz and pictures.
 
-    What an interrupted evaluation simulated and encoded is in the cache, and is not done again.
+    Scans that an interrupted evaluation simulated or encoded are read from the cache.
     """
     try:
         options.out.mkdir(parents=True, exist_ok=True)
@@ -93,7 +104,7 @@ def evaluate(protocol: Protocol, methods: Sequence[str], options: Options) -> Re
         skipped=missing,
         recorded=_recorded(opened, worlds, protocol, options),
     )
-    # Pictures of an earlier evaluation are not of this one.
+    # Pictures of an earlier evaluation do not show this one.
     for kind in (CURVES, *PICTURES):
         for picture in options.out.glob(f'{kind}*.png'):
             picture.unlink()
@@ -107,7 +118,7 @@ def evaluate(protocol: Protocol, methods: Sequence[str], options: Options) -> Re
 def _recorded(
     opened: Sequence[Method], worlds: Worlds, protocol: Protocol, options: Options
 ) -> RecordedUncertainty | None:
-    """U of recorded scans, where there are any; of a method that is fitted to each map with that of the first drive."""
+    """U of recorded scans, if any; a method that is fitted to each map is fitted to the first drive here."""
     if not options.recorded_scans:
         return None
     first = next(iter(worlds.values()))[0]
@@ -116,10 +127,10 @@ def _recorded(
 
 
 def encode_drives(protocol: Protocol, methods: Sequence[str], options: Options) -> list[Encodings]:
-    """Fill the cache with every embedding that `evaluate` would ask for."""
+    """Fill the cache with every embedding that `evaluate` needs."""
     opened = _opened(protocol, methods, options)
     worlds, _ = open_worlds(protocol, options)
-    return [encode_all(method, worlds, protocol, options.cache, options.bar) for method in opened]
+    return [encode_worlds(method, worlds, protocol, options.cache, options.bar) for method in opened]
 
 
 def _opened(protocol: Protocol, methods: Sequence[str], options: Options) -> list[Method]:
@@ -141,13 +152,16 @@ def _opened(protocol: Protocol, methods: Sequence[str], options: Options) -> lis
 
 
 def _require_searches(worlds: Worlds, protocol: Protocol, missing: Sequence[str]) -> list[str]:
-    """ConfigError where nothing can be searched, DataError where nothing can be found; pairs that never meet."""
+    """Notes on pairs of drives that never come within the tolerance of each other.
+
+    ConfigError where there is no pair to search, DataError where all pairs are such.
+    """
     pairs = [
         (mapped, query)
         for (group, _), drives in worlds.items()
         if group != VALIDATION
         for mapped, query in itertools.product(drives, repeat=2)
-        if searched(mapped, query, protocol)
+        if is_searched(mapped, query, protocol)
     ]
     if not pairs:
         raise ConfigError(
@@ -167,9 +181,9 @@ def _require_searches(worlds: Worlds, protocol: Protocol, missing: Sequence[str]
 
 
 def open_worlds(protocol: Protocol, options: Options) -> tuple[Worlds, list[str]]:
-    """Every drive of the protocol that there is, and in words what there is not, which is noted first of all.
+    """Every drive of the protocol that is available, and notes on what is missing.
 
-    ConfigError where nothing can be searched, DataError where no drives that are searched ever meet.
+    ConfigError where there is no pair of drives to search, DataError where no pair comes within the tolerance.
     """
     simulated = list(simulated_drives(protocol, options.streets))
     recorded = recorded_drives(protocol, options.recorded)
@@ -177,13 +191,13 @@ def open_worlds(protocol: Protocol, options: Options) -> tuple[Worlds, list[str]
     if {VALIDATION} >= {*(planned.group for planned in simulated), *(drive.group for drive in recorded.drives)}:
         _require_searches({}, protocol, missing)
     _noted(options, missing)
-    worlds = opened_worlds(simulated, recorded.drives, options.cache, options.bar, options.processes)
+    worlds = drives_by_world(simulated, recorded.drives, options.cache, options.bar, options.processes)
     return worlds, missing + _noted(options, _require_searches(worlds, protocol, missing))
 
 
 def _noted(options: Options, notes: list[str]) -> list[str]:
     for note in notes:
-        options.say(note)
+        options.note(note)
     return notes
 
 
@@ -195,22 +209,22 @@ def _skipped_streets(protocol: Protocol, folder: Path | None) -> list[str]:
 
 
 def _unmapped(measured: Measured, worlds: Worlds) -> Iterator[str]:
-    """Drives of which no scan is mapped, and those that never come back to where they were."""
+    """Notes on drives without a mapped scan, and on drives that never return to a place."""
     once = {(a.pair.group, a.pair.world, a.pair.map_index, a.pair.query_index): a for a in measured.answers}
     for answers in once.values():
         mapped, query = drives_of_pair(answers.pair, worlds)
         if not answers.places:
             yield f'{mapped.name}: none of its scans can be mapped'
         if mapped is query and not answers.positive.any():
-            yield f'{query.name}: never comes back to where it was'
+            yield f'{query.name}: never returns to a place'
 
 
 def _without_threshold(measured: Sequence[Measured], deployed: Deployed) -> Iterator[str]:
-    """Methods whose model the threshold that was given is not for."""
+    """Notes on methods for whose model the given threshold was not calibrated."""
     for m in measured:
         if not math.isnan(deployed.threshold) and math.isnan(deployed.of(m.model.fingerprint)):
             yield (
-                f'{m.method}: the threshold of --params is for model {deployed.model[:12]}, this is '
+                f'{m.method}: the threshold of --params is for model {deployed.model[:12]}, the method is '
                 f'{m.model.fingerprint[:12]}: not used'
             )
 

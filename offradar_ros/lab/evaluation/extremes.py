@@ -1,4 +1,4 @@
-"""The most and the least uncertain scans, drawn: do they look like what U says?"""
+"""A picture of the most and the least uncertain scans."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from offradar_ros.config import CartesianConfig
 from offradar_ros.encoders.rings import ring_power
 from offradar_ros.lab.drives.drive import Drive
 from offradar_ros.lab.evaluation.answers import Answers
-from offradar_ros.lab.evaluation.figures import new_figure
+from offradar_ros.lab.evaluation.plots import new_figure
 from offradar_ros.lab.evaluation.runner import Worlds, drives_of_pair
 from offradar_ros.radar.cartesian import PolarToCartesian
 
 SHOWN = 10
 FURTHEST_M = 164.0
-"""As far as the networks that ship see."""
+"""Range of the networks that ship."""
 
 SIDE_PX = 256
 
@@ -26,6 +26,8 @@ _RINGS = 128
 
 
 class _Extreme(NamedTuple):
+    """A scan: row `row` of `drive`."""
+
     uncertainty: float
     drive: Drive
     row: int
@@ -34,8 +36,8 @@ class _Extreme(NamedTuple):
 def draw_extremes(several: Sequence[Answers], worlds: Worlds, path: Path) -> None:
     """Ten most uncertain scans (top) and ten least uncertain ones, each as an image above its ring key.
 
-    A ring key is the mean power against range, in the recorded bytes. Titles say U, and how the simulation degraded the
-    scan or which recording it is of. Scans that the encoder refuses are left out; nothing is drawn where all are.
+    A ring key is the mean power against range, in the recorded bytes. Titles give U, and the degradation of a simulated
+    scan or the name of the recording. Scans that the encoder refuses are left out; if it refuses all, nothing is drawn.
     """
     scans = _sorted(several, worlds)
     if not scans:
@@ -44,7 +46,7 @@ def draw_extremes(several: Sequence[Answers], worlds: Worlds, path: Path) -> Non
     columns = max(len(row) for row in picked)
     figure = new_figure(2.0 * columns, 6.4)
     axes = figure.subplots(4, columns, squeeze=False, height_ratios=(2.0, 1.0, 2.0, 1.0))
-    to_image = images_of([extreme.drive.scan(extreme.row).max_range_m for row in picked for extreme in row])
+    to_image = image_converter([extreme.drive.scan(extreme.row).max_range_m for row in picked for extreme in row])
     for number, row in enumerate(picked):
         for column, extreme in enumerate(row):
             _draw(axes[2 * number][column], axes[2 * number + 1][column], extreme, to_image)
@@ -57,8 +59,8 @@ def draw_extremes(several: Sequence[Answers], worlds: Worlds, path: Path) -> Non
     figure.savefig(path)
 
 
-def images_of(ranges_m: Sequence[float]) -> PolarToCartesian:
-    """Images that show scans of these ranges, to 164 m at most."""
+def image_converter(ranges_m: Sequence[float]) -> PolarToCartesian:
+    """The conversion to images that show scans of these ranges, to 164 m at most."""
     reach_m = min(max(ranges_m), FURTHEST_M)
     return PolarToCartesian(CartesianConfig(side_px=SIDE_PX, resolution_m=2.0 * reach_m / SIDE_PX))
 

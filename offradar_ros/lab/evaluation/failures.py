@@ -1,4 +1,4 @@
-"""Pictures of wrong answers: the query, the place that it found and the place that it should have found."""
+"""A picture of wrong answers: the query, the place found and the nearest place."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ import numpy as np
 from offradar_ros.errors import RefusedInput
 from offradar_ros.lab.drives.drive import Drive
 from offradar_ros.lab.evaluation.answers import Answers
-from offradar_ros.lab.evaluation.extremes import images_of
-from offradar_ros.lab.evaluation.figures import new_figure
+from offradar_ros.lab.evaluation.extremes import image_converter
+from offradar_ros.lab.evaluation.plots import new_figure
 from offradar_ros.lab.evaluation.runner import Worlds, drives_of_pair
 from offradar_ros.radar.cartesian import PolarToCartesian
 
 SHOWN = 6
 APART_M = 50.0
-"""Of the failures near each other on the road one is shown."""
+"""Of wrong answers nearer to each other than this, one is shown."""
 
 
 class _Failure(NamedTuple):
@@ -28,36 +28,38 @@ class _Failure(NamedTuple):
 
 
 def draw_failures(several: Sequence[Answers], worlds: Worlds, path: Path) -> None:
-    """The wrong answers that the encoder was surest of, a row each: query, found place, nearest right place.
+    """The wrong answers of lowest U, one row each: query, place found, and the place nearest to the query.
 
-    All as images to the radar's range, as they were scanned: a place seen from another direction is turned. Nothing is
-    drawn where no answer is wrong.
+    Images are in the frame of the sensor, so that a place seen from another direction is rotated. Nothing is drawn if
+    no answer is wrong.
     """
-    picked = _surest(several, worlds)
+    picked = _most_certain(several, worlds)
     if not picked:
         return
     figure = new_figure(7.2, 2.6 * len(picked) + 0.6)
     axes = figure.subplots(len(picked), 3, squeeze=False)
-    to_image = images_of([range_m for failure in picked for range_m in _ranges_m(failure, worlds)])
+    to_image = image_converter([range_m for failure in picked for range_m in _ranges_m(failure, worlds)])
     for row, (uncertainty, answers, at) in zip(axes, picked, strict=True):
         mapped, query = drives_of_pair(answers.pair, worlds)
-        right_m = float(np.hypot(*(mapped.poses[answers.right[at], :2] - query.poses[at, :2])))
+        nearest_m = float(np.hypot(*(mapped.poses[answers.nearest[at], :2] - query.poses[at, :2])))
         _show(row[0], query, at, f'{query.name} scan {at}\nU {uncertainty:.4g}', to_image)
         _show(row[1], mapped, int(answers.found[at]), f'found: {answers.errors_m[at]:.0f} m away', to_image)
-        _show(row[2], mapped, int(answers.right[at]), f'right: {right_m:.0f} m away', to_image)
+        _show(row[2], mapped, int(answers.nearest[at]), f'nearest: {nearest_m:.0f} m away', to_image)
     method = several[0].pair.method
-    figure.suptitle(f'Wrong answers that {method} was surest of: query, found, right', fontsize='medium')
+    figure.suptitle(
+        f'Wrong answers of {method} with the lowest U: query, place found, nearest place', fontsize='medium'
+    )
     figure.savefig(path)
 
 
 def _ranges_m(failure: _Failure, worlds: Worlds) -> Iterator[float]:
-    """Of the query and of what it found: one road may be driven with several radars."""
+    """Ranges of the query and of the place found: one road may be driven with several radars."""
     mapped, query = drives_of_pair(failure.answers.pair, worlds)
     for drive, row in ((query, failure.row), (mapped, int(failure.answers.found[failure.row]))):
         yield drive.scan(row).max_range_m
 
 
-def _surest(several: Sequence[Answers], worlds: Worlds) -> list[_Failure]:
+def _most_certain(several: Sequence[Answers], worlds: Worlds) -> list[_Failure]:
     failures = [
         _Failure(float(answers.uncertainties[row]), answers, row)
         for answers in several
@@ -65,13 +67,13 @@ def _surest(several: Sequence[Answers], worlds: Worlds) -> list[_Failure]:
     ]
     picked: list[_Failure] = []
     for failure in sorted(failures, key=lambda f: f.uncertainty):
-        if len(picked) < SHOWN and not any(_of_one_place(failure, other, worlds) for other in picked):
+        if len(picked) < SHOWN and not any(_near_each_other(failure, other, worlds) for other in picked):
             picked.append(failure)
     return picked
 
 
-def _of_one_place(one: _Failure, other: _Failure, worlds: Worlds) -> bool:
-    """Whether two failures are of one stretch of road."""
+def _near_each_other(one: _Failure, other: _Failure, worlds: Worlds) -> bool:
+    """Whether two wrong answers are near each other on the same road."""
     if (one.answers.pair.group, one.answers.pair.world) != (other.answers.pair.group, other.answers.pair.world):
         return False
     places = [drives_of_pair(f.answers.pair, worlds)[1].poses[f.row, :2] for f in (one, other)]

@@ -1,9 +1,9 @@
 """The paper's ablation of the system: maintained maps (M), introspective querying (Q), both (QM) or neither (O).
 
-The map is made of one drive, all others but the query drive are merged into it, and the query drive, which was never
-merged, is searched for; so for every ordered pair of drives. The map is the vehicle's own `ParentMap` of constant size:
-a merged scan replaces the place nearest to it, or none. The control (M_random) replaces as many times, at opportunities
-drawn at random, so that what M gains is not just what newer or mixed scans would.
+For every ordered pair of drives, the map is made of the first, all other drives are merged into it, and the second,
+which is never merged, is searched for. The map is the vehicle's `ParentMap` at constant size: a merged scan replaces
+the nearest place, or none. The control (M_random) makes as many replacements at opportunities drawn at random: it
+shows what newer or mixed scans gain by themselves.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros.config import MapConfig
-from offradar_ros.lab.evaluation.answers import Answers, Rules, answers, map_rows, places_of
+from offradar_ros.lab.evaluation.answers import Answers, Rules, map_rows, places_of, search_places
 from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive
 from offradar_ros.lab.evaluation.protocol import Maintenance
 from offradar_ros.mapping.parent_map import MergeKind, ParentMap
@@ -26,10 +26,16 @@ from offradar_ros.types import PlaceTable
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Ablation:
-    """One ordered pair: answers from the map as it was, maintained, and replaced at random.
+    """The ablation of one ordered pair of drives.
 
-    `opportunities` scans of the merged drives had a place within D_t, `replaced` of them took it over; `before` and
-    `after` are (P, 3) float64: x and y in metres of the scan that each place holds, and its U.
+    Attributes:
+        unmaintained: answers from the map of one drive.
+        maintained: answers from that map after all other drives were merged into it.
+        random: answers from maps of the control, one for each draw.
+        opportunities: number of merged scans with a place within D_t.
+        replaced: number of those that replaced the place.
+        before: (P, 3) float64 x, y in metres and U of the scan that each place of the unmaintained map holds.
+        after: the same of the maintained map.
     """
 
     unmaintained: Answers
@@ -41,8 +47,8 @@ class Ablation:
     after: NDArray[np.float64]
 
 
-def merges(drives: Sequence[EmbeddedDrive]) -> Iterator[tuple[EmbeddedDrive, list[EmbeddedDrive], EmbeddedDrive]]:
-    """(mapped, merged, query) for each ordered pair of drives; every other drive of which maps are made is merged."""
+def merge_plans(drives: Sequence[EmbeddedDrive]) -> Iterator[tuple[EmbeddedDrive, list[EmbeddedDrive], EmbeddedDrive]]:
+    """(mapped, merged, query) for each ordered pair of drives; `merged` are all other drives of which maps are made."""
     for mapped, query in itertools.permutations(drives, 2):
         merged = [d for d in drives if d.drive.mapped and d is not mapped and d is not query]
         if merged and mapped.drive.mapped and query.drive.queried:
@@ -58,9 +64,9 @@ def ablate(
     rules: Rules,
     seed: int,
 ) -> Ablation:
-    """Answers for `query` from the maintained map and the control, both of as many places as the `unmaintained` one.
+    """Answers for `query` from the maintained map and the control, which have as many places as the unmaintained map.
 
-    Queries count as having a right place where they have one in that.
+    `positive` of all answers is that of the `unmaintained` ones.
     """
     pair = unmaintained.pair
     before = places_of(mapped, map_rows(mapped, pair.spacing_m))
@@ -76,10 +82,16 @@ def ablate(
         drawn = opportunities[np.sort(rng.permutation(len(opportunities))[:replaced])]
         mixed = _columns(before)
         mixed.upsert(dataclasses.replace(take_rows(scans, drawn), place_ids=merges.nearest[drawn]))
-        control.append(answers(pair, mixed.table, query, rules, depth=1))
-    maintained = dataclasses.replace(answers(pair, after, query, rules), positive=unmaintained.positive)
+        control.append(search_places(pair, mixed.table, query, rules, depth=1))
+    maintained = dataclasses.replace(search_places(pair, after, query, rules), positive=unmaintained.positive)
     return Ablation(
-        unmaintained, maintained, tuple(control), len(opportunities), replaced, _picture(before), _picture(after)
+        unmaintained,
+        maintained,
+        tuple(control),
+        len(opportunities),
+        replaced,
+        _positions_and_uncertainties(before),
+        _positions_and_uncertainties(after),
     )
 
 
@@ -89,11 +101,11 @@ def _joined(tables: Sequence[PlaceTable]) -> PlaceTable:
 
 
 def _columns(places: PlaceTable) -> PlaceColumns:
-    """A copy of these places that can be changed."""
+    """A copy of the places that can be changed."""
     columns = PlaceColumns(places.means.shape[1], len(places))
     columns.upsert(places)
     return columns
 
 
-def _picture(table: PlaceTable) -> NDArray[np.float64]:
+def _positions_and_uncertainties(table: PlaceTable) -> NDArray[np.float64]:
     return np.column_stack([table.positions_m[:, :2], table.uncertainties]).astype(np.float64)

@@ -1,4 +1,4 @@
-"""What is compared: encoders by the names that results use."""
+"""The methods that an evaluation compares: encoders under the names that results use."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from offradar_ros.types import PolarScan
 OURS = 'ours'
 _OUR_ENCODER = 'variational'
 METHODS = {OURS if name == _OUR_ENCODER else name: name for name in ENCODERS}
-"""Encoders by the names that results use, in the order of the paper's tables, ours first."""
+"""Encoders by the names that results use; ours first, the others in the order of the paper's tables."""
 
 PLAIN = EncoderConfig()
 BEST = 'best.safetensors'
@@ -36,19 +36,20 @@ BATCHED_FIRST = ('torch', 'onnx', 'opencv')
 """Backends in the order that an evaluation prefers: torch encodes batches fastest."""
 
 _ROWS = 20_000
-"""So many azimuths of a map are enough to fit the centres of RadVLAD."""
+"""Number of azimuths that the centres of RadVLAD are fitted to."""
 
 
 class Method(Protocol):
-    """A name and the encoder to use with a map."""
+    """An encoder under a name; the encoder may depend on the map."""
 
     name: str
     weights: str
+    """File of the weights; empty for none."""
     fitted: bool
-    """Whether each map has an encoder of its own."""
+    """Whether the encoder is fitted to each map."""
 
     def encoder_for(self, mapped: Drive) -> Encoder:
-        """The encoder for the map made of this drive, and for what searches it."""
+        """The encoder of the map that is made of this drive, and of the queries that search it."""
 
 
 class OneEncoder:
@@ -66,7 +67,7 @@ class OneEncoder:
 
 
 class RadVladOfMap:
-    """RadVLAD as its authors use it: centres fitted to the scans of the map, kept in `folder`."""
+    """RadVLAD as its authors use it: its centres are fitted to the scans of the map, and kept in `folder`."""
 
     name, weights, fitted = 'rad_vlad', '', True
 
@@ -97,11 +98,20 @@ def _readable(drive: Drive, rows: Iterable[int]) -> Iterator[PolarScan]:
 def open_method(
     text: str, folder: Path, *, seed: int, spacing_m: float, config: EncoderConfig = PLAIN, threads: int = 0
 ) -> Method:
-    """The method of ``NAME``, ``NAME=WEIGHTS`` or, for a variant under a label of its own, ``LABEL=NAME:WEIGHTS``.
+    """The method of ``NAME``, ``NAME=WEIGHTS`` or, for a variant, ``LABEL=NAME:WEIGHTS``.
 
     NAME is one of `METHODS`, or the entry point of an installed encoder; WEIGHTS may be the folder of a training run.
-    `folder` keeps what is fitted to maps; of `config` the encoder's name and weights are left aside. ConfigError for an
-    unknown NAME and for one that needs weights without them; ModelError for unusable weights.
+    Results use LABEL, or else NAME.
+
+    Args:
+        text: as given to ``--method``.
+        folder: keeps what is fitted to maps.
+        seed: of fits to maps.
+        spacing_m: of the scans that RadVLAD is fitted to.
+        config: settings of the encoder, without its name and weights.
+        threads: of a learned encoder; 0 for one per core.
+
+    ConfigError for an unknown NAME, missing or needless weights; ModelError for unusable weights.
     """
     label, encoder, weights = _parsed(text)
     if encoder == 'rad_vlad' and not weights:
@@ -114,13 +124,13 @@ def open_method(
 
 
 def _parsed(text: str) -> tuple[str, str, str]:
-    """Label, encoder and weights (or nothing) of a ``--method``; ConfigError where they do not fit."""
+    """Label, encoder and weights (empty for none) of a ``--method``; ConfigError if they do not fit each other."""
     known = METHODS | {name: name for name in installed_names()}
     label, _, weights = text.partition('=')
     encoder, colon, rest = weights.partition(':')
     if colon and encoder in known:
         if not label or label in known:
-            raise ConfigError(f'--method {text}: expected a label that is no encoder of its own, got {label!r}')
+            raise ConfigError(f'--method {text}: expected a label that is not the name of an encoder, got {label!r}')
         name, weights = encoder, rest
     elif label in known:
         name = label

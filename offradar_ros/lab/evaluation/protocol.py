@@ -16,7 +16,7 @@ class Lane:
     Attributes:
         left_m: metres to the left of the route's line.
         start_m: where on the route it starts.
-        reverse: whether it goes the other way.
+        reverse: whether it is driven in the opposite direction.
     """
 
     left_m: float = 0.0
@@ -29,12 +29,12 @@ class RealStreets:
     """A nav2 map and recorded traversals of it, in the folder that is given on the command line.
 
     Attributes:
-        name: what people call it.
+        name: of the world, in results.
         map: YAML file of the map.
-        traversals: TUM files, one a session.
+        traversals: TUM files, one for each session.
         seed: of the radar's physics and of each session's noise, traffic and degradations.
-        centre_m: east and north of a part of the map, metres; empty for the whole traversals.
-        radius_m: scans further from there are left out.
+        centre_m: (east, north) in metres of the centre of a part of the map; empty for the whole traversals.
+        radius_m: scans farther from the centre than this are left out.
     """
 
     name: str
@@ -57,8 +57,8 @@ class Recorded:
 
     Attributes:
         name: of the world that they share.
-        split: name or file of a split: the test sequences of it, within its test region.
-        sequences: folders that are mapped and searched for, beside those of the split.
+        split: name or file of a split, whose test sequences are mapped and searched for within its test region.
+        sequences: further folders that are mapped and searched for.
         maps: folders that are only mapped.
         queries: folders that are only searched for.
     """
@@ -82,13 +82,14 @@ class Group:
     """Worlds whose figures are reported together.
 
     Attributes:
-        name: stable, in results.
-        title: for people.
-        physics: ``nominal``, ``drawn`` (each world's radar is drawn as in training) or ``held_out`` (never trained on).
+        name: of the group, in results.
+        title: of its tables and figures.
+        physics: of the simulated radar: ``nominal``, ``drawn`` (at random for each world, as in training) or
+            ``held_out`` (outside of what training draws).
         cities: seeds of procedural worlds, of their physics and sessions.
         streets: worlds of real streets.
-        recorded: recorded roads; nothing is simulated.
-        paper: number of the table of the paper that its figures stand beside, 0 for none.
+        recorded: recorded roads.
+        paper: number of the paper's table that reports show beside its figures, 0 for none.
     """
 
     name: str
@@ -113,12 +114,12 @@ class Group:
 
     @property
     def simulated(self) -> bool:
-        """Whether any of its scans are."""
+        """Whether any of its scans are simulated."""
         return bool(self.cities or self.streets)
 
     @property
     def scans(self) -> str:
-        """What its scans are, in words."""
+        """``simulated scans``, ``recorded scans`` or both, in words."""
         if self.simulated and self.recorded:
             return 'simulated and recorded scans'
         return 'simulated scans' if self.simulated else 'recorded scans'
@@ -130,9 +131,9 @@ class Validation:
 
     Attributes:
         cities: seeds of worlds.
-        sequences: recorded folders, ordinary drives.
+        sequences: folders of recorded drives in ordinary conditions.
         physics: as in a group.
-        scans: scans of each.
+        scans: number of scans of each.
         quantile: the threshold is this quantile of U over all their scans.
         levels: N; Δ is the largest |U − 1| over all their scans.
     """
@@ -157,7 +158,7 @@ class Maintenance:
 
     Attributes:
         match_distance_m: D_t of Algorithm 1.
-        random_repeats: draws of the control that replaces as often, but at random.
+        random_repeats: draws of the control, which makes as many replacements at random.
     """
 
     match_distance_m: float = 5.0
@@ -173,23 +174,24 @@ class Protocol:
     """An evaluation.
 
     Attributes:
-        name: stable, in results.
-        title: for people.
+        name: of the group, in results.
+        title: of its tables and figures.
         groups: what is driven.
         lanes: one drive each through every procedural world.
         scans: scans of each such drive.
-        drive_spacing_m: metres driven between two scans of a drive, on average; 0 takes every scan of a recorded one.
+        drive_spacing_m: mean path length in metres between two scans of a drive; 0 takes every recorded scan.
         degraded: share of the scans that are degraded.
-        map_spacings_m: the same of a map, 0 maps all; the first is the one of the headlines.
-        tolerance_m: a place nearer than this is the right one.
-        negative_m: a place farther than this is a wrong one; those between count neither way in figures of pairs.
-        exclusion_s: above 0 every drive is also searched for in its own map, less the places of so many seconds
-            before and after each scan.
+        map_spacings_m: path length in metres between two places of a map, 0 maps every scan; the first is that of the
+            headline figures.
+        tolerance_m: a place within this is a positive.
+        negative_m: a place farther than this is a negative; between the two a pair counts neither way.
+        exclusion_s: if above 0, every drive is also searched for in its own map, without the places that were scanned
+            less than this many seconds before or after the query.
         rejections: shares at which Recall@RR is reported.
         validation: where the static threshold comes from.
         maintenance: how maps are maintained.
         resamples: draws of the bootstrap over pairs.
-        seed: of everything that the evaluation draws itself.
+        seed: of what the evaluation draws at random, apart from the worlds.
     """
 
     name: str
@@ -212,7 +214,7 @@ class Protocol:
     def __post_init__(self) -> None:
         names = [group.name for group in self.groups]
         if len(set(names)) < len(names) or {ALL, VALIDATION} & set(names):
-            raise ConfigError(f'groups: expected each of a name of its own, not {ALL} or {VALIDATION}, got {names}')
+            raise ConfigError(f'groups: expected different names, none of them {ALL} or {VALIDATION}, got {names}')
         if any(group.cities for group in self.groups) and len(self.lanes) < 2:
             raise ConfigError(f'lanes: expected at least two, got {len(self.lanes)}')
         if self.validation.cities and not self.lanes:
@@ -230,7 +232,7 @@ class Protocol:
 
 
 VALIDATION = 'validation'
-"""Group of the clean drives that give the static thresholds."""
+"""Name of the group of validation drives."""
 
 ALL = 'all'
-"""Name under which results hold the figures of all groups together."""
+"""Key of the figures of all groups together in results."""

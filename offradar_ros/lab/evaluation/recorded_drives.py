@@ -1,4 +1,4 @@
-"""The recorded drives of a protocol: opened, put into one frame, and subsampled as the protocol says."""
+"""The recorded drives of a protocol: opened, in one frame, and subsampled by distance."""
 
 from __future__ import annotations
 
@@ -19,10 +19,11 @@ from offradar_ros.recordings.source import open_source
 
 
 class Recordings(NamedTuple):
-    """Attributes: what of a protocol was opened.
+    """The recorded drives of a protocol.
 
-    drives: all of its recorded drives.
-    notes: what is missing or was left out, one line each.
+    Attributes:
+        drives: that were opened.
+        notes: on what is missing or was left out, one line each.
     """
 
     drives: list[Drive]
@@ -31,21 +32,21 @@ class Recordings(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class RecordedSource:
-    """Where recorded drives are and how they are read: `root` holds the folders that a protocol names, if given."""
+    """Where recorded drives are and how they are read; `root` is the folder of those that a protocol names."""
 
     root: Path | None = None
     radar: RadarConfig = dataclasses.field(default_factory=RadarConfig)
     position: PositionConfig = dataclasses.field(default_factory=PositionConfig)
 
     def path(self, name: str) -> Path:
-        """Where a folder that a protocol names would be."""
+        """Path of a folder that a protocol names."""
         return self.root / name if self.root else Path(name)
 
 
 def recorded_drives(protocol: Protocol, source: RecordedSource) -> Recordings:
-    """Drives of every recorded road of the protocol, and of its validation sequences; DataError for unusable ones.
+    """Drives of every recorded road of the protocol, and its validation drives; DataError for an unusable one.
 
-    Missing folders are noted; a road needs two drives, of which one is mapped and another searched for.
+    A missing folder is noted. A road needs two drives, one that is mapped and another that is searched for.
     """
     drives: list[Drive] = []
     notes: list[str] = []
@@ -107,7 +108,7 @@ def _opened(
 
 
 def _validation(name: str, protocol: Protocol, source: RecordedSource) -> Drive:
-    """So many scans, evenly spread; where they were taken does not matter."""
+    """Scans at equal steps of a recording, without their positions, which validation does not use."""
     sequence = open_source(source.path(name), radar=source.radar)
     rows = np.unique(np.linspace(0, len(sequence) - 1, protocol.validation.scans).round().astype(np.intp))
     drive = drive_of_scans(sequence, rows, f'{name}_1', name)

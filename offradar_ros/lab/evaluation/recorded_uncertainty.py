@@ -1,7 +1,7 @@
-"""U of recorded scans, as they are and degraded on their bytes.
+"""U of recorded scans, as recorded and with faults added to their bytes.
 
-Does what was learned in simulation hold for a real radar? Scans of a recording in good conditions are taken to be
-clean; faults are added to their bytes, and other recordings (of fog, of a dirty radome) are compared with them.
+It shows whether U, learned in simulation, holds for a real radar. Scans of a recording in good conditions are taken to
+be clean; faults are added to their bytes, and other recordings (in fog, with a dirty radome) are compared with them.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ from offradar_ros.sequence import RadarSequence
 from offradar_ros.types import PolarScan
 
 NOISE_CORRELATION_M = 0.165
-"""A receiver's range bins are finer than it resolves: its noise is correlated over neighbours, as recorded noise is.
+"""Standard deviation of the filter that correlates noise over neighbouring range bins, as recorded noise is.
 
-Standard deviation of the filter; `offradar_ros.lab.simulation.physics` fits it to the same recordings.
+`offradar_ros.lab.simulation.physics` fits it to the same recordings.
 """
 
 Degrade = Callable[[PolarScan, np.random.Generator], NDArray[np.uint8]]
 
 
 def blocked(scan: PolarScan, rng: np.random.Generator, share: float) -> NDArray[np.uint8]:
-    """A `share` of neighbouring azimuths, from a random one on, receives what is left of them at the far end: noise."""
+    """Replace a `share` of the azimuths, neighbours from a random one on, by noise: power of the far range bins."""
     rows, bins = scan.power.shape
     hidden = (int(rng.integers(rows)) + np.arange(round(share * rows))) % rows
     far = scan.power[:, round(0.9 * bins) :]
@@ -45,7 +45,7 @@ def blocked(scan: PolarScan, rng: np.random.Generator, share: float) -> NDArray[
 
 
 def flooded(scan: PolarScan, rng: np.random.Generator, decibels: float) -> NDArray[np.uint8]:
-    """Exponential noise, `decibels` above the far end's median, is added to the power; a byte is half a decibel."""
+    """Add exponential noise, `decibels` above the median of the far range bins; a byte is half a decibel."""
     power = scan.power
     floor = float(np.median(power[:, round(0.9 * power.shape[1]) :]))
     deviation = NOISE_CORRELATION_M / scan.range_resolution_m
@@ -67,7 +67,7 @@ DEGRADED: dict[str, Degrade] = {
 
 
 CLEAN = 'clean'
-"""Condition of the scans as they are."""
+"""Condition of the scans as recorded."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -78,7 +78,7 @@ class RecordedScans:
 
     Attributes:
         clean: a recording in good conditions.
-        compared: others, by the condition that they show.
+        compared: other recordings, by the name of their condition.
         radar: how they are read.
     """
 
@@ -89,7 +89,7 @@ class RecordedScans:
     def __post_init__(self) -> None:
         taken = sorted({CLEAN, *DEGRADED} & set(self.compared))
         if taken:
-            raise ConfigError(f'{taken[0]}: expected another name for recorded scans, this is one of ours')
+            raise ConfigError(f'{taken[0]}: expected another name of a condition, this one is taken')
 
     def open(self) -> dict[str, RadarSequence]:
         """The clean recording and the others, by condition; DataError for one that cannot be read."""
@@ -124,7 +124,7 @@ def _conditions(
 
 
 class _Counter:
-    """Reports one more scan each time that it is called."""
+    """Reports progress by one scan at each call."""
 
     def __init__(self, progress: Callable[[int, int], None], total: int) -> None:
         self._progress, self._total, self._done = progress, total, 0

@@ -1,4 +1,4 @@
-"""An evaluation from end to end: simulate, encode, search, and keep the answers."""
+"""The steps of an evaluation: simulate, encode, search, maintain maps."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ import numpy as np
 from offradar_ros.encoders.protocol import Encoder, ModelInfo
 from offradar_ros.lab.drives.cache import cached_drives
 from offradar_ros.lab.drives.drive import Drive
-from offradar_ros.lab.evaluation.answers import Answers, Pair, Rules, answers_from
+from offradar_ros.lab.evaluation.answers import Answers, Pair, Rules, search_drive_map
 from offradar_ros.lab.evaluation.cost import measure_cost
-from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive, embedded
-from offradar_ros.lab.evaluation.maintenance import Ablation, ablate, merges
+from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive, cached_embeddings
+from offradar_ros.lab.evaluation.maintenance import Ablation, ablate, merge_plans
 from offradar_ros.lab.evaluation.methods import Method
 from offradar_ros.lab.evaluation.protocol import VALIDATION, Protocol
 from offradar_ros.lab.evaluation.results.method import Cost
@@ -30,7 +30,7 @@ ItemT = TypeVar('ItemT')
 FoundT = TypeVar('FoundT')
 
 Bar = Callable[[str], AbstractContextManager[Callable[[int, int], None]]]
-"""Opens a progress bar of this text: a function of how much is done and how much there is."""
+"""Opens a progress bar with a text; it yields a function of (done, total)."""
 
 Worlds = dict[tuple[str, str], list[Drive]]
 """Drives by group and world."""
@@ -38,17 +38,17 @@ Worlds = dict[tuple[str, str], list[Drive]]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Measured:
-    """What one method answered.
+    """What was measured of one method.
 
     Attributes:
         method: its name.
         weights: file of its weights, if any.
-        fitted: whether each map has an encoder of its own.
-        model: the encoder; of one of the maps for one that is fitted to each.
+        fitted: whether the encoder is fitted to each map.
+        model: the encoder; that of one of the maps if it is fitted to each.
         answers: of all ordered pairs of drives of each world, for each map spacing.
         ablations: by group and map spacing; none for a method that is fitted to each map.
-        thresholds: from U of the clean validation scans; none likewise.
-        cost: of encoding and of searching, as `measure_cost` measures it.
+        thresholds: from U of the validation drives; none for a method that is fitted to each map.
+        cost: of encoding and searching, from `measure_cost`.
     """
 
     method: str
@@ -61,14 +61,14 @@ class Measured:
     cost: Cost
 
 
-def opened_worlds(
+def drives_by_world(
     simulated: Sequence[PlannedDrive],
     recorded: Sequence[Drive],
     cache: Path,
     bar: Bar,
     processes: int = 0,
 ) -> Worlds:
-    """Every drive with its scans; simulated ones are rendered now or were earlier."""
+    """All drives by group and world; simulated ones are rendered, or read from `cache`."""
     found: list[Drive] = []
     if simulated:
         with bar('simulating drives') as progress:
@@ -83,7 +83,7 @@ def opened_worlds(
 
 
 def drives_of_pair(pair: Pair, worlds: Worlds) -> tuple[Drive, Drive]:
-    """The drive that was mapped, and the one that was searched for."""
+    """(mapped drive, query drive) of a pair."""
     by_index = {drive.index: drive for drive in worlds[pair.group, pair.world]}
     return by_index[pair.map_index], by_index[pair.query_index]
 
@@ -91,9 +91,9 @@ def drives_of_pair(pair: Pair, worlds: Worlds) -> tuple[Drive, Drive]:
 def measure(
     method: Method, worlds: Worlds, protocol: Protocol, cache: Path, bar: Bar, deployed: Deployed = NOT_DEPLOYED
 ) -> Measured:
-    """Encode all drives, search every drive's map for every other drive of its world, and maintain maps.
+    """Encode all drives, search the map of every drive for the other drives of its world, and maintain maps.
 
-    The threshold in use is the `deployed` one where that is for this model, else that of the validation drives.
+    The threshold in use is the `deployed` one if it is for this model, else that of the validation drives.
     """
     evaluated = {key: drives for key, drives in worlds.items() if key[0] != VALIDATION}
     clean = [drive for (group, _), drives in worlds.items() if group == VALIDATION for drive in drives]
@@ -108,8 +108,8 @@ def measure(
                 found += _search_fitted(method, drives, embed, protocol)
                 continue
             made = [embed(method.encoder_for(drive), drive) for drive in drives]
-            asked = [(m, q) for m, q in itertools.product(made, repeat=2) if searched(m.drive, q.drive, protocol)]
-            searches = _together(lambda pair: list(_search(method.name, pair[0], pair[1], protocol)), asked)
+            pairs = [(m, q) for m, q in itertools.product(made, repeat=2) if is_searched(m.drive, q.drive, protocol)]
+            searches = _in_parallel(lambda pair: list(_search(method.name, pair[0], pair[1], protocol)), pairs)
             for number, spacing_m in enumerate(protocol.map_spacings_m):
                 several = _ablations([answers[number] for answers in searches], made, protocol)
                 ablations.setdefault((drives[0].group, spacing_m), []).extend(several)
@@ -132,13 +132,13 @@ def measure(
     )
 
 
-def searched(mapped: Drive, query: Drive, protocol: Protocol) -> bool:
-    """Whether one drive's scans are searched for in the map of another, or of its own."""
+def is_searched(mapped: Drive, query: Drive, protocol: Protocol) -> bool:
+    """Whether the scans of `query` are searched for in the map of `mapped`."""
     return mapped.mapped and query.queried and (mapped is not query or protocol.exclusion_s > 0.0)
 
 
 class Encodings(NamedTuple):
-    """How much one method encoded, now or earlier, and how many of the scans it refused."""
+    """Numbers of drives and scans that one method encoded, now or earlier, and of scans that it refused."""
 
     method: str
     drives: int
@@ -146,8 +146,8 @@ class Encodings(NamedTuple):
     refused: int
 
 
-def encode_all(method: Method, worlds: Worlds, protocol: Protocol, cache: Path, bar: Bar) -> Encodings:
-    """Everything that `measure` would encode; for a method that is fitted to maps, once for each map."""
+def encode_worlds(method: Method, worlds: Worlds, protocol: Protocol, cache: Path, bar: Bar) -> Encodings:
+    """Encode every scan that `measure` needs; if the method is fitted to maps, once for each map."""
     pairs = list(_encoded(method, worlds, protocol))
     done = refused = 0
     with bar(f'{method.name}: encoding') as progress:
@@ -160,23 +160,25 @@ def encode_all(method: Method, worlds: Worlds, protocol: Protocol, cache: Path, 
 
 
 def _encoded(method: Method, worlds: Worlds, protocol: Protocol) -> Iterator[tuple[Drive, Drive]]:
-    """Whose map's encoder is used, and for which drive."""
+    """(mapped drive, encoded drive): the encoder is that of the map of the first."""
     for (group, _), drives in worlds.items():
         if not method.fitted:
             yield from ((drive, drive) for drive in drives)
         elif group != VALIDATION:
             yield from ((drive, drive) for drive in drives if drive.mapped)
-            yield from ((m, q) for m, q in itertools.permutations(drives, 2) if searched(m, q, protocol))
+            yield from ((m, q) for m, q in itertools.permutations(drives, 2) if is_searched(m, q, protocol))
 
 
 class _Embedder:
-    """Embeds drives, with one progress bar for all scans."""
+    """Embeds drives and reports progress over the scans of all of them."""
 
     def __init__(self, folder: Path, progress: Callable[[int, int], None], total: int) -> None:
         self._folder, self._progress, self._total, self._done = folder, progress, total, 0
 
     def __call__(self, encoder: Encoder, drive: Drive) -> EmbeddedDrive:
-        made = embedded(encoder, drive, self._folder, lambda done, _: self._progress(self._done + done, self._total))
+        made = cached_embeddings(
+            encoder, drive, self._folder, lambda done, _: self._progress(self._done + done, self._total)
+        )
         self._done += len(drive)
         self._progress(self._done, self._total)
         return made
@@ -189,14 +191,16 @@ def _search_fitted(method: Method, drives: Sequence[Drive], embed: _Embedder, pr
         encoder = method.encoder_for(mapped)
         made = embed(encoder, mapped)
         for query in drives:
-            if searched(mapped, query, protocol):
-                asked = made if query is mapped else embed(encoder, query)
-                yield from _search(method.name, made, asked, protocol)
+            if is_searched(mapped, query, protocol):
+                queries = made if query is mapped else embed(encoder, query)
+                yield from _search(method.name, made, queries, protocol)
 
 
 def _search(method: str, mapped: EmbeddedDrive, query: EmbeddedDrive, protocol: Protocol) -> Iterator[Answers]:
     for spacing_m in protocol.map_spacings_m:
-        yield answers_from(_pair(method, mapped, query, spacing_m), mapped, query, _rules(protocol, mapped is query))
+        yield search_drive_map(
+            _pair(method, mapped, query, spacing_m), mapped, query, _rules(protocol, mapped is query)
+        )
 
 
 def _pair(method: str, mapped: EmbeddedDrive, query: EmbeddedDrive, spacing_m: float) -> Pair:
@@ -205,24 +209,23 @@ def _pair(method: str, mapped: EmbeddedDrive, query: EmbeddedDrive, spacing_m: f
 
 
 def _rules(protocol: Protocol, own: bool = False) -> Rules:
-    """Of a search through a drive's `own` map, or another's."""
+    """The rules of a search; the exclusion holds in a drive's `own` map only."""
     return Rules(protocol.tolerance_m, protocol.negative_m, round(protocol.exclusion_s * 1e9) if own else 0)
 
 
 def _ablations(found: Sequence[Answers], drives: Sequence[EmbeddedDrive], protocol: Protocol) -> list[Ablation]:
-    """Of every search that was `found` in the map of another drive, where there are more drives to merge."""
+    """The ablation of every pair of drives for which there are other drives to merge."""
     by_pair = {(answers.pair.map_index, answers.pair.query_index): answers for answers in found}
 
-    def one(turn: tuple[EmbeddedDrive, list[EmbeddedDrive], EmbeddedDrive]) -> Ablation:
-        mapped, merged, query = turn
+    def one(plan: tuple[EmbeddedDrive, list[EmbeddedDrive], EmbeddedDrive]) -> Ablation:
+        mapped, merged, query = plan
         unmaintained = by_pair[mapped.drive.index, query.drive.index]
-        plan, rules = protocol.maintenance, _rules(protocol)
-        return ablate(unmaintained, mapped, merged, query, plan, rules, protocol.seed)
+        return ablate(unmaintained, mapped, merged, query, protocol.maintenance, _rules(protocol), protocol.seed)
 
-    return _together(one, merges(drives))
+    return _in_parallel(one, merge_plans(drives))
 
 
-def _together(function: Callable[[ItemT], FoundT], items: Iterable[ItemT]) -> list[FoundT]:
-    """Results in the order of the items; NumPy lets several threads compute at once."""
+def _in_parallel(function: Callable[[ItemT], FoundT], items: Iterable[ItemT]) -> list[FoundT]:
+    """Results in the order of the items, computed in threads: NumPy releases the GIL."""
     with concurrent.futures.ThreadPoolExecutor(os.cpu_count()) as pool:
         return list(pool.map(function, items))

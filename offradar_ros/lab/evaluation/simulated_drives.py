@@ -13,16 +13,16 @@ from offradar_ros.lab.simulation.sensor import TRAINING_SENSOR
 from offradar_ros.lab.simulation.session_plan import SessionPlan
 
 _LANE_SHARE = 1.2
-"""Lanes curve and speeds vary: so much more is driven than the scans' spacing asks for."""
+"""Share of the path length that is driven: lanes curve and speeds vary, so that more than 1 is needed."""
 
 
 @dataclasses.dataclass(frozen=True)
 class PlannedDrive:
-    """A drive of a protocol.
+    """A simulated drive of a protocol.
 
     Attributes:
-        group: whose figures it counts in.
-        index: which of its world's drives.
+        group: of the protocol.
+        index: of the drive in its world.
         source: how to simulate it.
     """
 
@@ -32,7 +32,7 @@ class PlannedDrive:
 
 
 def simulated_drives(protocol: Protocol, streets: Path | None) -> Iterator[PlannedDrive]:
-    """Every drive of every group, and the validation drives; those of streets only where a folder of them is given."""
+    """Every simulated drive of every group, and of validation; those of `streets` only if that folder is given."""
     spacing_m = protocol.drive_spacing_m
     for group in protocol.groups:
         physics, degraded = group.physics, protocol.degraded
@@ -72,7 +72,7 @@ def city_drive(
 def street_drive(
     street: RealStreets, index: int, physics: str, spacing_m: float, degraded: float, folder: str
 ) -> SimulatedDrive:
-    """Recorded traversal `index` of a nav2 map; files are in `folder`."""
+    """Traversal `index` of a nav2 map, whose files are in `folder`."""
     plan = SessionPlan(
         name=f'{street.name}_{index + 1}',
         seed=1000 * street.seed + index,

@@ -1,4 +1,4 @@
-"""Records as JSON files with a kind and a format number."""
+"""Records in JSON files with the name and number of their format."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ RecordT = TypeVar('RecordT')
 
 @dataclasses.dataclass(frozen=True)
 class StoredFormat(Generic[RecordT]):
-    """A kind of file.
+    """A file format.
 
     Attributes:
-        record: the dataclass that it holds.
+        record: the dataclass that a file holds.
         kind: name of the format.
-        number: of the format, raised whenever a record changes so that files of before cannot be read.
-        description: what a reader expects, for error messages.
-        remedy: what to do with a file of another format.
+        number: of the format; it rises with every change after which older files cannot be read.
+        description: of the file, for error messages.
+        remedy: what to do with a file of another number, for error messages.
     """
 
     record: type[RecordT]
@@ -34,15 +34,15 @@ class StoredFormat(Generic[RecordT]):
 
     @property
     def tag(self) -> str:
-        """What the file says of itself."""
+        """Name and number, as the file has them."""
         return f'{self.kind}-{self.number}'
 
     def write(self, path: str | Path, record: RecordT) -> None:
-        """Write the whole file or nothing; ModelError where it cannot be written."""
+        """Write the file atomically; ModelError if it cannot be written."""
         write_atomically(path, to_json({'format': self.tag, **unstructure(record)}).encode())
 
     def read(self, path: str | Path) -> RecordT:
-        """What `write` wrote, with NaN for null; DataError for anything else, and for another format."""
+        """The record in a file of `write`, with NaN for null; DataError for another file or format."""
         try:
             tree = json.loads(Path(path).read_text(encoding='utf-8'))
         except (OSError, ValueError) as error:

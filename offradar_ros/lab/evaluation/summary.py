@@ -1,7 +1,7 @@
-"""Answers to figures: what results say of one method on some pairs of drives.
+"""Figures of one method over some pairs of drives.
 
-Queries without a positive (no place of the map within the tolerance) are left out of every figure but those of every
-query and of the deployed threshold.
+Queries without a positive (no place of the map within the tolerance) are left out of all figures but `every_query` and
+`at_deployed_threshold`.
 """
 
 from __future__ import annotations
@@ -41,20 +41,20 @@ from offradar_ros.lab.evaluation.results.uncertainty import UncertaintyFigures
 from offradar_ros.lab.evaluation.thresholds import Thresholds
 
 SEVERITIES = (0.0, 0.25, 0.5, 0.75, 1.0)
-"""Edges of the bins of recall by severity; a severity on an edge is of the bin below."""
+"""Edges of the bins of recall by severity; a severity on an edge belongs to the bin below."""
 
 BETAS = (0.5, 1.0, 2.0)
-"""Of F_β, over thresholds on the distance of the nearest place."""
+"""The β of each F_β."""
 
 Weighted = Callable[[NDArray[np.float64] | None], float]
-"""A figure of some rows, given their weights."""
+"""A figure of some rows as a function of their weights, (N,) or None for equal ones."""
 
 Statistic = Callable[['_Pooled'], Weighted]
-"""Sorts rows once, for many weightings of them."""
+"""Sorts the rows once, and returns their figure as a function of weights."""
 
 
 class _Pooled:
-    """The rows of several pairs, one after another."""
+    """The queries of several pairs, concatenated."""
 
     def __init__(self, several: Sequence[Answers]) -> None:
         self.pair = np.repeat(np.arange(len(several)), [len(a.ranks) for a in several])
@@ -72,8 +72,8 @@ class _Pooled:
 
     @property
     def correct(self) -> NDArray[np.bool_]:
-        right: NDArray[np.bool_] = self.ranks == 0
-        return right
+        correct: NDArray[np.bool_] = self.ranks == 0
+        return correct
 
 
 def summarise(several: Sequence[Answers], protocol: Protocol, thresholds: Thresholds) -> SearchFigures:
@@ -114,7 +114,7 @@ def summarise(several: Sequence[Answers], protocol: Protocol, thresholds: Thresh
 
 
 def recognition(several: Sequence[Answers], protocol: Protocol) -> Recognition:
-    """What a row of the paper's tables says of `several` pairs."""
+    """The figures of the paper's tables over `several` pairs."""
     every = _Pooled(several)
     return _recognition(every, every.where(every.positive), protocol)
 
@@ -136,14 +136,14 @@ def _recognition(every: _Pooled, rows: _Pooled, protocol: Protocol) -> Recogniti
 
 
 def _at_threshold(rows: _Pooled, threshold: float) -> AtThreshold:
-    """Recall@1 of what one static threshold keeps; NaN where it keeps nothing."""
+    """Recall@1 of the queries that one static threshold accepts; NaN if it accepts none."""
     kept = rows.uncertainties <= threshold
     share = float(kept.mean()) if len(kept) else math.nan
     return AtThreshold(threshold, 1.0 - share, int(kept.sum()), recall_at_n(rows.ranks[kept], 1))
 
 
 def _deployed(every: _Pooled, rows: _Pooled, threshold: float) -> AtDeployedThreshold | None:
-    """What the threshold in use does; None where none is."""
+    """Figures at the threshold in use; None without one."""
     if math.isnan(threshold):
         return None
     curve = precision_recall(every.uncertainties, every.correct, float(len(rows.ranks)))
@@ -157,14 +157,14 @@ def _deployed(every: _Pooled, rows: _Pooled, threshold: float) -> AtDeployedThre
 
 
 def _pair_level(several: Sequence[Answers], protocol: Protocol) -> PairLevelFigures:
-    """Mean over the pairs of drives."""
+    """The mean over the pairs of drives."""
     several = [answers for answers in several if answers.pair_level]
     levels = [answers.pair_level for answers in several if answers.pair_level]
     found = np.array([level.average_precision for level in levels])
     known = np.flatnonzero(np.isfinite(found))
     if not len(known):
         return PairLevelFigures(Interval(math.nan, math.nan, math.nan), ())
-    # Searching A for B and B for A compares the same scans where every scan is mapped: not two pairs but one.
+    # With every scan mapped, A in the map of B and B in the map of A compare the same scans: they are drawn together.
     roads = [(a.pair.group, a.pair.world, *sorted((a.pair.map_index, a.pair.query_index))) for a in several]
     ids = {road: number for number, road in enumerate(dict.fromkeys(roads))}
     low, high = bootstrap_interval(
@@ -178,7 +178,7 @@ def _pair_level(several: Sequence[Answers], protocol: Protocol) -> PairLevelFigu
 
 
 def describe_uncertainty(several: Sequence[Answers]) -> UncertaintyFigures:
-    """U over the scans of the queries, each scan once, and how it follows the severity of what is wrong with them."""
+    """U over the query scans, each scan once, and its correlation with severity."""
     once = {_query_drive(a): a for a in reversed(several)}
     rows = _Pooled(list(once.values()))
     finite = rows.uncertainties[np.isfinite(rows.uncertainties)]
@@ -248,9 +248,9 @@ def _average_precision(rows: _Pooled) -> Weighted:
 def _accepted_by_distance(
     rows: _Pooled, relevant: int | None = None
 ) -> Callable[[NDArray[np.float64] | None], PrecisionRecallCurve]:
-    """One answer a query, its nearest place, accepted when near enough.
+    """Precision and recall of the nearest place of each query, accepted by its distance in embedding space.
 
-    So many of the queries have a place to be found; all of them if not given.
+    `relevant` is the number of queries with a positive; all of them by default.
     """
     counter = ScoreCounter(np.where(np.isfinite(rows.uncertainties), rows.distances, np.inf), rows.correct)
 
@@ -268,9 +268,9 @@ def max_f_beta(rows: _Pooled) -> dict[str, BestFBeta]:
 
 
 def _by_other_maps(several: Sequence[Answers]) -> float:
-    """AUROC of how often the same scan is answered wrongly in the other maps of its world; NaN where there are none.
+    """AUROC of the share of the other maps of the world in which the same scan is answered wrongly; NaN without any.
 
-    A yardstick: how far being wrong follows the scan from map to map.
+    For comparison with that of U: it shows to what extent the scan, not the map, makes an answer wrong.
     """
     scores, wrong = [], []
     for answers in several:

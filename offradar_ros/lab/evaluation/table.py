@@ -17,29 +17,29 @@ from offradar_ros.lab.evaluation.results.uncertainty import RecordedUncertainty
 
 def tables(results: Results) -> Iterator[Table]:
     """One table for each group and map spacing, one of the ablation of the system, one of recorded scans."""
-    for group, spacings in groups_to_show(results.groups).items():
+    for group, spacings in reported_groups(results.groups).items():
         for spacing, methods in spacings.items():
             words = f'a map every {spacing} m' if float(spacing) else 'every scan mapped'
             yield _methods_table(f'{results.title(group)}: {words}', methods)
-    maintenance = groups_to_show(results.maintenance)
+    maintenance = reported_groups(results.maintenance)
     if any(methods for spacings in maintenance.values() for methods in spacings.values()):
         yield _maintenance_table(maintenance)
     if results.recorded:
         yield _recorded_table(results.recorded)
 
 
-def groups_to_show(groups: ByMap[FiguresT]) -> ByMap[FiguresT]:
-    """Without the figures of all groups together where there is but one."""
+def reported_groups(groups: ByMap[FiguresT]) -> ByMap[FiguresT]:
+    """The figures without those of all groups together if there is only one group."""
     return groups if len(groups) > 2 else {name: figures for name, figures in groups.items() if name != ALL}
 
 
 def number(value: float | None) -> str:
-    """Three decimals, a dash for what could not be measured."""
+    """Three decimals; a dash for None and NaN."""
     return '-' if value is None or math.isnan(value) else f'{value:.3f}'
 
 
 def with_interval(figure: Interval) -> str:
-    """A figure and its 95 % interval, where it has one."""
+    """A figure and its 95 % interval, if it has one."""
     if math.isnan(figure.low):
         return number(figure.value)
     return f'{number(figure.value)} ({number(figure.low)} to {number(figure.high)})'
@@ -58,11 +58,11 @@ def _methods_table(title: str, methods: dict[str, SearchFigures]) -> Table:
         'Recall@RR .1 .2 .3 .4 .5': lambda f: ' '.join(number(r) for _, r in f.recall_at_rejection[1:6]),
         'area under Recall@RR': lambda f: with_interval(f.auc_recall_at_rejection),
         'threshold, rejected, precision': _deployed,
-        'queries with a place, places a map': lambda f: f'{f.with_positive} of {f.queries}, {f.places:.0f}',
+        'queries with a positive, places per map': lambda f: f'{f.with_positive} of {f.queries}, {f.places:.0f}',
     }
     for name, cell in rows.items():
         cells = [cell(figures) for figures in methods.values()]
-        # Of recorded scans nobody knows how degraded they are.
+        # The severity of recorded scans is unknown: rows without any value are left out.
         if any(set(text) - set('-, ') for text in cells):
             table.add_row(name, *cells)
     return table

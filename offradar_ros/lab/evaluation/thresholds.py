@@ -1,4 +1,4 @@
-"""The static thresholds on a method's U, from drives of no group."""
+"""The static thresholds on the U of a method, from validation drives."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from offradar_ros.retrieval.thresholds import static_thresholds
 
 
 class Deployed(NamedTuple):
-    """A threshold in use, and the fingerprint of the model that it is for; empty for any. NaN where there is none."""
+    """A threshold in use, NaN for none, and the fingerprint of the model that it is for, empty for any."""
 
     threshold: float = math.nan
     model: str = ''
 
     def of(self, fingerprint: str) -> float:
-        """The threshold for the model of this fingerprint; NaN where it is for another, whose U it says nothing of."""
+        """The threshold for the model of this fingerprint; NaN if it is for another one, whose U has another scale."""
         return self.threshold if self.model in ('', fingerprint) else math.nan
 
 
@@ -31,16 +31,16 @@ NOT_DEPLOYED = Deployed()
 
 @dataclasses.dataclass(frozen=True)
 class Thresholds:
-    """`static` ascending, none where nothing was validated on; `deployed` is the one in use, NaN where none is."""
+    """Thresholds on U: `static` ascending, empty without validation drives; `deployed`, that in use, NaN for none."""
 
     static: tuple[Measure, ...] = ()
     deployed: Measure = math.nan
 
 
 def thresholds_from(uncertainties: Sequence[float], validation: Validation, given: float = math.nan) -> Thresholds:
-    """From U over validation drives (Sec. III-C of the paper): Δ is the largest |U − 1|, N the protocol's.
+    """Thresholds from U over validation drives (Sec. III-C of the paper): Δ is the largest |U − 1|, N is `levels`.
 
-    The one in use is `given`, or else the protocol's quantile of U.
+    The threshold in use is `given`, or else the quantile of U that `validation` names.
     """
     known = np.asarray(uncertainties, np.float64)
     known = known[np.isfinite(known)]

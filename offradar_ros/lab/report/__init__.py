@@ -1,1 +1,1 @@
-"""A report of an evaluation: what the paper's tables and figures say, of what was measured."""
+"""A report of an evaluation, with the tables and figures of the paper."""

@@ -1,4 +1,4 @@
-"""Maintained maps and introspective queries, by themselves and together."""
+"""The ablation of map maintenance and introspective querying."""
 
 from __future__ import annotations
 
@@ -7,27 +7,27 @@ from collections.abc import Iterator
 from offradar_ros.lab.evaluation.results.ablation import CASES, AblationFigures
 from offradar_ros.lab.evaluation.results.figure import Interval
 from offradar_ros.lab.evaluation.table import number
+from offradar_ros.lab.report.labels import method_label, percent, spacing_label
 from offradar_ros.lab.report.sections import TableSection
 from offradar_ros.lab.report.source import Source
-from offradar_ros.lab.report.words import map_words, name_of, percent
 
 CAPTION = (
-    'Recall@1 in %. O: the map of one drive; M: every other drive of which maps are made, but never the query, is '
-    'merged into it; M_random: as many replacements, drawn at random; Q, QM: the same of the queries whose U is at '
-    'most the threshold. Replacements: merged scans that took a place over, of those that had one within D_t. Gains in '
-    'points, with 95 % bootstrap intervals over pairs.'
+    'Recall@1 in %. O: the map of one drive; M: the same map after all other mapped drives, but not the query drive, '
+    'were merged into it; M_random: as many replacements, drawn at random; Q, QM: O and M over the queries whose U is '
+    'at most the threshold. Replacements: merged scans that replaced a place, of those with a place within D_t. Gains '
+    'in percentage points, with 95 % bootstrap intervals over pairs.'
 )
 HEAD = ('method', *CASES, 'M over O', 'M over M_random', 'rejected (%)', 'threshold', 'replacements')
 
 
 def ablation_tables(source: Source) -> Iterator[TableSection]:
-    """O, M, M_random, Q and QM of every method that has them."""
+    """O, M, M_random, Q and QM of every method whose map was maintained."""
     for group in source.groups:
         for spacing, methods in source.results.maintenance.get(group, {}).items():
             if methods:
                 yield TableSection(
                     f'ablation_{group}_{spacing}m',
-                    f'Ablation: {source.results.title(group)}, {map_words(spacing)}',
+                    f'Ablation: {source.results.title(group)}, {spacing_label(spacing)}',
                     f'{CAPTION} {source.results.scans(group).capitalize()}.',
                     HEAD,
                     tuple(_row(method, methods[method]) for method in source.methods if method in methods),
@@ -36,7 +36,7 @@ def ablation_tables(source: Source) -> Iterator[TableSection]:
 
 def _row(method: str, figures: AblationFigures) -> tuple[str, ...]:
     return (
-        name_of(method),
+        method_label(method),
         *(percent(figures.recall_at_1[case]) for case in CASES),
         _points(figures.gain_over_unmaintained),
         _points(figures.gain_over_random),

@@ -1,42 +1,48 @@
-"""A report from an evaluation's folder."""
+"""A report from the folder of an evaluation."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
 from offradar_ros.lab.report.ablation_tables import ablation_tables
+from offradar_ros.lab.report.cost_table import cost_table
 from offradar_ros.lab.report.curves import precision_recall_figures, rejection_figures
-from offradar_ros.lab.report.other_tables import cost_table, drives_table, recorded_tables
+from offradar_ros.lab.report.drives_table import drives_table
 from offradar_ros.lab.report.places import map_figures, trajectory_figures
 from offradar_ros.lab.report.recognition_tables import recognition_table
 from offradar_ros.lab.report.sections import FigureSection, Report, TableSection
 from offradar_ros.lab.report.source import Source
-from offradar_ros.lab.report.uncertainty_tables import deployed_tables, threshold_tables, uncertainty_table
+from offradar_ros.lab.report.uncertainty_tables import (
+    deployed_tables,
+    recorded_tables,
+    threshold_tables,
+    uncertainty_table,
+)
 
 PICTURES = {
     'extremes': (
         'Most and least uncertain scans',
         'Ten most (top) and ten least uncertain scans of {method}, to the range of the radar (164 m at most), each '
-        'above its ring key: mean power, in recorded bytes, against range; {word}.',
+        'above its ring key: mean power, in recorded bytes, against range; {scans}.',
         'Twenty radar scans with their ring keys',
     ),
     'failures': (
-        'Failures',
-        'Wrong answers that {method} was surest of, whatever the threshold, one for each stretch of road: the query, '
-        'the place that it found and how far from the query that is, and the right place nearest to it; {word}.',
-        'Radar scans of queries beside the wrong and the right places',
+        'Wrong answers',
+        'The wrong answers of {method} with the lowest U, whatever the threshold, at most one within 50 m: the query, '
+        'the place found with its distance from the query, and the place nearest to the query; {scans}.',
+        'Radar scans of queries, of the places found and of the nearest places',
     ),
     'severity': (
         'U against severity',
-        'U of every scan of {method} against how badly the simulation degraded it; {word}.',
+        'U of every scan of {method} against the severity of its degradation; {scans}.',
         'Scatter of U against severity for each kind of degradation',
     ),
 }
-"""What evaluations draw of scans, which are not in their folder: title, caption, what they show."""
+"""Pictures that the evaluation draws, because its folder does not hold scans: title, caption, alternative text."""
 
 
 def build_report(source: Source) -> Report:
-    """Every table and figure; those of scans where the evaluation drew pictures."""
+    """Every table and figure; pictures of scans if the evaluation drew them."""
     results = source.results
     versions = ', '.join(f'{name} {version}' for name, version in results.versions.items())
     figures = [
@@ -57,7 +63,7 @@ def build_report(source: Source) -> Report:
 
 
 def _tables(source: Source) -> Iterator[TableSection]:
-    """What was driven, then those of the paper's form."""
+    """The drives, then recognition, ablation, uncertainty and cost."""
     yield drives_table(source)
     places = [(group, spacing) for group in source.groups for spacing in source.spacings]
     for group, spacing in places:
@@ -74,15 +80,15 @@ def _tables(source: Source) -> Iterator[TableSection]:
 def _remarks(source: Source) -> Iterator[str]:
     results, protocol = source.results, source.results.protocol
     if {results.scans(group) for group in source.groups} == {'simulated scans'}:
-        yield 'Everything here is simulated: no figure is of a recorded scan unless its caption says so.'
+        yield 'All scans are simulated, unless a caption says otherwise.'
     for group in protocol.groups:
         worlds = dict.fromkeys(drive.world for drive in results.drives if drive.group == group.name)
-        yield f'{group.title}: {", ".join(worlds) or "nothing"}; {group.scans}.'
+        yield f'{group.title}: {", ".join(worlds) or "not measured"}; {group.scans}.'
         splits = dict.fromkeys(road.split for road in group.recorded if results.splits.get(road.split))
         yield from (f'Split {split}: {results.splits[split]}' for split in splits)
     yield (
-        f'A place within {protocol.tolerance_m:g} m of the query is right; pairs farther apart than '
-        f'{protocol.negative_m:g} m are wrong ones. Maps are maintained with D_t = '
+        f'A place within {protocol.tolerance_m:g} m of the query is a positive, one beyond {protocol.negative_m:g} m a '
+        'negative. Maps are maintained with D_t = '
         f'{protocol.maintenance.match_distance_m:g} m.'
     )
     for name in source.methods:
@@ -94,9 +100,9 @@ def _remarks(source: Source) -> Iterator[str]:
 
 
 def _pictures(source: Source) -> Iterator[FigureSection]:
-    word = source.results.scans(source.groups[-1])
+    scans = source.results.scans(source.groups[-1])
     for name, (title, caption, alternative) in PICTURES.items():
-        path = source.folder / f'{name}_{source.shown}.png'
+        path = source.folder / f'{name}_{source.main_method}.png'
         if path.is_file():
-            text = caption.format(method=source.shown, word=word)
+            text = caption.format(method=source.main_method, scans=scans)
             yield FigureSection(name, title, text, alternative, path.read_bytes())

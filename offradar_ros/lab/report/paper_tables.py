@@ -1,8 +1,8 @@
-"""The paper's own figures (Tab. 1 and 2), to stand beside what is measured.
+"""The figures of the paper (Tab. 1 and 2), which reports show next to what was measured.
 
-The columns headed F-1/0.5/2 are given in the order in which they are printed. The second is below Recall@1 in all but
-two of the thirteen rows, which no maximum over thresholds can be: to accept everything gives F_β = Recall@1 for every
-β. As printed they also break, in every row, the harmonic-mean bound of such maxima. So nothing is compared with them.
+The columns headed F-1/0.5/2 are in the order in which they are printed. In eleven of the thirteen rows the second is
+below Recall@1, which the maximum of F_β over thresholds cannot be: accepting every answer gives F_β = Recall@1 for
+every β. In every row they also exceed the harmonic-mean bound of such maxima. So no figure is compared with them.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Figures with places in them: maps before and after maintenance, and where queries were right, wrong or rejected."""
+"""Maps before and after maintenance, and queries on a map by their outcome."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from collections.abc import Iterator
 import numpy as np
 
 from offradar_ros.lab.evaluation.answers import Pair
-from offradar_ros.lab.evaluation.figures import new_figure
+from offradar_ros.lab.evaluation.plots import new_figure
 from offradar_ros.lab.evaluation.results.results import spacing_key
 from offradar_ros.lab.report.curves import png_of
 from offradar_ros.lab.report.sections import FigureSection
 from offradar_ros.lab.report.source import Source
 
-RIGHT, WRONG, UNMAPPED, REJECTED = '#009E73', '#D55E00', '#CC79A7', '#444444'
-MOST = 6
-"""Worlds that are drawn."""
+CORRECT, WRONG, UNMAPPED, REJECTED = '#009E73', '#D55E00', '#CC79A7', '#444444'
+MOST_WORLDS = 6
+"""Number of worlds that are drawn."""
 
 
 def map_figures(source: Source) -> Iterator[FigureSection]:
@@ -25,9 +25,9 @@ def map_figures(source: Source) -> Iterator[FigureSection]:
     listed = [
         (number, kept)
         for number, kept in enumerate(source.results.maps)
-        if (kept.pair.method, spacing_key(kept.pair.spacing_m)) == (source.shown, spacing)
+        if (kept.pair.method, spacing_key(kept.pair.spacing_m)) == (source.main_method, spacing)
     ]
-    for number, kept in listed[:MOST]:
+    for number, kept in listed[:MOST_WORLDS]:
         before, after = source.maps[f'before_{number}'], source.maps[f'after_{number}']
         low, high = np.quantile(np.concatenate([before[:, 2], after[:, 2]]), [0.02, 0.98])
         figure = new_figure(11.0, 4.6)
@@ -46,37 +46,37 @@ def map_figures(source: Source) -> Iterator[FigureSection]:
             f'map_{pair.group}_{pair.world}',
             f'Map maintenance: {pair.world}',
             f'The map of one drive ({len(before)} places) before and after the others were merged: {kept.replaced} '
-            f'replacements at {kept.opportunities} opportunities, the size stays; {word}.',
+            f'replacements at {kept.opportunities} opportunities, at constant size; {word}.',
             f'Two maps of {len(before)} places coloured by U, before and after maintenance',
             png_of(figure),
         )
 
 
 def trajectory_figures(source: Source) -> Iterator[FigureSection]:
-    """The first search of each world: each query where it was made, by what became of it."""
+    """The first search of each world: every query at its position, by its outcome."""
     spacing = source.spacings[0]
     drawn: set[tuple[str, str]] = set()
     for number, search in enumerate(source.results.searches):
         pair = search.pair
-        same = (pair.method, spacing_key(pair.spacing_m), search.maintained) == (source.shown, spacing, False)
-        if same and (pair.group, pair.world) not in drawn and len(drawn) < MOST:
+        chosen = (pair.method, spacing_key(pair.spacing_m), search.maintained) == (source.main_method, spacing, False)
+        if chosen and (pair.group, pair.world) not in drawn and len(drawn) < MOST_WORLDS:
             drawn.add((pair.group, pair.world))
             yield _trajectory(source, number, pair)
 
 
 def _trajectory(source: Source, number: int, pair: Pair) -> FigureSection:
     rows = source.rows[source.rows['pair'] == number]
-    deployed = source.results.groups[pair.group][source.spacings[0]][source.shown].at_deployed_threshold
+    deployed = source.results.groups[pair.group][source.spacings[0]][source.main_method].at_deployed_threshold
     threshold = deployed.threshold if deployed else math.inf
     # Refused scans have an infinite U: they are rejected whatever the threshold.
     answered = np.isfinite(rows['uncertainty']) & (rows['uncertainty'] <= threshold)
-    right = rows['rank'] == 0
+    correct = rows['rank'] == 0
     kinds = (
-        ('match', RIGHT, 'o', answered & right),
-        ('miss', WRONG, 's', answered & ~right & rows['positive']),
-        ('miss: the map has no place here', UNMAPPED, 'D', answered & ~rows['positive']),
-        ('rejected, would have been right', REJECTED, '+', ~answered & right),
-        ('rejected, would have been wrong', '#000000', 'x', ~answered & ~right),
+        ('correct match', CORRECT, 'o', answered & correct),
+        ('wrong match', WRONG, 's', answered & ~correct & rows['positive']),
+        ('wrong match, no positive in the map', UNMAPPED, 'D', answered & ~rows['positive']),
+        ('rejected, would be correct', REJECTED, '+', ~answered & correct),
+        ('rejected, would be wrong', '#000000', 'x', ~answered & ~correct),
     )
     figure = new_figure(8.2, 5.6)
     axis = figure.subplots()
@@ -105,12 +105,12 @@ def _trajectory(source: Source, number: int, pair: Pair) -> FigureSection:
     mapped, query = names[pair.map_index], names[pair.query_index]
     word = source.results.scans(pair.group)
     limit = f'threshold {threshold:.3f}' if deployed else 'no threshold'
-    figure.suptitle(f'{query}\nsearched in the map of {mapped} ({word}, {limit})', fontsize='small')
+    figure.suptitle(f'{query}\nsearched for in the map of {mapped} ({word}, {limit})', fontsize='small')
     return FigureSection(
         f'trajectory_{pair.group}_{pair.world}',
-        f'Along the way: {pair.world}',
-        f'Every query of {query} in the map of {mapped}: a match (right place), a miss (another place; where '
-        f'the map has no place near, nothing else was possible), or rejected for its U ({limit}); {word}.',
-        f'{len(rows)} queries on a map, coloured by match, miss and rejection',
+        f'Queries on the map: {pair.world}',
+        f'Every query of {query} in the map of {mapped}: a correct match, a wrong match (inevitable if the map has no '
+        f'positive), or rejected for its U ({limit}); {word}.',
+        f'{len(rows)} queries on a map, coloured by outcome',
         png_of(figure),
     )

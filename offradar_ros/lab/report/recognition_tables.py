@@ -1,4 +1,4 @@
-"""Recognition in the form of the paper's Tab. 1 and 2, and the paper's own figures beside."""
+"""Recognition in the form of the paper's Tab. 1 and 2, next to the figures of the paper."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from offradar_ros.lab.evaluation.results.figure import Interval
 from offradar_ros.lab.evaluation.results.recognition import Recognition
 from offradar_ros.lab.evaluation.results.search import SearchFigures
 from offradar_ros.lab.evaluation.table import number
+from offradar_ros.lab.report.labels import METHOD_NAMES, percent, spacing_label
 from offradar_ros.lab.report.paper_tables import PAPER_TABLES, PAPER_TITLES, PaperRow
 from offradar_ros.lab.report.sections import TableSection
 from offradar_ros.lab.report.source import Source
-from offradar_ros.lab.report.words import NAMES, map_words, percent
 
 RECOGNITION_HEAD = (
     'method',
@@ -32,40 +32,40 @@ PAPER_HEAD = ('R@1/5/10', 'F (as printed)', 'AP')
 
 
 def recognition_table(source: Source, group: str, spacing: str) -> TableSection:
-    """The paper's form: Recall@1, 5, 10, F_β and AP; OURS(M) where maps were maintained; the paper's own beside."""
+    """Recall@1, 5, 10, F_β and AP, with a row OURS(M) if maps were maintained, next to the figures of the paper."""
     methods = source.results.groups[group][spacing]
     rows: dict[str, Recognition] = {name: methods[name] for name in source.methods}
     ablation = source.results.maintenance.get(group, {}).get(spacing, {}).get(OURS)
     if ablation:
         rows[f'{OURS} (M)'] = ablation.maintained
-    which = _paper_of(source, group)
+    which = _paper_table_of(source, group)
     paper = PAPER_TABLES.get(which, {})
     columns = [_recognition(figures) for figures in rows.values()]
-    places = [_places([column[k] for column in columns]) for k in range(len(columns[0]))]
+    ranks = [_ranks([column[k] for column in columns]) for k in range(len(columns[0]))]
     cells = [
-        (NAMES.get(name, name), *own, *(_paper_cells(paper.get(name)) if paper else ()))
+        (METHOD_NAMES.get(name, name), *own, *(_paper_cells(paper.get(name)) if paper else ()))
         for (name, _), own in zip(rows.items(), columns, strict=True)
     ]
     first = next(iter(methods.values()))
     scans = source.results.scans(group)
-    beside = f' Right columns: {PAPER_TITLES[which]}, F as printed there' if paper else ''
+    paper_note = f' Right columns: {PAPER_TITLES[which]}, F as printed there' if paper else ''
     if paper and scans != 'recorded scans':
-        beside += '; of recorded scans and the networks of the paper, not of what is measured here'
+        paper_note += '; they are of recorded scans and of the networks of the paper'
     return TableSection(
         f'recognition_{group}_{spacing}m',
-        f'Recognition: {source.results.title(group)}, {map_words(spacing)}',
-        f'Pooled over {first.with_positive} of {first.queries} queries, those that have a right place in the '
-        f'map, of {first.pairs} ordered pairs of drives, with a 95 % bootstrap interval over pairs; '
-        f'{scans}. F is the highest over thresholds on the distance of the nearest place, for each β '
-        'by itself; AP over the same, one answer a query. R@1 of all counts every query: one without a right place is '
-        f'always wrong. AP of pairs is of every query with every place.{beside}{"." if beside else ""}',
+        f'Recognition: {source.results.title(group)}, {spacing_label(spacing)}',
+        f'Over {first.with_positive} of {first.queries} queries, those with a positive in the map, of {first.pairs} '
+        f'ordered pairs of drives, with a 95 % bootstrap interval over pairs; {scans}. F is the highest over '
+        'thresholds on the distance of the nearest place, for each β separately; AP is over the same thresholds, one '
+        'answer per query. R@1 of all counts every query: one without a positive is always wrong. AP of pairs is of '
+        f'every query with every place.{paper_note}{"." if paper_note else ""}',
         RECOGNITION_HEAD + (tuple(f'paper: {name}' for name in PAPER_HEAD) if paper else ()),
         tuple(cells),
-        *(_standing_out(places, place) for place in (0, 1)),
+        *(_cells_of_rank(ranks, rank) for rank in (0, 1)),
     )
 
 
-def _paper_of(source: Source, group: str) -> int:
+def _paper_table_of(source: Source, group: str) -> int:
     return next((known.paper for known in source.results.protocol.groups if known.name == group), 0)
 
 
@@ -95,14 +95,14 @@ def _interval(figure: Interval) -> str:
     return '-' if '-' in ends else ' to '.join(ends)
 
 
-def _standing_out(places: Sequence[Sequence[int]], place: int) -> frozenset[tuple[int, int]]:
-    """Rows and columns of the cells with this place; none in a table of one row: nothing is best of one."""
-    cells = [(row, k + 1, at) for k, column in enumerate(places) for row, at in enumerate(column) if len(column) > 1]
-    return frozenset((row, k) for row, k, at in cells if at == place)
+def _cells_of_rank(ranks: Sequence[Sequence[int]], rank: int) -> frozenset[tuple[int, int]]:
+    """(row, column) of the cells of this rank; none in a table of one row."""
+    cells = [(row, k + 1, at) for k, column in enumerate(ranks) for row, at in enumerate(column) if len(column) > 1]
+    return frozenset((row, k) for row, k, at in cells if at == rank)
 
 
-def _places(column: Sequence[str]) -> list[int]:
-    """0 for the best of a column, 1 for the second, and so on; equal ones share a place, what is no number has −1."""
+def _ranks(column: Sequence[str]) -> list[int]:
+    """Ranks of the cells of a column, 0 for the highest; equal values share a rank, a cell without a number has −1."""
     if any(' to ' in text for text in column):
         return [-1] * len(column)
     known = sorted({float(text) for text in column if text != '-'}, reverse=True)

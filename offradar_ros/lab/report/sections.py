@@ -1,4 +1,4 @@
-"""What a report is made of, whatever it is written as."""
+"""The sections of a report, independent of the format."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ import dataclasses
 class TableSection:
     """A table: `name` is that of its CSV file, `head` and `rows` are text.
 
-    `best` and `second` are the rows and columns of cells that stand out; Recall@1 and the like is higher there than
-    elsewhere in the column.
+    `best` and `second` are the (row, column) of cells with the highest and second highest value of their column.
     """
 
     name: str
@@ -24,7 +23,7 @@ class TableSection:
 
 @dataclasses.dataclass(frozen=True)
 class FigureSection:
-    """A picture: `name` is that of its file, `png` its content, `alternative` what it shows in words."""
+    """A picture: `name` is that of its file, `png` its content, `alternative` its alternative text."""
 
     name: str
     title: str
@@ -35,7 +34,7 @@ class FigureSection:
 
 @dataclasses.dataclass(frozen=True)
 class Report:
-    """Title, what is to be known before anything else, the tables and figures in their order, and how it was made."""
+    """Title, remarks for the start, tables and figures in their order, command line and software versions."""
 
     title: str
     remarks: tuple[str, ...]

@@ -1,4 +1,4 @@
-"""What `offradar evaluate` left in its folder."""
+"""The folder of an evaluation, as read."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from offradar_ros.lab.evaluation.results.results import Results, spacing_key
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Source:
-    """An evaluation's folder.
+    """The content of the folder of an evaluation.
 
     Attributes:
-        folder: where the pictures are.
-        results: as `read_results` gives them.
-        rows: (R,) structured, as `SCANS` says.
-        maps: arrays ``before_K`` and ``after_K``, (P, 3), as `map_arrays` says.
+        folder: which also holds pictures.
+        results: of the evaluation.
+        rows: (R,) of type `SCANS`.
+        maps: arrays ``before_K`` and ``after_K``, (P, 3) float64, as in `MapArrays`.
     """
 
     folder: Path
@@ -35,29 +35,29 @@ class Source:
 
     @property
     def methods(self) -> list[str]:
-        """Names of those that were measured, ours last, in the order of the paper's tables."""
+        """Names of the methods that were measured, in the order of the paper's tables, ours last."""
         known = [name for name in METHODS if name != OURS and name in self.results.methods]
         others = [name for name in self.results.methods if name not in METHODS]
         return known + others + [OURS] * (OURS in self.results.methods)
 
     @property
-    def shown(self) -> str:
-        """The method that figures of one method are of: ours where it was measured."""
+    def main_method(self) -> str:
+        """The method of the figures that show one method: ours if it was measured."""
         return self.methods[-1]
 
     @property
     def groups(self) -> list[str]:
-        """Groups with results; all of them together last, where there are several."""
+        """Groups with results; if there are several, all of them together last."""
         groups = [name for name in self.results.groups if name != ALL]
         return groups + [ALL] * (len(groups) > 1)
 
     @property
     def spacings(self) -> list[str]:
-        """Keys of the map spacings, the headline's first."""
+        """Keys of the map spacings, that of the headline figures first."""
         return list(next(iter(self.results.groups.values())))
 
-    def answered(self, group: str, spacing: str, method: str, maintained: bool = False) -> NDArray[Any]:
-        """Rows of queries that have a right place in the map, of the group's searches."""
+    def query_rows(self, group: str, spacing: str, method: str, maintained: bool = False) -> NDArray[Any]:
+        """Rows of the queries with a positive, of all searches of a group."""
         wanted = (spacing, method, maintained)
         chosen = [
             number
@@ -70,7 +70,7 @@ class Source:
 
 
 def read_source(folder: str | Path) -> Source:
-    """The folder of an evaluation; DataError names what of it is missing or damaged."""
+    """The folder of an evaluation; DataError names the file that is missing or damaged."""
     folder = Path(folder)
     results = read_results(folder / RESULTS_FILE)
     rows, maps = read_arrays(folder)

@@ -17,7 +17,10 @@ TEMPLATE = Path(__file__).with_name('page.html.jinja')
 
 
 def write_report(report: Report, folder: Path) -> list[Path]:
-    """Write the page, the Markdown, ``tables/NAME.csv`` and ``figures/NAME.png`` into `folder`, which may be there."""
+    """Write the page, the Markdown, ``tables/NAME.csv`` and ``figures/NAME.png`` into `folder`.
+
+    Files of an earlier report are replaced. The paths of all files; DataError if the folder cannot be made.
+    """
     contents: dict[str, bytes] = {
         PAGE: page(report).encode(),
         MARKDOWN: markdown(report).encode(),
@@ -37,7 +40,7 @@ def write_report(report: Report, folder: Path) -> list[Path]:
 
 
 def page(report: Report) -> str:
-    """HTML with everything in it; nothing is loaded from elsewhere, and nothing runs."""
+    """HTML that contains its pictures, loads nothing and runs no script."""
     import jinja2  # noqa: PLC0415
 
     environment = jinja2.Environment(
@@ -48,7 +51,7 @@ def page(report: Report) -> str:
 
 
 def markdown(report: Report) -> str:
-    """The same as Markdown; pictures are those of ``figures/``."""
+    """The report as Markdown; its pictures are in ``figures/``."""
     parts = [f'# {report.title}', '\n'.join(f'* {remark}' for remark in report.remarks)]
     for table in report.tables:
         lines = [table.head, ('---',) * len(table.head), *_marked(table)]

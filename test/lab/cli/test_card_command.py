@@ -13,7 +13,7 @@ from street_evaluation import evaluate_street
 from offradar_ros.encoders.pretrained import find_weights
 from offradar_ros.encoders.weights import read_header
 from offradar_ros.lab.evaluation.card.file import read_card
-from offradar_ros.lab.evaluation.results.file import write_results
+from offradar_ros.lab.evaluation.results.file import read_results, write_results
 
 
 @pytest.fixture(scope='module')
@@ -23,7 +23,7 @@ def weights() -> Path:
 
 @pytest.fixture(scope='module')
 def results(tmp_path_factory: pytest.TempPathFactory, weights: Path) -> Path:
-    """Of a small evaluation, as if it were of the shipped weights."""
+    """Results of a small evaluation, with the fingerprint of the shipped weights."""
     found = evaluate_street().results
     ours = dataclasses.replace(found.methods['ours'], fingerprint=read_header(weights).fingerprint)
     path = tmp_path_factory.mktemp('evaluation') / 'results.json'
@@ -48,23 +48,33 @@ def test_a_card_is_made_of_results_weights_and_remarks(
     assert (tmp_path / 'mine.md').read_text() == text.replace('## Limits\n\nA street alone.', 'Other remarks.')
 
 
-def test_the_shipped_page_is_written_again_from_its_figures(
-    weights: Path, tmp_path: Path, done: Callable[..., str]
-) -> None:
+def test_the_shipped_card_gives_the_shipped_page(weights: Path, tmp_path: Path, done: Callable[..., str]) -> None:
     shutil.copy(weights.with_name('compact.card.json'), tmp_path)
     done('card', tmp_path / 'compact.card.json')
     for name in ('compact.md', 'compact.card.json'):
         assert (tmp_path / name).read_text() == weights.with_name(name).read_text()
 
 
-def test_what_a_card_needs_is_named(results: Path, weights: Path, tmp_path: Path, refused: Callable[..., str]) -> None:
+def test_missing_options_and_files_are_named(
+    results: Path, weights: Path, tmp_path: Path, refused: Callable[..., str]
+) -> None:
     out = tmp_path / 'mine.card.json'
     assert '--weights, --out: expected both' in refused('card', results, '--out', out)
     assert 'expected a name that ends in .card.json' in refused(
         'card', results, '--weights', weights, '--out', tmp_path
     )
     shipped = weights.with_name('compact.card.json')
-    assert 'expected with results alone' in refused('card', shipped, '--weights', weights, '--out', out)
+    assert 'expected only with results' in refused('card', shipped, '--weights', weights, '--out', out)
     gone = ['--weights', weights, '--out', out, '--remarks', tmp_path / 'gone.md']
     assert 'gone.md: expected the remarks of a card' in refused('card', results, *gone)
     assert 'expected the results.json of offradar evaluate' in refused('card', shipped.with_suffix('.no'), *gone[:4])
+
+
+def test_results_without_ours_are_refused(
+    results: Path, weights: Path, tmp_path: Path, refused: Callable[..., str]
+) -> None:
+    found = read_results(results)
+    without = dataclasses.replace(found, methods={'stun': found.methods['stun']})
+    write_results(tmp_path / 'results.json', without)
+    options = ['--weights', weights, '--out', tmp_path / 'mine.card.json']
+    assert 'expected the method ours' in refused('card', tmp_path / 'results.json', *options)

@@ -1,4 +1,4 @@
-"""`offradar evaluate` and `offradar card`, from a protocol to files."""
+"""`offradar evaluate`, from a protocol to files."""
 
 from __future__ import annotations
 
@@ -15,7 +15,6 @@ from commands import RING_KEY
 from typer.testing import CliRunner
 
 from offradar_ros.cli.main import app
-from offradar_ros.errors import ConfigError, DataError
 from offradar_ros.geometry import GeoPoint, LocalFrame, utm_to_geodetic
 from offradar_ros.lab.evaluation.results.file import read_results
 from offradar_ros.recordings.datasets.oxford_writer import write_oxford
@@ -53,8 +52,8 @@ def evaluate(folder: Path, out: str, *more: str) -> str:
 
 def test_an_evaluation_is_repeated_from_its_cache(folder: Path) -> None:
     pytest.importorskip('matplotlib')
-    said = evaluate(folder, 'first')
-    assert 'toy: maps and traversals are not given' in said
+    output = evaluate(folder, 'first')
+    assert 'toy: maps and traversals are not given' in output
     cached = {path: path.stat().st_mtime_ns for path in (folder / 'cache').rglob('*.*')}
     evaluate(folder, 'second', '--no-pictures')
     assert {path: path.stat().st_mtime_ns for path in (folder / 'cache').rglob('*.*')} == cached
@@ -67,22 +66,6 @@ def test_an_evaluation_is_repeated_from_its_cache(folder: Path) -> None:
     assert (folder / 'first' / 'recall_at_rejection.png').is_file()
     assert (folder / 'first' / 'extremes_ring_key.png').is_file()
     assert not list((folder / 'second').glob('*.png'))
-
-
-def test_a_card_needs_results_of_ours(folder: Path) -> None:
-    evaluate(folder, 'first', '--no-pictures')
-    results = str(folder / 'first' / 'results.json')
-    runner = CliRunner()
-    with pytest.raises(DataError, match='method ours'):
-        runner.invoke(
-            app,
-            ['card', results, '--weights', results, '--out', str(folder / 'x.card.json')],
-            catch_exceptions=False,
-        )
-    with pytest.raises(ConfigError, match=r'\.card\.json'):
-        runner.invoke(
-            app, ['card', results, '--weights', results, '--out', str(folder / 'x.json')], catch_exceptions=False
-        )
 
 
 @pytest.fixture(scope='module')
@@ -109,8 +92,8 @@ def test_the_papers_oxford_experiment(oxford: Path, tmp_path: Path, done: Callab
     pytest.importorskip('matplotlib')
     pytest.importorskip('jinja2')
     out = tmp_path / 'out'
-    said = done('evaluate', 'oxford', '--data', oxford, '--method', 'ring_key', '--out', out)
-    assert '2019-01-10-14-36-48-radar-oxford-10k-partial: not found' in said
+    output = done('evaluate', 'oxford', '--data', oxford, '--method', 'ring_key', '--out', out)
+    assert '2019-01-10-14-36-48-radar-oxford-10k-partial: not found' in output
     results = read_results(out / 'results.json')
     figures = results.groups['oxford']['0']['ring_key']
     assert (figures.pairs, figures.queries) == (20, 20 * 14)
@@ -120,15 +103,15 @@ def test_the_papers_oxford_experiment(oxford: Path, tmp_path: Path, done: Callab
     assert '| RingKey | ' in text
     assert '83.68 / 86.49 / 88.32 | 0.85 / 0.81 / 0.71 | 0.94 |' in text
     assert 'simulated' not in text
-    # Without the test sequences there is nothing to measure, and a line says what is missing.
+    # A missing test sequence is named, and the others are measured.
     (oxford / results.drives[0].name).rename(oxford / 'elsewhere')
     again = done('evaluate', 'oxford', '--data', oxford, '--method', 'ring_key', '--out', out, '--no-pictures')
     assert 'oxford: not found: 2019-01-18-14-46-59-radar-oxford-10k in' in again
 
 
-def test_without_its_data_a_protocol_says_what_is_missing(tmp_path: Path, refused: Callable[..., str]) -> None:
-    said = refused('evaluate', 'mulran', '--data', tmp_path, '--method', 'ring_key', '--out', tmp_path / 'out')
-    assert 'riverside: not found: Riverside01, Riverside02 in' in said
+def test_missing_data_of_a_protocol_is_named(tmp_path: Path, refused: Callable[..., str]) -> None:
+    output = refused('evaluate', 'mulran', '--data', tmp_path, '--method', 'ring_key', '--out', tmp_path / 'out')
+    assert 'riverside: not found: Riverside01, Riverside02 in' in output
     assert 'expected a YAML file or one of the protocols' in refused('evaluate', 'cambridge', '--out', tmp_path)
 
 
@@ -137,8 +120,8 @@ def test_own_recordings(street_bag: Callable[..., Path], tmp_path: Path, done: C
     (tmp_path / 'car.yaml').write_text('query: {delta: 0.4, levels: 4, level: 3}\n')
     named = ['--map', bags[0], '--map', bags[1], '--query', bags[2], '--params', tmp_path / 'car.yaml']
     named += ['--method', 'ring_key', '--cache', tmp_path / 'cache']
-    said = done('encode', 'own', *named)
-    assert 'ring_key: 48 scans of 3 drives encoded, 0 refused' in said
+    output = done('encode', 'own', *named)
+    assert 'ring_key: 48 scans of 3 drives encoded, 0 refused' in output
     done('evaluate', *named, '--out', tmp_path, '--no-pictures')
     results = read_results(tmp_path / 'results.json')
     assert [drive.name for drive in results.drives] == ['day_0', 'day_1', 'day_2']
@@ -148,10 +131,10 @@ def test_own_recordings(street_bag: Callable[..., Path], tmp_path: Path, done: C
     assert results.maintenance['own']['5']['ring_key'].ordered_pairs == 2
     assert figures.at_deployed_threshold is not None
     assert figures.at_deployed_threshold.threshold == pytest.approx(1.2)
-    # Thresholds of another model say nothing of this one's U.
+    # A threshold of another model is not used.
     (tmp_path / 'car.yaml').write_text('query: {delta: 0.4, levels: 4, level: 3, model: abc}\n')
-    said = done('evaluate', 'own', *named, '--out', tmp_path, '--no-pictures')
-    assert 'ring_key: the threshold of --params is for model abc, this is ' in said
+    output = done('evaluate', 'own', *named, '--out', tmp_path, '--no-pictures')
+    assert 'ring_key: the threshold of --params is for model abc, the method is ' in output
     results = read_results(tmp_path / 'results.json')
     assert results.groups['own']['5']['ring_key'].at_deployed_threshold is None
     assert math.isnan(results.maintenance['own']['5']['ring_key'].recall_at_1['QM'])
@@ -164,8 +147,8 @@ def test_a_calibrated_encoder_is_evaluated_with_its_threshold(
     done('calibrate', bags[0], *RING_KEY, '--out', tmp_path / 'car.yaml')
     written = yaml.safe_load((tmp_path / 'car.yaml').read_text())['/**']['ros__parameters']
     named = ['--map', bags[1], '--query', bags[2], '--params', tmp_path / 'car.yaml', '--method', 'ring_key']
-    said = done('evaluate', *named, '--out', tmp_path / 'out', '--no-pictures')
-    assert 'threshold of --params' not in said
+    output = done('evaluate', *named, '--out', tmp_path / 'out', '--no-pictures')
+    assert 'threshold of --params' not in output
     results = read_results(tmp_path / 'out' / 'results.json')
     assert results.methods['ring_key'].fingerprint == written['query']['model']
     query = written['query']
@@ -178,19 +161,18 @@ def test_a_calibrated_encoder_is_evaluated_with_its_threshold(
     assert math.isnan(figures.recall_at_1.low)
 
 
-@pytest.mark.parametrize('name', ['blank', 'asked_blank'])
-def test_what_cannot_be_found_is_reported_all_the_same(
-    name: str, street_bag: Callable[..., Path], tmp_path: Path, done: Callable[..., str]
+@pytest.mark.parametrize('role', ['map', 'query'])
+def test_a_recording_without_signal_is_mapped_or_searched_for(
+    role: str, street_bag: Callable[..., Path], tmp_path: Path, done: Callable[..., str]
 ) -> None:
-    """A recording without any signal, as map or as query: nothing is found, but nothing fails."""
     pytest.importorskip('matplotlib')
     pytest.importorskip('jinja2')
     near = street_bag('near', count=8)
     blank = street_bag('blank', count=8, silent=True)
-    maps, queries = {'blank': (blank, near), 'asked_blank': (near, blank)}[name]
+    maps, queries = {'map': (blank, near), 'query': (near, blank)}[role]
     out = tmp_path / 'out'
-    said = done('evaluate', '--map', maps, '--query', queries, '--method', 'ring_key', '--out', out)
-    assert {'blank': 'blank: none of its scans can be mapped'}.get(name, '') in said
+    output = done('evaluate', '--map', maps, '--query', queries, '--method', 'ring_key', '--out', out)
+    assert {'map': 'blank: none of its scans can be mapped'}.get(role, '') in output
     assert 'report.html' in done('report', out)
     results = read_results(out / 'results.json')
     figures = results.groups['own']['5']['ring_key']
@@ -222,12 +204,12 @@ def test_revisits_of_one_recording(street_bag: Callable[..., Path], tmp_path: Pa
     done('evaluate', *named, '--exclusion-s', 2, '--out', tmp_path / 'near')
     figures = read_results(tmp_path / 'near' / 'results.json').groups['own']['5']['ring_key']
     assert (figures.pairs, figures.queries) == (1, 24)
-    said = done('evaluate', *named, '--exclusion-s', 60, '--out', tmp_path / 'far')
-    assert 'note: day: never comes back to where it was' in said
+    output = done('evaluate', *named, '--exclusion-s', 60, '--out', tmp_path / 'far')
+    assert 'note: day: never returns to a place' in output
     assert 'report.html' in done('report', tmp_path / 'far')
 
 
-def test_a_recording_is_not_its_own_map_by_mistake(
+def test_a_recording_in_its_own_map_needs_an_exclusion(
     street_bag: Callable[..., Path], tmp_path: Path, refused: Callable[..., str]
 ) -> None:
     day = street_bag('day', count=4)
@@ -236,22 +218,22 @@ def test_a_recording_is_not_its_own_map_by_mistake(
     )
 
 
-def test_drives_of_two_cities_are_refused_before_anything_is_encoded(
+def test_drives_that_are_far_apart_are_refused(
     street_bag: Callable[..., Path], tmp_path: Path, refused: Callable[..., str]
 ) -> None:
     near, far = street_bag('near', count=4), street_bag('far', count=4, lane_m=400.0)
-    said = refused('evaluate', '--map', near, '--query', far, '--method', 'ring_key', '--out', tmp_path / 'o')
-    assert 'far: no scan within 25 m of near, the nearest 400 m away' in said
+    output = refused('evaluate', '--map', near, '--query', far, '--method', 'ring_key', '--out', tmp_path / 'o')
+    assert 'far: no scan within 25 m of near, the nearest 400 m away' in output
 
 
-def test_recorded_scans_are_named_by_the_user(
+def test_recorded_scans_are_compared(
     street_bag: Callable[..., Path], tmp_path: Path, done: Callable[..., str], refused: Callable[..., str]
 ) -> None:
     bags = [street_bag(f'day_{number}', count=8, noise_seed=number) for number in range(2)]
     named = ['evaluate', '--map', bags[0], '--query', bags[1], '--method', 'ring_key', '--out', tmp_path / 'out']
     compared = ['--clean-scans', bags[0], '--compared-scans', f'rain={bags[1]}']
-    said = done(*named, *compared, '--no-pictures')
-    assert 'U of recorded scans' in said
+    output = done(*named, *compared, '--no-pictures')
+    assert 'U of recorded scans' in output
     recorded = read_results(tmp_path / 'out' / 'results.json').recorded
     assert recorded is not None
     assert (recorded.clean, recorded.compared) == ('day_0', {'rain': 'day_1'})
@@ -261,7 +243,7 @@ def test_recorded_scans_are_named_by_the_user(
     assert 'no such folder' in refused(*named, '--clean-scans', tmp_path / 'gone')
 
 
-def test_a_misspelt_method_is_guessed(tmp_path: Path, refused: Callable[..., str]) -> None:
+def test_a_misspelt_method_is_named(tmp_path: Path, refused: Callable[..., str]) -> None:
     assert 'did you mean ring_key?' in refused('evaluate', '--method', 'rink_key', '--out', tmp_path)
     assert 'ring_key has no weights' in refused('evaluate', '--method', 'ring_key=compact', '--out', tmp_path)
 
@@ -277,19 +259,21 @@ def test_a_cache_that_is_a_file_is_named(
     assert 'expected a folder for embeddings (Not a directory)' in ran.err
 
 
-def test_methods_have_names_of_their_own(tmp_path: Path, refused: Callable[..., str]) -> None:
+def test_a_method_that_is_given_twice_is_refused(tmp_path: Path, refused: Callable[..., str]) -> None:
     twice = ['--method', 'ring_key', '--method', 'ring_key']
     assert 'expected each name once' in refused('evaluate', *twice, '--out', tmp_path)
 
 
-def test_maps_and_queries_come_together(tmp_path: Path, refused: Callable[..., str]) -> None:
+def test_maps_need_queries(tmp_path: Path, refused: Callable[..., str]) -> None:
     assert 'protocol own: expected at least one --map and one --query' in refused('evaluate', '--map', tmp_path)
     assert 'expected at least one --map and one --query' in refused('evaluate', 'own', '--out', tmp_path / 'o')
     gone = ['--map', tmp_path / 'gone', '--query', tmp_path]
     assert f'{tmp_path / "gone"}: no such folder' in refused('evaluate', *gone, '--out', tmp_path / 'o')
 
 
-def test_real_streets_are_driven_both_ways(real_data: Path, tmp_path: Path, done: Callable[..., str]) -> None:
+def test_traversals_of_real_streets_are_mapped_and_searched_for(
+    real_data: Path, tmp_path: Path, done: Callable[..., str]
+) -> None:
     protocol = yaml.safe_load(shipped_file('protocols', 'mulran_simulated').read_text())
     protocol |= {'drive_spacing_m': 200.0, 'map_spacings_m': [200.0], 'tolerance_m': 150.0, 'negative_m': 150.0}
     protocol['validation'] |= {'cities': [2900001], 'scans': 5}

@@ -1,3 +1,5 @@
+"""`offradar simulate`: drives as bags and folders, and their ground truth."""
+
 from __future__ import annotations
 
 import csv
@@ -56,7 +58,7 @@ def test_the_number_of_processes_changes_nothing(done: Callable[..., str], tmp_p
         assert alone == together and len(alone) == 12 + 4
 
 
-def test_an_oxford_folder_is_one_to_every_reader(done: Callable[..., str], tmp_path: Path) -> None:
+def test_an_oxford_folder_is_read_as_such(done: Callable[..., str], tmp_path: Path) -> None:
     drives = ('--sessions', 1, '--scans', 4, '--format', 'oxford', '--sensor', 'cts350x', *ONE_PROCESS)
     done('simulate', 'city', '--out', tmp_path, *drives)
     folder = tmp_path / 'session_1'
@@ -70,8 +72,8 @@ def test_an_oxford_folder_is_one_to_every_reader(done: Callable[..., str], tmp_p
 
 
 def test_sessions_are_drives_of_one_route_a_day_apart(done: Callable[..., str], tmp_path: Path) -> None:
-    said = done('simulate', 'city', '--out', tmp_path, '--sessions', 3, '--scans', 6, *ONE_PROCESS)
-    assert said == ''.join(f'{tmp_path / f"session_{n}"}: written\n' for n in (1, 2, 3))
+    output = done('simulate', 'city', '--out', tmp_path, '--sessions', 3, '--scans', 6, *ONE_PROCESS)
+    assert output == ''.join(f'{tmp_path / f"session_{n}"}: written\n' for n in (1, 2, 3))
     drives = [BagSequence(tmp_path / f'session_{n}') for n in (1, 2, 3)]
     assert [len(drive) for drive in drives] == [6, 6, 6]
     starts = [int(drive.stamps_ns[0]) for drive in drives]
@@ -95,7 +97,7 @@ def test_two_way_drives_every_second_session_backwards(done: Callable[..., str],
     assert np.all(np.cos(back[:, 2] - there[away_m.argmin(axis=1), 2]) < -0.9)
 
 
-def test_the_ground_truth_tells_what_is_degraded(done: Callable[..., str], tmp_path: Path) -> None:
+def test_the_ground_truth_names_degraded_scans(done: Callable[..., str], tmp_path: Path) -> None:
     for share in (0.0, 0.5):
         faults = ('--degraded', share, '--kind', 'flooded', '--kind', 'blocked')
         done('simulate', 'city', '--out', tmp_path / f'{share}', '--sessions', 1, '--scans', 8, *faults, *ONE_PROCESS)
@@ -141,7 +143,7 @@ def test_a_recorded_drive_is_followed_through_a_map(done: Callable[..., str], tm
 
 
 @pytest.mark.parametrize(
-    ('arguments', 'said'),
+    ('arguments', 'message'),
     [
         (('village',), 'expected city, city:SEED or the YAML file of a nav2 map'),
         (('city:x',), 'expected city, city:SEED or the YAML file of a nav2 map'),
@@ -152,10 +154,10 @@ def test_a_recorded_drive_is_followed_through_a_map(done: Callable[..., str], tm
         (('city', '--traversal', 'nowhere.tum'), 'nowhere.tum: cannot be read'),
     ],
 )
-def test_what_is_wrong_is_named(
-    refused: Callable[..., str], tmp_path: Path, arguments: tuple[str, ...], said: str
+def test_an_invalid_argument_is_named(
+    refused: Callable[..., str], tmp_path: Path, arguments: tuple[str, ...], message: str
 ) -> None:
-    assert said in refused('simulate', *arguments, '--out', tmp_path / 'out')
+    assert message in refused('simulate', *arguments, '--out', tmp_path / 'out')
 
 
 def test_a_map_without_a_drive_is_refused(refused: Callable[..., str], tmp_path: Path, mapped: Path) -> None:
@@ -163,7 +165,7 @@ def test_a_map_without_a_drive_is_refused(refused: Callable[..., str], tmp_path:
 
 
 @pytest.mark.parametrize('format_', ['bag', 'oxford'])
-def test_existing_drives_are_kept_unless_told(
+def test_existing_drives_are_kept_without_overwrite(
     done: Callable[..., str], offradar: Callable[..., Any], refused: Callable[..., str], tmp_path: Path, format_: str
 ) -> None:
     command = ('simulate', 'city', '--out', tmp_path, '--sessions', 1, '--format', format_, *ONE_PROCESS)
@@ -184,5 +186,5 @@ def test_a_folder_of_another_format_is_not_replaced(
 
 
 def test_a_folder_that_cannot_be_written_is_refused(refused: Callable[..., str], tmp_path: Path) -> None:
-    (tmp_path / 'file').write_text('in the way')
+    (tmp_path / 'file').write_text('')
     assert 'cannot be written' in refused('simulate', 'city', '--out', tmp_path / 'file', '--scans', 2, *ONE_PROCESS)

@@ -1,4 +1,4 @@
-"""Protocols from YAML, and everything that is not one."""
+"""Protocols from YAML, and the messages for invalid ones."""
 
 from __future__ import annotations
 
@@ -43,14 +43,14 @@ def test_held_out_and_quick_protocols_share_no_world() -> None:
     assert not first & second
 
 
-def test_whole_numbers_are_metres_too(tmp_path: Path) -> None:
+def test_a_whole_number_is_read_as_a_float(tmp_path: Path) -> None:
     path = tmp_path / 'p.yaml'
     path.write_text(GOOD)
     assert read_protocol(path).lanes[1].left_m == 2.0
 
 
 @pytest.mark.parametrize(
-    ('change', 'said'),
+    ('change', 'message'),
     [
         ('scnas: 5', r'key scnas is unknown: did you mean scans\?'),
         ('scans: many', 'key scans: expected a whole number'),
@@ -62,8 +62,8 @@ def test_whole_numbers_are_metres_too(tmp_path: Path) -> None:
         ('groups: [{name: a, title: A, physics: odd, cities: [1]}]', 'physics: expected one of nominal'),
         ('groups: [{name: a, title: A, physics: drawn}]', 'expected cities, streets or recorded'),
         ('groups: [{name: a, physics: drawn, cities: [1]}]', r'key groups\[0\].title is missing'),
-        ('groups: [{name: all, title: A, physics: drawn, cities: [1]}]', 'not all or validation'),
-        ('groups: [{name: validation, title: A, cities: [1]}]', 'not all or validation'),
+        ('groups: [{name: all, title: A, physics: drawn, cities: [1]}]', 'none of them all or validation'),
+        ('groups: [{name: validation, title: A, cities: [1]}]', 'none of them all or validation'),
         ('groups: [{name: a, title: A, cities: [1, 1]}]', 'group a: expected each world once'),
         ('maintenance: {random_repeats: 0}', 'random_repeats of at least 1'),
         ('lanes: [{}]', 'lanes: expected at least two'),
@@ -75,14 +75,14 @@ def test_whole_numbers_are_metres_too(tmp_path: Path) -> None:
         ('validation: {scans: 0}', 'validation: expected at least one scan'),
     ],
 )
-def test_one_line_says_what_is_wrong(tmp_path: Path, change: str, said: str) -> None:
+def test_an_invalid_key_is_named_in_one_line(tmp_path: Path, change: str, message: str) -> None:
     path = tmp_path / 'p.yaml'
     tree = yaml.safe_load(GOOD) | yaml.safe_load(change)
     path.write_text(yaml.safe_dump(tree))
-    with pytest.raises(ConfigError, match=said) as caught:
+    with pytest.raises(ConfigError, match=message) as refused:
         read_protocol(path)
-    assert str(caught.value).startswith(str(path))
-    assert '\n' not in str(caught.value)
+    assert str(refused.value).startswith(str(path))
+    assert '\n' not in str(refused.value)
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
@@ -99,7 +99,7 @@ VALUES = st.recursive(
 
 @settings(max_examples=60, deadline=None)
 @given(st.dictionaries(st.sampled_from([*Protocol.__dataclass_fields__, 'other']), VALUES, max_size=4), st.booleans())
-def test_anything_else_is_a_config_error(
+def test_an_arbitrary_tree_is_a_protocol_or_a_config_error(
     tmp_path_factory: pytest.TempPathFactory, tree: dict[str, Any], whole: bool
 ) -> None:
     path = tmp_path_factory.mktemp('protocol') / 'p.yaml'

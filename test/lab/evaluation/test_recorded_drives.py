@@ -1,4 +1,4 @@
-"""Recorded traversals as drives: where their scans are, which of them count, and what is not there."""
+"""Recorded traversals as drives: positions, regions, and missing recordings."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def protocol_of(*roads: Recorded, **changes: object) -> Protocol:
 
 @pytest.fixture(scope='module')
 def data(tmp_path_factory: pytest.TempPathFactory, street: Callable[..., object]) -> Path:
-    """Three drives of one street, 30 m long, a second of scans apart; and one that never meets them."""
+    """Three drives of one street, 30 m long, and a fourth on another road."""
     root = tmp_path_factory.mktemp('data')
     for number, lane_m in enumerate((0.0, 1.5, -1.0)):
         drive = street(count=24, lane_m=lane_m, noise_seed=number, name=f'd{number}')
@@ -65,7 +65,7 @@ def test_a_road_is_mapped_and_searched_as_named(data: Path) -> None:
     assert [(d.mapped, d.queried) for d in drives] == [(True, False), (False, True), (False, True)]
 
 
-def test_only_the_test_region_of_a_split_counts(data: Path, tmp_path: Path) -> None:
+def test_only_scans_in_the_test_region_of_a_split_are_kept(data: Path, tmp_path: Path) -> None:
     centre = LocalFrame(ORIGIN).to_geodetic(np.array([[10.0, 0.0, 0.0]]))
     easting_m, northing_m, _ = geodetic_to_utm(centre, 32630)[0].tolist()
     circle = {'northing_m': northing_m, 'easting_m': easting_m, 'radius_m': 6.0}
@@ -90,7 +90,7 @@ def test_only_the_test_region_of_a_split_counts(data: Path, tmp_path: Path) -> N
     ]
 
 
-def test_what_is_missing_is_told_and_the_rest_goes_on(data: Path) -> None:
+def test_missing_recordings_are_noted_and_the_others_are_opened(data: Path) -> None:
     protocol = protocol_of(Recorded('r', sequences=('d0', 'gone', 'd2')), validation=Validation(sequences=('lost',)))
     found = recorded_drives(protocol, RecordedSource(data))
     assert [drive.name for drive in found.drives] == ['d0', 'd2']
@@ -101,14 +101,14 @@ def test_what_is_missing_is_told_and_the_rest_goes_on(data: Path) -> None:
     assert [drive.name for drive in opened(data, within)] == ['d0']
 
 
-def test_validation_takes_scans_evenly_whether_or_not_they_have_positions(data: Path) -> None:
+def test_validation_takes_scans_at_equal_steps_with_or_without_positions(data: Path) -> None:
     road = Recorded('r', sequences=('d0', 'd1'))
     *_, clean = opened(data, protocol_of(road, validation=Validation(sequences=('d2',), scans=4)))
     assert (clean.group, len(clean), clean.mapped) == ('validation', 4, False)
     np.testing.assert_array_equal(np.diff(clean.stamps_ns) // 250_000_000, [8, 7, 8])
 
 
-def test_an_unreadable_scan_is_refused_not_fatal(data: Path, tmp_path: Path, street: Callable[..., object]) -> None:
+def test_an_unreadable_scan_is_refused(data: Path, tmp_path: Path, street: Callable[..., object]) -> None:
     for name in ('a', 'b'):
         write_oxford(street(count=6), tmp_path / name)
     damaged = sorted((tmp_path / 'a' / 'radar').iterdir())[2]
@@ -133,12 +133,12 @@ def quiet_options(out: Path, data: Path) -> Options:
     return Options(out, out / 'cache', 'offradar evaluate …', Bar, recorded=RecordedSource(data), pictures=False)
 
 
-def test_a_recorded_road_is_evaluated_both_ways(data: Path, tmp_path: Path) -> None:
+def test_every_drive_of_a_recorded_road_is_mapped_and_searched_for(data: Path, tmp_path: Path) -> None:
     protocol = protocol_of(Recorded('r', sequences=('d0', 'd1', 'd2')), validation=Validation(sequences=('d2',)))
     results = evaluate(protocol, ['ring_key'], quiet_options(tmp_path, data))
     figures = results.groups['g']['0']['ring_key']
     assert (figures.pairs, figures.queries, figures.with_positive) == (6, 144, 144)
-    # The reflectors of the street look the same from a lane beside: most scans are found, but not all.
+    # The reflectors look similar from the next lane: most scans are found, but not all.
     assert figures.recall_at_1.value > 0.8
     assert np.isnan(figures.recall_at_1_clean.value)
     assert results.maintenance['g']['0']['ring_key'].ordered_pairs == 6
@@ -148,7 +148,7 @@ def test_a_recorded_road_is_evaluated_both_ways(data: Path, tmp_path: Path) -> N
     assert results.skipped == ()
 
 
-def test_drives_that_never_meet_are_told_of(data: Path, tmp_path: Path) -> None:
+def test_drives_of_different_roads_are_reported(data: Path, tmp_path: Path) -> None:
     away = 'the nearest 300 m away: other roads, or positions that do not agree'
     with pytest.raises(DataError, match=f'^elsewhere: no scan within 3 m of d0, {away}$'):
         evaluate(protocol_of(Recorded('r', sequences=('d0', 'elsewhere'))), ['ring_key'], quiet_options(tmp_path, data))
@@ -158,7 +158,9 @@ def test_drives_that_never_meet_are_told_of(data: Path, tmp_path: Path) -> None:
     assert results.groups['g']['0']['ring_key'].with_positive == 24
 
 
-def test_folders_of_one_name_are_told_apart(data: Path, tmp_path: Path, street: Callable[..., object]) -> None:
+def test_folders_of_one_name_have_different_names_in_results(
+    data: Path, tmp_path: Path, street: Callable[..., object]
+) -> None:
     write_bag(street(count=6), tmp_path / 'd0')
     drives = opened(data, protocol_of(Recorded('r', sequences=('d0', str(tmp_path / 'd0')))))
     assert [drive.name for drive in drives] == [f'{data.name}/d0', f'{tmp_path.name}/d0']

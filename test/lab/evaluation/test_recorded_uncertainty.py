@@ -27,18 +27,18 @@ def scan(power: np.ndarray, resolution_m: float = 0.0432) -> PolarScan:
     return PolarScan(0, power, azimuths_rad, resolution_m, 0.0)
 
 
-def test_blocked_rows_keep_nothing_of_the_world() -> None:
+def test_blocked_rows_hold_noise_alone() -> None:
     power = np.full((40, 100), 90, np.uint8)
     power[:, 90:] = 7
     degraded = blocked(scan(power), np.random.default_rng(1), 0.25)
     changed = (degraded != power).any(axis=1)
     assert changed.sum() == 10
     assert (degraded[changed] == 7).all()
-    # Neighbours, also where they go on at the first row.
+    # They are neighbours; the first row follows the last.
     assert (changed != np.roll(changed, 1)).sum() == 2
 
 
-def test_flooding_adds_power_of_the_level_asked_for() -> None:
+def test_flooding_adds_noise_of_its_level() -> None:
     power = np.full((200, 400), 10, np.uint8)
     power[3, 3] = 180
     degraded = flooded(scan(power), np.random.default_rng(1), 20.0)
@@ -48,7 +48,7 @@ def test_flooding_adds_power_of_the_level_asked_for() -> None:
     assert (degraded >= power).all()
 
 
-def test_flooding_is_the_same_over_what_the_receiver_resolves_and_no_further() -> None:
+def test_flooding_is_correlated_over_the_resolution_of_the_receiver() -> None:
     degraded = flooded(scan(np.zeros((400, 600), np.uint8)), np.random.default_rng(1), 30.0).astype(float)
     degraded -= degraded.mean()
     correlations = [np.mean(degraded[:, k:] * degraded[:, : 600 - k]) / np.mean(degraded**2) for k in (1, 4, 40)]
@@ -91,7 +91,7 @@ def test_a_bag_is_measured_too(street_bag: Callable[..., Path]) -> None:
     assert counts == [(done, 18) for done in range(1, 19)]
 
 
-def test_conditions_have_names_of_their_own(tmp_path: Path) -> None:
+def test_the_name_of_a_degradation_is_refused_for_a_recording(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match='blocked_25: expected another name'):
         RecordedScans(tmp_path, {'blocked_25': tmp_path})
 

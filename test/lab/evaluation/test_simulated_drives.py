@@ -1,4 +1,4 @@
-"""What of a protocol is simulated: drives through its cities, and along its streets where their folder is given."""
+"""The simulated drives of a protocol: through its cities, and along its streets if their folder is given."""
 
 from __future__ import annotations
 

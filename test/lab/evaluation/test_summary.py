@@ -1,4 +1,4 @@
-"""Figures of several pairs against loops."""
+"""Figures over several pairs against loops."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from street_evaluation import StreetEvaluation
 
 from offradar_ros.lab.evaluation.answers import Answers
 from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive
-from offradar_ros.lab.evaluation.figures import draw_rejection_curves, draw_severity
+from offradar_ros.lab.evaluation.plots import draw_rejection_curves, draw_severity
 from offradar_ros.lab.evaluation.protocol import Protocol
 from offradar_ros.lab.evaluation.results.search import SearchFigures
 from offradar_ros.lab.evaluation.runner import Measured
@@ -165,7 +165,7 @@ def test_figures_at_thresholds_against_a_loop(summarised: Summarised) -> None:
         assert row.recall_at_1 == pytest.approx(mean_correct(kept) if kept else math.nan, nan_ok=True)
 
 
-def test_every_scan_counts_once_for_what_u_follows(
+def test_every_scan_counts_once_in_the_distribution_of_u(
     measured_street: Callable[..., Measured], embedded_street: Callable[..., EmbeddedDrive], small_protocol: Protocol
 ) -> None:
     drives = [embedded_street(index, 50) for index in range(3)]
@@ -178,7 +178,7 @@ def test_every_scan_counts_once_for_what_u_follows(
     assert figures.mean_by_kind['clean'] < figures.mean_by_kind['blocked']
 
 
-def test_tables_and_pictures_can_be_drawn(
+def test_tables_and_plots_are_drawn(
     street_evaluation: StreetEvaluation, small_protocol: Protocol, tmp_path: Path
 ) -> None:
     answers = [answers for m in street_evaluation.measured for answers in m.answers]

@@ -1,4 +1,4 @@
-"""A report of a small evaluation: what it says, and that a browser shows all of it."""
+"""The report of a small evaluation: its content, and how a browser shows it."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ FLAGS = (
 )
 COUNT_SCRIPT = """<script>
 const images = [...document.images];
-document.documentElement.setAttribute('data-seen', JSON.stringify(
+document.documentElement.setAttribute('data-images', JSON.stringify(
   images.map(image => [image.closest('section').id, image.naturalWidth, image.alt.length > 0])));
 if (location.hash) throw new Error('not of the page');
 </script>"""
@@ -86,7 +86,7 @@ def test_the_tables_hold_the_results(folder: Path) -> None:
     assert [float(row[1]) for row in thresholds] == sorted((float(row[1]) for row in thresholds), reverse=True)
 
 
-def test_what_was_driven_is_reported(folder: Path) -> None:
+def test_the_drives_are_reported(folder: Path) -> None:
     table = rows_of(folder, 'drives')
     assert [row[0] for row in table[1:]] == ['city_2999971_1', 'city_2999971_2', 'city_2999971_3', 'city_2999972_1']
     assert [row[2] for row in table[1:]] == ['12', '12', '12', '6']
@@ -95,7 +95,7 @@ def test_what_was_driven_is_reported(folder: Path) -> None:
 
 
 def test_the_printed_f_columns_are_no_maxima_of_f_beta() -> None:
-    """Why nothing is compared with those columns, whatever β each of them is."""
+    """The reason why reports do not compare figures with these columns."""
     rows = [row for table in PAPER_TABLES.values() for row in table.values()]
     # To accept everything gives F_β = Recall@1 for every β: no maximum over thresholds is below that.
     below = sum(row.f_printed[1] + 0.005 < row.recall_at_1 / 100.0 for row in rows)
@@ -106,14 +106,14 @@ def test_the_printed_f_columns_are_no_maxima_of_f_beta() -> None:
         assert 1.0 / (one - 0.005) < (1.0 / (half + 0.005) + 1.0 / (two + 0.005)) / 2.0
 
 
-def test_every_caption_says_that_scans_are_simulated(folder: Path) -> None:
+def test_every_caption_names_simulated_scans(folder: Path) -> None:
     text = (folder / 'report' / 'report.md').read_text()
     pictures = re.findall(r'!\[.*\]\(figures/.*\.png\)\n\n(.*)\n', text)
     assert len(pictures) >= 7
     assert all('simulated' in caption.lower() for caption in pictures)
 
 
-def test_markdown_and_page_say_the_same_and_load_nothing(folder: Path) -> None:
+def test_markdown_and_page_have_the_same_sections_and_load_nothing(folder: Path) -> None:
     page = (folder / 'report' / 'report.html').read_text()
     text = (folder / 'report' / 'report.md').read_text()
     titles = re.findall('^## (.*)$', text, re.MULTILINE)
@@ -133,7 +133,7 @@ def test_a_browser_shows_every_figure_without_an_error(folder: Path, tmp_path: P
     assert {name for name, _, _ in seen} == names
     assert all(width > 100 and described for _, width, described in seen)
     assert not errors
-    # A page that fails is noticed.
+    # The check notices a damaged page.
     broken = page.replace('</body>', '<script>missing();</script>' + COUNT_SCRIPT + '</body>')
     broken = broken.replace('data:image/png;base64,iVBOR', 'data:image/png;base64,AAAAA', 1)
     seen, errors = browse(broken, tmp_path)
@@ -148,7 +148,7 @@ def browse(page: str, folder: Path) -> tuple[list[tuple[str, int, bool]], list[s
     profile = folder / 'profile'
     command = [BROWSER, *FLAGS.split(), f'--user-data-dir={profile}', (folder / 'page.html').as_uri()]
     done = subprocess.run(command, capture_output=True, text=True, timeout=300, check=True)
-    found = re.search('data-seen="([^"]*)"', done.stdout)
+    found = re.search('data-images="([^"]*)"', done.stdout)
     assert found
     return json.loads(html.unescape(found[1])), re.findall('.*CONSOLE.*', done.stderr)
 
@@ -161,10 +161,10 @@ def test_a_folder_without_an_evaluation_is_refused(tmp_path: Path, folder: Path)
         read_source(tmp_path)
 
 
-def test_rows_of_a_group_are_those_of_its_pairs(source: Source) -> None:
+def test_query_rows_give_the_recall_of_the_results(source: Source) -> None:
     results = source.results
     for maintained in (False, True):
-        rows = source.answered('a', '15', 'ring_key', maintained)
+        rows = source.query_rows('a', '15', 'ring_key', maintained)
         recall = float(np.mean(rows['rank'] == 0))
         expected = results.maintenance['a']['15']['ring_key'].recall_at_1['M' if maintained else 'O']
         assert recall == pytest.approx(expected)

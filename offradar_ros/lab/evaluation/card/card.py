@@ -1,4 +1,4 @@
-"""What a model card says: the results of one method beside those of others, and its author's remarks."""
+"""The content of a model card: results of one method and of those it is compared with, and the author's remarks."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from offradar_ros.records import Measure
 
 @dataclasses.dataclass(frozen=True)
 class CardWeights:
-    """The weights that the card is of.
+    """The weights that the card describes.
 
     Attributes:
         file: its name.
-        sha256: of its bytes.
+        sha256: of the file.
         size_bytes: of the file.
-        fingerprint: of the model, as its embeddings carry it.
+        fingerprint: of the model.
         dimension: d of the embedding.
         settings: of the network, JSON.
     """
@@ -67,9 +67,9 @@ class CardUncertainty:
 
 @dataclasses.dataclass(frozen=True)
 class Card:
-    """A model card; its Markdown says what is here, and nothing else.
+    """A model card; its Markdown contains what is here, and nothing else.
 
-    The first figures are those for programs: over all groups, with the protocol's first map spacing.
+    The figures up to `map_maintenance` are over all groups, with the protocol's first map spacing.
 
     Attributes:
         recall_at_1: by method.
@@ -81,22 +81,22 @@ class Card:
         map_maintenance: Recall@1 of O, M, M_random, Q and QM; empty where no map was maintained.
         worlds: that were searched.
         seeds: of every world.
-        command: of the evaluation.
+        command: the command of the evaluation.
         name: of the weights.
-        method: their name in the results.
+        method: its name in the results.
         weights: the file.
-        remarks: of the author, Markdown; what no figure says, such as the intended use and the limits.
+        remarks: of the author, Markdown: intended use, limits and the like.
         training: configuration of the training run, YAML; empty if not given.
-        card_command: that made this card from results.
+        card_command: the command that made the card.
         created: when the results were measured, ISO 8601.
         versions: of the software that measured them.
         protocol: what was measured.
-        skipped: in words, what of the protocol was not measured.
-        threshold: the one in use, NaN where none is.
+        skipped: notes on what was not measured.
+        threshold: the one in use, NaN for none.
         groups: figures of searches.
         maintenance: of the method, by group and map spacing.
         uncertainty: U of the method.
-        recorded: U of recorded scans, of the method alone; None where it was not measured.
+        recorded: U of recorded scans, of this method only; None if not measured.
     """
 
     recall_at_1: dict[str, Measure]

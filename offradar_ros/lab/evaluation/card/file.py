@@ -1,4 +1,4 @@
-"""A card's two files: NAME.card.json for programs and NAME.md for people."""
+"""The two files of a card: NAME.card.json for programs, NAME.md for readers."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def card_name(path: Path) -> str:
 
 
 def write_card(path: Path, card: Card) -> Path:
-    """Write both files; the path of the Markdown. ModelError where they cannot be written."""
+    """Write both files and return the path of the Markdown. ModelError where they cannot be written."""
     markdown = path.with_name(f'{card_name(path)}.md')
     FORMAT.write(path, card)
     write_atomically(markdown, card_markdown(card).encode())
@@ -38,5 +38,5 @@ def write_card(path: Path, card: Card) -> Path:
 
 
 def read_card(path: Path) -> Card:
-    """What `write_card` wrote; DataError for anything else."""
+    """The card in a file of `write_card`; DataError for another file."""
     return FORMAT.read(path)

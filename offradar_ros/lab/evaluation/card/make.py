@@ -21,7 +21,7 @@ from offradar_ros.lab.evaluation.results.uncertainty import UncertaintyFigures
 
 @dataclasses.dataclass(frozen=True)
 class CardSources:
-    """What a card is made of beside results.
+    """What a card is made of, apart from results.
 
     Attributes:
         name: of the weights.
@@ -29,7 +29,7 @@ class CardSources:
         fingerprint: of the model in that file.
         command: that makes the card.
         remarks: of the author, Markdown.
-        training: folder of the training run, if given.
+        training: folder of the training run, or None.
     """
 
     name: str
@@ -43,7 +43,7 @@ class CardSources:
 def make_card(results: Results, sources: CardSources) -> Card:
     """The card of the weights of method ours.
 
-    DataError where the results have no such method or are of other weights, or where a file cannot be read.
+    DataError if the results lack this method or are of other weights, or if a file cannot be read.
     """
     require_ours(results)
     method = results.methods[OURS]
@@ -96,7 +96,7 @@ def make_card(results: Results, sources: CardSources) -> Card:
 
 
 def require_ours(results: Results) -> None:
-    """DataError where the results have no method ours."""
+    """DataError if the results have no method ours."""
     if OURS not in results.methods:
         raise DataError('results: expected the method ours: run offradar evaluate with --method ours=WEIGHTS')
 

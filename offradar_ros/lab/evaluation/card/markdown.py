@@ -1,4 +1,4 @@
-"""A card as Markdown. Every sentence follows from what was measured; the rest are the author's remarks."""
+"""A card as Markdown: every sentence follows from what was measured, or is a remark of the author."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from offradar_ros.lab.evaluation.results.ablation import CASES
 from offradar_ros.lab.evaluation.table import number, with_interval
 
 SHARES = 6
-"""So many points of Recall@RR are shown."""
+"""Number of points of Recall@RR that are shown."""
 
 HEAD = (
     'method',

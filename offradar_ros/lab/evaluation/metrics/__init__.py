@@ -1,1 +1,1 @@
-"""What is measured, one figure a file; none knows where its numbers came from."""
+"""Metrics, one per file; they take plain arrays."""

@@ -25,7 +25,7 @@ def auroc(scores: ArrayLike, positive: ArrayLike, weights: ArrayLike | None = No
 
 
 def auroc_of(counts: ScoreCounts) -> float:
-    """The same of scores that are counted already."""
+    """`auroc` of counted scores."""
     positives, negatives = counts.positives, counts.samples - counts.positives
     total = float(positives.sum()) * float(negatives.sum())
     if not total > 0.0:

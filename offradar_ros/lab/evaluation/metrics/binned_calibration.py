@@ -1,7 +1,7 @@
 """Expected calibration error over bins of U, as STUN (Cai et al., 2022) measures it.
 
-U is no probability. Its range is cut into ten bins, and in the bin with the b-th lowest U recall is expected to be
-1 − b / 10: 1 in the first, 0.1 in the last.
+U is not a probability. Its range is divided into ten bins, b = 0 with the lowest U; the recall that is expected in bin
+b is 1 − b / 10: 1 in the first, 0.1 in the last.
 """
 
 from __future__ import annotations
@@ -19,12 +19,13 @@ FEWEST_IN_LAST = 0.001
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class BinnedCalibration:
-    """Attributes, of B bins by ascending U.
+    """Recall in B bins of ascending U.
 
-    edges: (B + 1,) of U; the last bin holds everything above its lower edge.
-    shares: (B,) of the queries.
-    recalls: (B,) Recall@1, NaN in an empty bin.
-    expected: (B,) what recall is expected to be.
+    Attributes:
+        edges: (B + 1,) of U; the last bin holds everything above its lower edge.
+        shares: (B,) of the queries.
+        recalls: (B,) Recall@1, NaN in an empty bin.
+        expected: (B,) recall that is expected.
     """
 
     edges: NDArray[np.float64]
@@ -34,17 +35,20 @@ class BinnedCalibration:
 
     @property
     def error(self) -> float:
-        """Σ share · |recall − expected|; NaN where there is no query."""
+        """Σ share · |recall − expected|; NaN without queries."""
         if not len(self.shares):
             return math.nan
         return float(self.shares @ np.nan_to_num(np.abs(self.recalls - self.expected)))
 
 
 def binned_calibration(uncertainties: ArrayLike, correct: ArrayLike) -> BinnedCalibration:
-    """Bins of (Q,) U, of which infinite ones are in the last bin, and (Q,) booleans; no bins without a finite U."""
+    """Bins of Q queries: (Q,) U, infinite values in the last bin, and (Q,) booleans.
+
+    There are no bins without a finite U. ValueError for NaN.
+    """
     values, labels = np.asarray(uncertainties, np.float64), np.asarray(correct, np.bool_)
     if np.isnan(values).any():
-        raise ValueError('NaN is no uncertainty')
+        raise ValueError('expected uncertainties without NaN')
     finite = np.sort(values[np.isfinite(values)])
     if not len(finite):
         return BinnedCalibration(*(np.empty(0) for _ in range(4)))
@@ -57,7 +61,7 @@ def binned_calibration(uncertainties: ArrayLike, correct: ArrayLike) -> BinnedCa
 
 
 def _upper_edge(ascending: NDArray[np.float64], queries: int) -> float:
-    """The highest U below or at the greatest for which the last of the bins holds enough queries."""
+    """The highest U for which the last bin holds more than `FEWEST_IN_LAST` of the queries."""
     lowest, above = float(ascending[0]), queries - len(ascending)
     for edge in ascending[::-1]:
         last = lowest + (float(edge) - lowest) * (BINS - 1) / BINS

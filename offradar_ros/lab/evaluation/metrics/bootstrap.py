@@ -1,4 +1,4 @@
-"""How far a figure may be off through the pairs of drives that happened to be measured."""
+"""Bootstrap intervals of a figure over the pairs of drives that were measured."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def bootstrap_interval(
 ) -> tuple[float, float]:
     """Percentile interval of a statistic when whole groups (pairs of drives) are drawn with replacement.
 
-    Scans of one pair are not independent, so that drawing single scans would promise too much.
+    Scans of one pair are not independent: single scans drawn would give too narrow an interval.
 
     Args:
         groups: (N,) int ≥ 0, the group of each row.
@@ -29,7 +29,7 @@ def bootstrap_interval(
         level: share of the draws that the interval holds.
 
     Returns:
-        Its ends; NaN where no draw gave a number, or there are no two groups: one says nothing of how they differ.
+        (low, high); NaN if no draw gives a finite number, or for less than two groups.
     """
     labels, inverse = np.unique(np.asarray(groups), return_inverse=True)
     if len(labels) < 2:

@@ -1,4 +1,4 @@
-"""Precision and recall of answers that are accepted when their score is low enough, and figures from them."""
+"""Precision and recall of answers that are accepted when their score is low enough, and their summary figures."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from offradar_ros.lab.evaluation.metrics.score_counts import ScoreCounter, Score
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PrecisionRecallCurve:
-    """One point for each distinct score at which something is accepted, by ascending threshold.
+    """One point for each distinct finite score, by ascending threshold.
 
     Attributes:
-        thresholds: (K,) what is accepted scores this or less.
-        accepted: (K,) weight of the accepted, true and false positives.
-        true_positives: (K,) weight of the correct ones among them.
-        relevant: weight of what should be accepted, true positives and false negatives.
+        thresholds: (K,) an answer is accepted if its score is at most this.
+        accepted: (K,) weight of the accepted answers, true and false positives.
+        true_positives: (K,) weight of the accepted answers that are correct.
+        relevant: weight of what should be accepted: true positives and false negatives.
     """
 
     thresholds: NDArray[np.float64]
@@ -29,13 +29,13 @@ class PrecisionRecallCurve:
 
     @property
     def precision(self) -> NDArray[np.float64]:
-        """(K,) share of the accepted that is correct."""
+        """(K,) share of the accepted answers that are correct."""
         shares: NDArray[np.float64] = self.true_positives / self.accepted
         return shares
 
     @property
     def recall(self) -> NDArray[np.float64]:
-        """(K,) share of the relevant that is accepted and correct; NaN where nothing is relevant."""
+        """(K,) share of what is relevant that is accepted and correct; NaN if nothing is relevant."""
         if not self.relevant > 0.0:
             return np.full(len(self.true_positives), math.nan)
         shares: NDArray[np.float64] = self.true_positives / self.relevant
@@ -43,13 +43,13 @@ class PrecisionRecallCurve:
 
     @property
     def average_precision(self) -> float:
-        """Σ (R_k − R_{k−1}) P_k, without interpolation; NaN where nothing is relevant."""
+        """Σ (R_k − R_{k−1}) P_k, without interpolation; NaN if nothing is relevant."""
         if not self.relevant > 0.0:
             return math.nan
         return float(np.diff(self.recall, prepend=0.0) @ self.precision)
 
     def f_beta(self, beta: float) -> NDArray[np.float64]:
-        """(K,) F_β = (1 + β²) P R / (β² P + R), 0 where both are 0: recall matters β times as much as precision."""
+        """(K,) F_β = (1 + β²) P R / (β² P + R), 0 if both are 0; β weights recall against precision."""
         if not beta > 0.0:
             raise ValueError(f'expected β above 0, got {beta}')
         # (1 + β²) TP / (β² (TP + FN) + TP + FP): the same, and never 0 / 0.
@@ -57,7 +57,7 @@ class PrecisionRecallCurve:
         return found
 
     def max_f_beta(self, beta: float) -> tuple[float, float]:
-        """The highest F_β over all thresholds, and the lowest threshold that has it; NaN where nothing is relevant."""
+        """(highest F_β over all thresholds, lowest threshold that gives it); NaN if nothing is relevant or accepted."""
         if not self.relevant > 0.0 or not len(self.thresholds):
             return math.nan, math.nan
         found = self.f_beta(beta)
@@ -65,7 +65,7 @@ class PrecisionRecallCurve:
         return float(found[best]), float(self.thresholds[best])
 
     def f_beta_at(self, threshold: float, beta: float) -> float:
-        """F_β of one deployed threshold: 0 where it accepts nothing, NaN where nothing is relevant."""
+        """F_β at one threshold: 0 if it accepts nothing, NaN if nothing is relevant."""
         if not self.relevant > 0.0:
             return math.nan
         last = int(np.searchsorted(self.thresholds, threshold, side='right')) - 1
@@ -75,13 +75,13 @@ class PrecisionRecallCurve:
 def precision_recall(
     scores: ArrayLike, correct: ArrayLike, relevant: float | None = None, weights: ArrayLike | None = None
 ) -> PrecisionRecallCurve:
-    """The curve of (N,) scores, of which low ones are accepted first, and (N,) whether what is accepted is correct.
+    """The curve of N answers, of which those with low scores are accepted first.
 
     Args:
-        scores: embedding distances or uncertainties; what is infinite is never accepted.
-        correct: booleans.
-        relevant: weight of what should be accepted: queries that have a place to be found, whether or not the nearest
-            one is it. All correct ones by default, as in scikit-learn and in STUN's evaluation, whose recall ends at 1.
+        scores: (N,) distances in embedding space or uncertainties; an infinite one is never accepted.
+        correct: (N,) booleans.
+        relevant: weight of what should be accepted: that of all queries with a positive, found or not. By default that
+            of the correct answers, as in scikit-learn and in STUN's evaluation, where recall ends at 1.
         weights: (N,) weights ≥ 0; all are 1 by default.
 
     ValueError for a score that is NaN.
@@ -91,7 +91,7 @@ def precision_recall(
 
 
 def precision_recall_of(counts: ScoreCounts, relevant: float) -> PrecisionRecallCurve:
-    """The curve of scores that are counted already, labelled by whether what is accepted is correct."""
+    """`precision_recall` of counted scores, whose label is whether the answer is correct."""
     possible = np.isfinite(counts.scores) & (counts.samples > 0.0)
     accepted, true_positives = (np.cumsum(part[possible]) for part in (counts.samples, counts.positives))
     return PrecisionRecallCurve(counts.scores[possible], accepted, true_positives, relevant)

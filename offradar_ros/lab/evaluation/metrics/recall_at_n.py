@@ -1,4 +1,4 @@
-"""Recall@N: is one of the N nearest places a positive?"""
+"""Recall@N: share of queries with a positive among the N nearest places."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ def recall_at_n(ranks: ArrayLike, n: int, weights: ArrayLike | None = None) -> f
 
     Args:
         ranks: (Q,) int, 0 where the nearest place is a positive, 1 where the second is the first positive, and so on;
-            any number ≥ n where none of the n nearest is. To count queries with a positive only, pass only those.
+            any number ≥ n if none of the n nearest is one. Pass only the queries that have a positive.
         n: at least 1.
         weights: (Q,) weights ≥ 0 of the queries; all are 1 by default.
 
     Returns:
-        0 to 1; NaN where there is no query.
+        0 to 1; NaN without queries. ValueError for an `n` below 1.
     """
     if n < 1:
         raise ValueError(f'expected N of at least 1, got {n}')

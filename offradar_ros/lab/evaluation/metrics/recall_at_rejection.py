@@ -1,8 +1,8 @@
-"""Recall@RR: recall of the queries that are left when the most uncertain share r of them is rejected.
+"""Recall@RR: recall of the queries that remain when the most uncertain share r of them is rejected.
 
-Let C(m) be how many of the m most certain queries are answered correctly. With m = (1 − r)·Q kept, recall at rejection
-is C(m) / m. Between whole numbers, and between queries of equal uncertainty, C is linear: of equal ones no order is
-preferred (it is the mean over all orders). At r = 1 nothing is left, and recall is NaN.
+Let C(m) be the number of the m most certain queries that are answered correctly. With m = (1 − r)·Q queries kept,
+recall at rejection is C(m) / m. C is linear between whole numbers, and between queries of equal uncertainty, where it
+is the mean over all orders. At r = 1 no query remains, and recall is NaN.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from offradar_ros.lab.evaluation.metrics.score_counts import ScoreCounter, Score
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class RejectionCurve:
-    """C as a polyline: `kept` (K,) ascending from 0 to the whole weight, `correct` (K,) the weight of correct ones."""
+    """C as a polyline: `kept` (K,) ascends from 0 to the total weight, `correct` (K,) is the correct part of it."""
 
     kept: NDArray[np.float64]
     correct: NDArray[np.float64]
 
     def recall_at(self, rejected: float) -> float:
-        """Recall when a share 0 ≤ `rejected` ≤ 1 is rejected; NaN where nothing is left."""
+        """Recall when a share 0 ≤ `rejected` ≤ 1 is rejected; NaN if no query remains."""
         if not 0.0 <= rejected <= 1.0:
             raise ValueError(f'expected a share of 0 to 1, got {rejected}')
         total = float(self.kept[-1])
@@ -34,8 +34,8 @@ class RejectionCurve:
     def mean_recall(self, up_to: float) -> float:
         """Mean recall over rejected shares from 0 to `up_to` (at most 1): the area under the curve, over `up_to`.
 
-        Exact: on each piece C(m) = a + b·m, and ∫ C(m)/m dm = a·ln m + b·m; the first piece has a = 0, so that the
-        area to 1 is finite.
+        It is exact: on each piece C(m) = a + b·m, and ∫ C(m)/m dm = a·ln m + b·m. The first piece has a = 0, so that
+        the area up to 1 is finite. NaN without queries.
         """
         if not 0.0 < up_to <= 1.0:
             raise ValueError(f'expected a share above 0 and at most 1, got {up_to}')
@@ -59,7 +59,7 @@ def rejection_curve(uncertainties: ArrayLike, correct: ArrayLike, weights: Array
 
 
 def rejection_curve_of(counts: ScoreCounts) -> RejectionCurve:
-    """The curve of uncertainties that are counted already, labelled by whether answers are correct."""
+    """`rejection_curve` of counted uncertainties, whose label is whether the answer is correct."""
     weighted = counts.samples > 0.0
     kept, correct = (np.concatenate([[0.0], np.cumsum(part[weighted])]) for part in (counts.samples, counts.positives))
     return RejectionCurve(kept, correct)

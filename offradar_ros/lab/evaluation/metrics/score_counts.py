@@ -1,4 +1,4 @@
-"""How many samples, and how many positives, there are at each score: all that ranking metrics need."""
+"""Numbers of samples and of positives at each score, from which ranking metrics are computed."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ from numpy.typing import ArrayLike, NDArray
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class ScoreCounts:
-    """Attributes, of K different scores.
+    """Weights at K different scores.
 
-    scores: (K,) ascending; the last may be infinite.
-    samples: (K,) weight of the samples at each score, ≥ 0.
-    positives: (K,) weight of those among them whose label is true.
+    Attributes:
+        scores: (K,) ascending; the last may be infinite.
+        samples: (K,) weight of the samples at each score, ≥ 0.
+        positives: (K,) weight of the samples whose label is true.
     """
 
     scores: NDArray[np.float64]
@@ -29,13 +30,13 @@ class ScoreCounter:
         """ValueError for a score that is NaN."""
         values = np.asarray(scores, np.float64)
         if np.isnan(values).any():
-            raise ValueError('NaN has no place among scores')
+            raise ValueError('expected scores without NaN')
         self._scores, codes = np.unique(values, return_inverse=True)
         self._codes = codes.reshape(-1)
         self._labels = np.asarray(labels, np.bool_).astype(np.float64)
 
     def counts(self, weights: ArrayLike | None = None) -> ScoreCounts:
-        """With (N,) weights ≥ 0; all are 1 by default."""
+        """The counts with (N,) weights ≥ 0; all are 1 by default."""
         weighted = np.ones(len(self._labels)) if weights is None else np.asarray(weights, np.float64)
         return ScoreCounts(self._scores, self._sums(weighted), self._sums(weighted * self._labels))
 

@@ -1,6 +1,6 @@
-"""Sparsification (Ilg et al., ECCV 2018): how the error rate falls as the most uncertain queries are taken away.
+"""Sparsification (Ilg et al., ECCV 2018): how the error rate falls as the most uncertain queries are removed.
 
-It is Recall@RR seen from below: error(r) = 1 − Recall@RR(r). An oracle takes the wrong answers away first.
+The error rate is error(r) = 1 − Recall@RR(r). An oracle removes the wrong answers first.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from offradar_ros.lab.evaluation.metrics.recall_at_rejection import rejection_cu
 
 
 def sparsification_area(uncertainties: ArrayLike, correct: ArrayLike, weights: ArrayLike | None = None) -> float:
-    """AUSC, the area under the error rate over rejected shares 0 to 1: 0 is best; NaN where there is no query."""
+    """AUSC, the area under the error rate over rejected shares 0 to 1: 0 is best; NaN without queries."""
     return 1.0 - rejection_curve(uncertainties, correct, weights).mean_recall(1.0)
 
 
 def sparsification_error(uncertainties: ArrayLike, correct: ArrayLike, weights: ArrayLike | None = None) -> float:
-    """AUSE, that area less the oracle's: what U loses by ranking errors less than perfectly, at any recall."""
+    """AUSE, that area minus the oracle's: the loss from ranking errors imperfectly, whatever the recall."""
     oracle = sparsification_area(~np.asarray(correct, np.bool_), correct, weights)
     return sparsification_area(uncertainties, correct, weights) - oracle

@@ -9,7 +9,7 @@ from offradar_ros.lab.evaluation.results.recognition import Recognition
 from offradar_ros.records import Measure
 
 CASES = ('O', 'M', 'M_random', 'Q', 'QM')
-"""The map of one drive, maintained, replaced at random; the first two with introspective querying."""
+"""The map of one drive, the maintained map, random replacement; the first two with introspective querying."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -19,16 +19,16 @@ class AblationFigures:
     Attributes:
         recall_at_1: of each of `CASES`. O, M and M_random answer every query; Q and QM those whose U is at most the
             threshold, NaN without one. M_random is the mean over its draws.
-        threshold: the one in use, NaN where none is.
-        rejected: share of the queries that Q and QM do not answer.
-        ordered_pairs: of drives.
-        queries: over all of them.
-        opportunities: merged scans that had a place within D_t.
-        replaced: those of them that took the place over.
-        unmaintained: what the tables of recognition say of O.
-        maintained: of M.
-        gain_over_unmaintained: Recall@1 of M less that of O.
-        gain_over_random: less that of M_random.
+        threshold: the one in use, NaN for none.
+        rejected: share of the queries that Q and QM reject.
+        ordered_pairs: number of ordered pairs of drives.
+        queries: number of queries over all pairs.
+        opportunities: number of merged scans with a place within D_t.
+        replaced: number of those that replaced the place.
+        unmaintained: further figures of O.
+        maintained: further figures of M.
+        gain_over_unmaintained: Recall@1 of M minus that of O.
+        gain_over_random: Recall@1 of M minus that of M_random.
     """
 
     recall_at_1: dict[str, Measure]

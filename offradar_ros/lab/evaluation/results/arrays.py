@@ -1,4 +1,4 @@
-"""The arrays beside the results: a row for each query scan, and maps before and after maintenance."""
+"""The arrays of an evaluation: a row for each query scan, and maps before and after maintenance."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from offradar_ros.lab.evaluation.results.searches import MaintainedMap, Search
 from offradar_ros.lab.evaluation.runner import Measured, Worlds, drives_of_pair
 
 SCANS_FILE, MAPS_FILE = 'scans.npy', 'maps.npz'
-"""Their names in the folder of an evaluation."""
+"""File names in the folder of an evaluation."""
 
 SCANS = np.dtype(
     [
@@ -34,12 +34,12 @@ SCANS = np.dtype(
         ('y_m', '<f8'),
     ]
 )
-"""Row of ``scans.npy``: `pair` counts into the results' `searches`, `kind` into their `kinds`, x and y are where the
-scan was taken, in metres of the world; the rest as in `Answers`."""
+"""Row of ``scans.npy``: `pair` is an index of the results' `searches` and `kind` of their `kinds`; `x_m` and `y_m` are
+where the scan was taken, in the frame of the world; the other columns are as in `Answers`."""
 
 
 class ScanRows(NamedTuple):
-    """(R,) structured rows as `SCANS` says, and what they count into."""
+    """(R,) rows of type `SCANS`, and the lists that their indices refer to."""
 
     rows: NDArray[Any]
     searches: tuple[Search, ...]
@@ -47,14 +47,14 @@ class ScanRows(NamedTuple):
 
 
 class MapArrays(NamedTuple):
-    """Arrays ``before_K`` and ``after_K``, (P, 3) float64 x, y in metres and U, of the K-th of `maps`."""
+    """Arrays ``before_K`` and ``after_K``, (P, 3) float64 x and y in metres and U; K is an index of `maps`."""
 
     arrays: dict[str, NDArray[np.float64]]
     maps: tuple[MaintainedMap, ...]
 
 
 def scan_rows(measured: Sequence[Measured], worlds: Worlds) -> ScanRows:
-    """A row for each query scan of each search: of all maps as they were made, then of all maintained ones."""
+    """A row for each query scan of each search: in all unmaintained maps, then in all maintained ones."""
     several = [(answers, False) for m in measured for answers in m.answers]
     several += [(a.maintained, True) for m in measured for ablations in m.ablations.values() for a in ablations]
     kinds = sorted({kind for answers, _ in several for kind in answers.kinds.tolist()})
@@ -73,7 +73,7 @@ def scan_rows(measured: Sequence[Measured], worlds: Worlds) -> ScanRows:
 
 
 def map_arrays(measured: Sequence[Measured]) -> MapArrays:
-    """The first ordered pair of each method, world and spacing, before and after its map was maintained."""
+    """The map of the first ordered pair of each method, world and spacing, before and after maintenance."""
     arrays: dict[str, NDArray[np.float64]] = {}
     maps: list[MaintainedMap] = []
     seen = set()
@@ -89,7 +89,7 @@ def map_arrays(measured: Sequence[Measured]) -> MapArrays:
 
 
 def write_arrays(folder: Path, rows: NDArray[Any], arrays: dict[str, NDArray[np.float64]]) -> None:
-    """Write scans.npy and maps.npz, each whole or not at all; ModelError where they cannot be written."""
+    """Write scans.npy and maps.npz, each atomically; ModelError if they cannot be written."""
     file = io.BytesIO()
     np.save(file, rows, allow_pickle=False)
     write_atomically(folder / SCANS_FILE, file.getvalue())
@@ -99,7 +99,7 @@ def write_arrays(folder: Path, rows: NDArray[Any], arrays: dict[str, NDArray[np.
 
 
 def read_arrays(folder: Path) -> tuple[NDArray[Any], dict[str, NDArray[np.float64]]]:
-    """What `write_arrays` wrote; DataError where it is missing or damaged."""
+    """The arrays that `write_arrays` wrote; DataError if a file is missing or damaged."""
     try:
         rows = np.load(folder / SCANS_FILE, allow_pickle=False)
         with np.load(folder / MAPS_FILE, allow_pickle=False) as stored:

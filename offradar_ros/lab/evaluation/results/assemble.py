@@ -1,4 +1,4 @@
-"""Results of what was measured."""
+"""The results of an evaluation from what was measured."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from offradar_ros.lab.drives.drive import Drive
+from offradar_ros.lab.evaluation.ablation_summary import summarise_ablation
 from offradar_ros.lab.evaluation.answers import Answers
-from offradar_ros.lab.evaluation.introspection import summarise_ablation
 from offradar_ros.lab.evaluation.protocol import ALL, VALIDATION, Protocol
 from offradar_ros.lab.evaluation.results.ablation import AblationFigures
 from offradar_ros.lab.evaluation.results.arrays import MapArrays, ScanRows
@@ -34,7 +34,7 @@ def assemble(
     skipped: Sequence[str] = (),
     recorded: RecordedUncertainty | None = None,
 ) -> Results:
-    """The results; `rows` and `maps` are the arrays beside them."""
+    """The results; `rows` and `maps` are the arrays that are written with them."""
     groups = [g.name for g in protocol.groups if any(a.pair.group == g.name for m in measured for a in m.answers)]
     named = [*groups, ALL]
     splits = {road.split for group in protocol.groups for road in group.recorded if road.split}
@@ -65,7 +65,7 @@ def assemble(
 
 
 def _drive(drive: Drive) -> DriveRecord:
-    roles = ' and '.join(word for word, so in (('mapped', drive.mapped), ('searched', drive.queried)) if so)
+    roles = ' and '.join(word for word, has in (('mapped', drive.mapped), ('searched', drive.queried)) if has)
     return DriveRecord(
         group=drive.group,
         world=drive.world,

@@ -1,4 +1,4 @@
-"""One figure with its uncertainty."""
+"""One figure with its interval."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from offradar_ros.records import Measure
 
 @dataclasses.dataclass(frozen=True)
 class Interval:
-    """A figure with a 95 % bootstrap interval over ordered pairs of drives; NaN for what could not be measured.
+    """A figure with a 95 % bootstrap interval over ordered pairs of drives; NaN if it could not be measured.
 
     Attributes:
-        value: over the scans of all pairs together, so that one scale of U serves them all.
+        value: over the queries of all pairs together, on one scale of U.
         low: lower end of the interval, NaN for a single pair.
-        high: upper end.
+        high: upper end of the interval.
     """
 
     value: Measure

@@ -1,4 +1,4 @@
-"""The results' file."""
+"""The file of results."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from offradar_ros.lab.evaluation.results.results import Results
 from offradar_ros.lab.evaluation.stored_record import StoredFormat
 
 RESULTS_FILE = 'results.json'
-"""Its name in the folder of an evaluation."""
+"""File name in the folder of an evaluation."""
 
 FORMAT = StoredFormat(
     Results,
@@ -20,10 +20,10 @@ FORMAT = StoredFormat(
 
 
 def write_results(path: str | Path, results: Results) -> None:
-    """Write JSON, with null for what is not finite; ModelError where it cannot be written."""
+    """Write JSON, with null for NaN and infinity; ModelError if it cannot be written."""
     FORMAT.write(path, results)
 
 
 def read_results(path: str | Path) -> Results:
-    """What `write_results` wrote, with NaN for null; DataError for anything else, and for another format."""
+    """The results in a file of `write_results`, with NaN for null; DataError for another file or format."""
     return FORMAT.read(path)

@@ -10,13 +10,13 @@ from offradar_ros.records import Measure
 
 @dataclasses.dataclass(frozen=True)
 class Cost:
-    """What an encoder costs on the machine that measured it; never compared with figures of another machine.
+    """The cost of an encoder on the machine that measured it; do not compare it between machines.
 
     Attributes:
-        encode_ms: median time of encoding one scan, decoding left out; NaN where too few scans were encoded.
-        search_ms: median time of finding the ten nearest places in a map of the mean size; NaN likewise.
-        bytes_per_place: of its descriptor.
-        peak_memory_mb: of the process until then.
+        encode_ms: median time of encoding one scan, without reading it; NaN if too few scans were encoded.
+        search_ms: median time of finding the ten nearest places in a map of mean size; NaN if too few were encoded.
+        bytes_per_place: size of a descriptor.
+        peak_memory_mb: of the evaluating process up to then.
     """
 
     encode_ms: Measure
@@ -30,12 +30,12 @@ class MethodRecord:
     """One method.
 
     Attributes:
-        encoder: its kind.
-        fingerprint: of the model; of that of one of the maps for a method that is fitted to each.
+        encoder: name of the encoder.
+        fingerprint: of the model; of that of one map if the encoder is fitted to each.
         dimension: d of the embedding.
-        weights: name of the file, if any.
+        weights: file name of the weights, empty for none.
         settings: metadata of the model.
-        fitted_to_each_map: whether each map has an encoder of its own.
+        fitted_to_each_map: whether the encoder is fitted to each map.
         thresholds: on U.
         cost: of encoding and searching.
     """

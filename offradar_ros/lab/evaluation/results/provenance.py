@@ -1,4 +1,4 @@
-"""On what, and with which software, figures were made."""
+"""The machine and the software versions that figures were measured with."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from pathlib import Path
 from offradar_ros import __version__
 
 PACKAGES = ('numpy', 'opencv-python-headless', 'torch', 'onnxruntime', 'safetensors')
-"""Those that figures depend on."""
+"""Packages that figures depend on."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Machine:
-    """Name of the processor, and how many of its cores could be used."""
+    """Name of the processor, and number of cores that the process may use."""
 
     processor: str
     cores: int
 
 
 def this_machine() -> Machine:
-    """The machine that runs this."""
+    """The machine of this process."""
     return Machine(processor(), len(os.sched_getaffinity(0)))
 
 
 def processor() -> str:
-    """Name of the processor, as Linux has it."""
+    """Name of the processor, from Linux."""
     try:
         lines = Path('/proc/cpuinfo').read_text(encoding='utf-8').splitlines()
     except OSError:
@@ -39,7 +39,7 @@ def processor() -> str:
 
 
 def versions(packages: Sequence[str] = PACKAGES) -> dict[str, str]:
-    """Of the project, Python and those of the packages that are installed."""
+    """Versions of the project, of Python and of those `packages` that are installed."""
     found = {'offradar_ros': __version__, 'python': platform.python_version()}
     for package in packages:
         try:

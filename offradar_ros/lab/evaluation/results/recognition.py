@@ -1,4 +1,4 @@
-"""Recall, F_β and average precision of searches: what a row of the paper's Tab. 1 and 2 says."""
+"""Recall, F_β and average precision of searches: the columns of the paper's Tab. 1 and 2."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from offradar_ros.records import Measure
 
 @dataclasses.dataclass(frozen=True)
 class BestFBeta:
-    """The highest F_β over thresholds on the distance in embedding space, and the distance that gives it."""
+    """The highest F_β over thresholds on the distance in embedding space, and the threshold that gives it."""
 
     value: Measure
     distance: Measure
@@ -18,7 +18,7 @@ class BestFBeta:
 
 @dataclasses.dataclass(frozen=True)
 class EveryQuery:
-    """Figures of all queries, also of those whose map holds no place within the tolerance: these are never right."""
+    """Figures of all queries; one whose map holds no place within the tolerance is always wrong."""
 
     recall_at_1: Measure
     recall_at_5: Measure
@@ -31,12 +31,12 @@ class Recognition:
     """Figures of the queries whose map holds a place within the tolerance.
 
     Attributes:
-        recall_at_1: share of the queries with a positive at the nearest place.
-        recall_at_5: among the five nearest.
-        recall_at_10: among the ten nearest.
-        average_precision: over thresholds on the distance of the nearest place, one answer a query.
-        max_f_beta: by β, as text: ``0.5``, ``1``, ``2``.
-        every_query: the same of all queries.
+        recall_at_1: share of the queries whose nearest place is a positive.
+        recall_at_5: share with a positive among the five nearest.
+        recall_at_10: share with a positive among the ten nearest.
+        average_precision: over thresholds on the distance of the nearest place, with one answer per query.
+        max_f_beta: highest F_β by β, as text: ``0.5``, ``1``, ``2``.
+        every_query: figures of all queries.
     """
 
     recall_at_1: Figure

@@ -1,4 +1,4 @@
-"""Everything that an evaluation gives."""
+"""The results of an evaluation."""
 
 from __future__ import annotations
 
@@ -20,37 +20,37 @@ ByMap = dict[str, dict[str, dict[str, FiguresT]]]
 
 
 def spacing_key(spacing_m: float) -> str:
-    """Name of maps with a place every so many metres: ``5``, ``0`` where every scan is mapped."""
+    """Key of a map spacing in metres: ``5``; ``0`` if every scan is mapped."""
     return f'{spacing_m:g}'
 
 
 @dataclasses.dataclass(frozen=True)
 class Results:
-    """Every figure of an evaluation, and all that is needed to measure it again.
+    """Every figure of an evaluation, and everything that is needed to repeat it.
 
-    The groups of `groups`, `uncertainty` and `maintenance` are those of the protocol that were measured, and ``all`` of
-    them together.
+    The keys of `groups`, `uncertainty` and `maintenance` are the groups that were measured, and ``all`` for all groups
+    together.
 
     Attributes:
         created: date and time, ISO 8601.
-        command: that measured it.
+        command: the command line.
         versions: of the software.
-        machine: that ran it.
+        machine: that ran the command.
         protocol: what was measured.
         splits: source of each split that the protocol names.
         seeds: of every world and of the evaluation.
-        skipped: in words, what of the protocol was not measured.
+        skipped: notes on what was not measured.
         drives: in the order of their worlds.
-        worlds: that were searched, sorted.
-        methods: by name.
+        worlds: names of those that were searched, sorted.
+        methods: models, thresholds and costs, by name.
         groups: figures of searches.
-        uncertainty: of U, by group and method.
-        maintenance: of maintained maps; methods that are fitted to each map have none.
-        recorded: U of recorded scans, where it was measured.
-        searches: in the order in which the scans' file counts them.
-        kinds: of what is wrong with scans, in the order in which the scans' file counts them.
-        maps: in the order in which the maps' file counts them.
-        rows: of the scans' file.
+        uncertainty: distribution of U, by group and method.
+        maintenance: figures of maintained maps; methods that are fitted to each map have none.
+        recorded: U of recorded scans; None if not measured.
+        searches: which `pair` of ``scans.npy`` is an index of.
+        kinds: kinds of degradation, which `kind` of ``scans.npy`` is an index of.
+        maps: which the K of the arrays of ``maps.npz`` is an index of.
+        rows: number of rows of ``scans.npy``.
     """
 
     created: str
@@ -74,11 +74,11 @@ class Results:
     rows: int
 
     def title(self, group: str) -> str:
-        """What people call a group."""
+        """Title of a group."""
         titles = {known.name: known.title for known in self.protocol.groups}
         return titles.get(group, 'All groups')
 
     def scans(self, group: str) -> str:
-        """What the scans of a group are, in words: simulated, recorded or both."""
+        """``simulated scans``, ``recorded scans`` or both, in words."""
         kinds = {known.scans for known in self.protocol.groups if group in (ALL, known.name)}
         return kinds.pop() if len(kinds) == 1 else 'simulated and recorded scans'

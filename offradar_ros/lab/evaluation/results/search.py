@@ -21,13 +21,13 @@ class SeverityBin:
 
 @dataclasses.dataclass(frozen=True)
 class AtThreshold:
-    """What one static threshold leaves of the queries that have a positive.
+    """Figures at one static threshold, of the queries that have a positive.
 
     Attributes:
         threshold: on U.
-        rejected: share of them that is rejected.
-        kept: how many are answered.
-        recall_at_1: of those that are answered; NaN where none is.
+        rejected: share of these queries that is rejected.
+        kept: number of these queries that is answered.
+        recall_at_1: of the answered ones; NaN if none is.
     """
 
     threshold: Measure
@@ -38,14 +38,14 @@ class AtThreshold:
 
 @dataclasses.dataclass(frozen=True)
 class AtDeployedThreshold(AtThreshold):
-    """What the one threshold in use does to all queries.
+    """Figures at the threshold in use, also of all queries.
 
     An answer to a query without a positive is wrong, and a rejected query that has one is missed.
 
     Attributes:
         rejected_of_every_query: share of all queries that is rejected.
-        precision: share of the answers that is right; NaN without any.
-        f_beta: by β, as text.
+        precision: share of the answers to all queries that are correct; NaN without answers.
+        f_beta: F_β of all queries, by β as text.
     """
 
     rejected_of_every_query: Measure
@@ -55,11 +55,11 @@ class AtDeployedThreshold(AtThreshold):
 
 @dataclasses.dataclass(frozen=True)
 class PairLevelFigures:
-    """Of every query with every place, mean over pairs of drives.
+    """Figures of every query with every place, mean over pairs of drives.
 
     Attributes:
-        average_precision: NaN where no pair of drives has a positive pair.
-        precisions: at recall 0, 0.01, …, 1; empty likewise.
+        average_precision: NaN if no pair of drives has a positive pair.
+        precisions: (101,) at recall 0, 0.01, …, 1; empty if no pair of drives has a positive pair.
     """
 
     average_precision: Interval
@@ -73,24 +73,25 @@ class SearchFigures(Recognition):
     Queries without a positive are left out of all but `queries`, `every_query` and `at_deployed_threshold`.
 
     Attributes:
-        pairs: ordered pairs of drives.
-        queries: scans that were searched for.
-        with_positive: those of them that have a positive.
-        places: of a map, on average.
+        pairs: number of ordered pairs of drives.
+        queries: number of scans that were searched for.
+        with_positive: number of queries with a positive.
+        places: mean number of places of a map.
         recall_at_1_clean: of clean scans.
         recall_at_1_degraded: of degraded scans.
-        recall_at_1_by_kind: by what is wrong with the scan.
-        recall_at_1_by_severity: of degraded scans, by how badly.
+        recall_at_1_by_kind: by the kind of degradation.
+        recall_at_1_by_severity: of degraded scans, by severity.
         auroc_wrong: of U as a detector of wrong answers.
-        auroc_wrong_by_severity: of the true severity, as a yardstick.
-        auroc_wrong_by_other_maps: of how often the same scan is answered wrongly in the other maps of its world.
-        spearman_correct: rank correlation of U with being right.
-        recall_at_rejection: (rejected share, Recall@1 of the rest), the most uncertain rejected first.
+        auroc_wrong_by_severity: the same of the true severity, for comparison.
+        auroc_wrong_by_other_maps: the same of the share of the other maps of the world in which the scan is answered
+            wrongly, for comparison.
+        spearman_correct: rank correlation of U with correctness.
+        recall_at_rejection: (rejected share, Recall@1 of the rest) at the shares of the protocol.
         recall_at_threshold: for each static threshold, ascending.
-        at_deployed_threshold: None where no threshold is in use.
+        at_deployed_threshold: None without a threshold in use.
         auc_recall_at_rejection: mean of Recall@RR over rejected shares 0 to 1.
-        auc_recall_at_rejection_to_half: 0 to 0.5.
-        pair_level: of every query with every place.
+        auc_recall_at_rejection_to_half: mean of Recall@RR over rejected shares 0 to 0.5.
+        pair_level: figures of every query with every place.
         ausc: area under the sparsification curve.
         ause: area under the sparsification error.
         ece: expected calibration error.

@@ -1,4 +1,4 @@
-"""Which drives there were, and which of them were searched for in the map of which."""
+"""The drives of an evaluation, and which of them were searched for in the map of which."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ class DriveRecord:
 
     Attributes:
         group: of the protocol.
-        world: the frame that it shares with others.
-        index: which of the world's drives; `Pair` counts by it.
-        name: for people.
-        scans: number of them.
-        path_length_m: metres driven from the first to the last scan.
-        roles: what it was for: ``mapped and searched``, ``mapped``, ``searched`` or ``validation``.
+        world: name of the world.
+        index: of the drive in its world, as in `Pair`.
+        name: of the drive.
+        scans: number of scans.
+        path_length_m: from the first to the last scan.
+        roles: ``mapped and searched``, ``mapped``, ``searched`` or ``validation``.
     """
 
     group: str
@@ -33,7 +33,7 @@ class DriveRecord:
 
 @dataclasses.dataclass(frozen=True)
 class Search:
-    """One search, whose queries are rows of the scans' file: `maintained` says whether the map was."""
+    """One search, whose queries are rows of ``scans.npy``; `maintained`: whether the map was maintained."""
 
     pair: Pair
     maintained: bool
@@ -41,12 +41,12 @@ class Search:
 
 @dataclasses.dataclass(frozen=True)
 class MaintainedMap:
-    """The first ordered pair of a world, whose map is kept before and after it was maintained.
+    """A map that is kept in ``maps.npz`` before and after maintenance: that of the first ordered pair of a world.
 
     Attributes:
         pair: of drives.
-        opportunities: merged scans that had a place within D_t.
-        replaced: those of them that took the place over.
+        opportunities: number of merged scans with a place within D_t.
+        replaced: number of those that replaced the place.
     """
 
     pair: Pair

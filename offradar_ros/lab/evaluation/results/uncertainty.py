@@ -1,4 +1,4 @@
-"""How U is distributed over scans."""
+"""The distribution of U over scans."""
 
 from __future__ import annotations
 
@@ -12,16 +12,17 @@ class UncertaintyFigures:
     """U of one method over the query scans of a group, each scan once; NaN where no scan has a finite U.
 
     Attributes:
-        scans: number of them.
-        refused: scans that the encoder refused, whose U is infinite; left out of all that follows.
+        scans: number of scans.
+        refused: number of scans that the encoder refused, whose U is infinite; the other figures are without them.
         mean: of U.
         least: lowest U.
         quantile_05: 5 % of the scans are below it.
         median: of U.
         quantile_95: 5 % of the scans are above it.
         greatest: highest U.
-        mean_by_kind: mean U by what is wrong with the scan; ``clean`` ones, or ``recorded`` ones of unknown severity.
-        spearman_severity: rank correlation with severity over ``all`` scans, and over the degraded ones of each kind.
+        mean_by_kind: mean U by kind of degradation, and of ``clean`` scans, or ``recorded`` ones of unknown severity.
+        spearman_severity: rank correlation of U with severity over ``all`` scans, and over the degraded scans of each
+            kind.
     """
 
     scans: int
@@ -41,12 +42,12 @@ class ConditionFigures:
     """U of recorded scans in one condition.
 
     Attributes:
-        scans: number of them.
-        mean: of U; this and the next two are infinite, and NaN once read, where the encoder refused a scan.
+        scans: number of scans.
+        mean: of U; infinite if the encoder refused a scan, as are the next two; they are NaN when read from a file.
         least: lowest U.
         greatest: highest U.
         above_every_clean: share of the scans whose U exceeds that of every clean scan.
-        above_own: share whose U exceeds that of the same scan before it was degraded; NaN for other recordings.
+        above_own: share of the scans whose U exceeds that of the same scan before it was degraded; NaN for others.
     """
 
     scans: int
@@ -59,11 +60,11 @@ class ConditionFigures:
 
 @dataclasses.dataclass(frozen=True)
 class RecordedUncertainty:
-    """U of recorded scans: clean, degraded on their bytes, and of recordings that are compared with them.
+    """U of recorded scans: of clean ones, of the same with faults added to their bytes, and of other recordings.
 
     Attributes:
         clean: name of the recording whose scans are taken to be clean.
-        compared: names of the others, by the condition that they show.
+        compared: names of the other recordings, by condition.
         methods: figures by method, then by condition: ``clean``, each degradation, each of `compared`.
     """
 

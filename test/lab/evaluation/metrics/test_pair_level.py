@@ -15,7 +15,7 @@ DISTANCES = st.lists(st.integers(0, 12).map(lambda value: value / 4.0), min_size
 
 @settings(max_examples=100, deadline=None)
 @given(DISTANCES, DISTANCES)
-def test_the_area_is_that_of_every_threshold(positive: list[float], negative: list[float]) -> None:
+def test_average_precision_agrees_with_scikit_learn(positive: list[float], negative: list[float]) -> None:
     metrics = pytest.importorskip('sklearn.metrics')
     labels = [True] * len(positive) + [False] * len(negative)
     expected = metrics.average_precision_score(labels, -np.array([*positive, *negative]))
@@ -24,7 +24,9 @@ def test_the_area_is_that_of_every_threshold(positive: list[float], negative: li
 
 @settings(max_examples=100, deadline=None)
 @given(DISTANCES, DISTANCES)
-def test_precision_at_a_recall_is_the_highest_from_there_on(positive: list[float], negative: list[float]) -> None:
+def test_precision_at_a_recall_is_the_highest_at_that_recall_or_more(
+    positive: list[float], negative: list[float]
+) -> None:
     points = []
     for threshold in sorted({*positive, *negative}):
         hits, misses = (sum(distance <= threshold for distance in part) for part in (positive, negative))
@@ -34,7 +36,7 @@ def test_precision_at_a_recall_is_the_highest_from_there_on(positive: list[float
     np.testing.assert_allclose(precisions_at(pair_curve(positive, negative), RECALLS), expected)
 
 
-def test_precision_is_0_where_recall_is_never_so_high() -> None:
+def test_precision_is_0_above_the_highest_recall() -> None:
     curve = precision_recall([1.0, 2.0], [True, False], relevant=4.0)
     assert precisions_at(curve, np.array([0.0, 0.25, 0.26, 1.0])).tolist() == [1.0, 1.0, 0.0, 0.0]
 
@@ -52,7 +54,7 @@ def test_blocks_add_up() -> None:
     assert whole.level().average_precision == pytest.approx(expected, abs=1e-6)
 
 
-def test_without_a_positive_pair_nothing_is_known() -> None:
+def test_figures_without_a_positive_pair_are_nan() -> None:
     level = PairDistances().level()
     assert np.isnan(level.average_precision)
     assert np.isnan(level.precisions).all()

@@ -1,4 +1,4 @@
-"""O, M, Q and QM as figures."""
+"""Figures of the paper's ablation: O, M, M_random, Q and QM."""
 
 from __future__ import annotations
 
@@ -19,23 +19,23 @@ from offradar_ros.lab.evaluation.summary import recognition
 
 
 def summarise_ablation(several: Sequence[Ablation], threshold: float, protocol: Protocol) -> AblationFigures:
-    """Recall@1 over the queries with a positive in the unmaintained map: in all cases the same queries."""
+    """Figures over the queries with a positive in the unmaintained map; all cases have the same queries."""
     keep = [a.unmaintained.positive for a in several]
     accepted = [a.unmaintained.uncertainties <= threshold for a in several]
-    some = [k & u for k, u in zip(keep, accepted, strict=True)]
+    answered = [k & u for k, u in zip(keep, accepted, strict=True)]
     before, after = [a.unmaintained for a in several], [a.maintained for a in several]
     draws = zip(*(a.random for a in several), strict=True)
     recalls = (
         _recall(before, keep),
         _recall(after, keep),
         float(np.mean([_recall(draw, keep) for draw in draws])),
-        _recall(before, some),
-        _recall(after, some),
+        _recall(before, answered),
+        _recall(after, answered),
     )
     return AblationFigures(
         recall_at_1=dict(zip(CASES, recalls, strict=True)),
         threshold=threshold,
-        rejected=math.nan if math.isnan(threshold) else _share_rejected(some, keep),
+        rejected=math.nan if math.isnan(threshold) else _share_rejected(answered, keep),
         ordered_pairs=len(several),
         queries=int(np.concatenate(keep).sum()),
         opportunities=sum(a.opportunities for a in several),
@@ -48,7 +48,7 @@ def summarise_ablation(several: Sequence[Ablation], threshold: float, protocol: 
 
 
 def _gain(several: Sequence[Ablation], other: Callable[[Ablation], Sequence[Answers]], protocol: Protocol) -> Interval:
-    """Recall@1 of the maintained map less that of others, on the same queries, with a bootstrap interval over pairs."""
+    """Recall@1 of the maintained map minus that of others on the same queries, with a bootstrap interval over pairs."""
     differences, pairs = [], []
     for number, ablation in enumerate(several):
         keep = ablation.unmaintained.positive
@@ -64,8 +64,8 @@ def _gain(several: Sequence[Ablation], other: Callable[[Ablation], Sequence[Answ
     return Interval(float(every.mean()), low, high)
 
 
-def _share_rejected(some: Sequence[NDArray[np.bool_]], keep: Sequence[NDArray[np.bool_]]) -> float:
-    return 1.0 - float(np.concatenate(some).sum()) / max(1, int(np.concatenate(keep).sum()))
+def _share_rejected(answered: Sequence[NDArray[np.bool_]], keep: Sequence[NDArray[np.bool_]]) -> float:
+    return 1.0 - float(np.concatenate(answered).sum()) / max(1, int(np.concatenate(keep).sum()))
 
 
 def _recall(several: Sequence[Answers], chosen: Sequence[NDArray[np.bool_]]) -> float:

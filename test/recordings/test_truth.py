@@ -1,4 +1,4 @@
-"""Answers against recorded positions, by hand."""
+"""Answers compared with recorded positions."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def answers(stamps_s: list[float], x_m: float | None) -> list[Outcome]:
 
 
 @pytest.mark.parametrize('geodetic', [False, True])
-def test_positions_are_interpolated_and_never_guessed(geodetic: bool) -> None:
+def test_positions_are_interpolated_and_not_extrapolated(geodetic: bool) -> None:
     outcomes = answers([-1.0, 0.0, 1.25, 5.0, 8.0], 0.0)
     found = true_positions(outcomes, track(geodetic=geodetic), ORIGIN if geodetic else None, 2 * SECOND)
     expected = [[math.nan] * 2, [0.0, 5.0], [12.5, 5.0], [math.nan] * 2, [math.nan] * 2]

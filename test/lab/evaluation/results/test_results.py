@@ -1,4 +1,4 @@
-"""Results are read as they were written, and what is not results is refused."""
+"""Results and their arrays are read as they were written; other files are refused."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def test_any_record_is_read_as_written(
 
 
 @pytest.mark.parametrize('content', ['{}', 'no json', '[1]', '{"format": "offradar-card-1"}', '{"format": 3}'])
-def test_only_results_are_read(content: str, tmp_path: Path) -> None:
+def test_a_file_without_results_is_refused(content: str, tmp_path: Path) -> None:
     path = tmp_path / 'r.json'
     path.write_text(content)
     with pytest.raises(DataError, match=r'expected the results\.json') as refused:
@@ -57,7 +57,7 @@ def test_only_results_are_read(content: str, tmp_path: Path) -> None:
     assert str(refused.value).startswith(f'{path}: ')
 
 
-def test_results_of_an_older_format_are_measured_again(tmp_path: Path) -> None:
+def test_results_of_an_older_format_are_refused(tmp_path: Path) -> None:
     path = tmp_path / 'r.json'
     path.write_text('{"format": "offradar-evaluation-2", "protocol": {}}')
     with pytest.raises(DataError, match=rf'expected format {FORMAT.tag}, got .*-2: run offradar evaluate again'):
@@ -65,7 +65,7 @@ def test_results_of_an_older_format_are_measured_again(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ('keys', 'value', 'said'),
+    ('keys', 'value', 'message'),
     [
         (['groups', 'all', '5', 'ours', 'pairs'], 'six', 'six'),
         (['groups', 'all', '5', 'ours', 'ece'], True, 'True'),
@@ -74,7 +74,7 @@ def test_results_of_an_older_format_are_measured_again(tmp_path: Path) -> None:
     ],
 )
 def test_damaged_results_are_named(
-    keys: list[str], value: object, said: str, street_evaluation: StreetEvaluation, tmp_path: Path
+    keys: list[str], value: object, message: str, street_evaluation: StreetEvaluation, tmp_path: Path
 ) -> None:
     path = tmp_path / 'r.json'
     write_results(path, street_evaluation.results)
@@ -88,11 +88,11 @@ def test_damaged_results_are_named(
         read_results(path)
     text = str(refused.value)
     assert text.startswith(f'{path}: damaged')
-    assert said in text
+    assert message in text
     assert '\n' not in text
 
 
-def test_scan_rows_say_whose_they_are(street_evaluation: StreetEvaluation, tmp_path: Path) -> None:
+def test_scan_rows_refer_to_their_searches(street_evaluation: StreetEvaluation, tmp_path: Path) -> None:
     several = street_evaluation.measured
     rows, searches, kinds = scan_rows(several, street_evaluation.worlds)
     assert rows.dtype == SCANS

@@ -1,4 +1,4 @@
-"""Each figure of the evaluation, computed again in the slowest way that says what it means."""
+"""Each metric against a plain loop."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from offradar_ros.lab.evaluation.metrics.recall_at_n import recall_at_n
 from offradar_ros.lab.evaluation.metrics.recall_at_rejection import rejection_curve
 from offradar_ros.lab.evaluation.metrics.spearman import spearman
 
-# Few different values, so that ties are many.
+# Few different values, so that many are equal.
 SCORES = st.lists(st.tuples(st.sampled_from([0.1, 0.2, 0.5, 0.9, math.inf]), st.booleans()), min_size=1, max_size=12)
 QUICK = settings(max_examples=60, deadline=None)
 
@@ -49,14 +49,14 @@ def slow_recall_when_rejecting(uncertainties: list[float], correct: list[bool], 
 
 @QUICK
 @given(SCORES)
-def test_auroc_is_that_of_every_pair(rows: list[tuple[float, bool]]) -> None:
+def test_auroc_against_a_loop_over_pairs(rows: list[tuple[float, bool]]) -> None:
     scores, positive = [s for s, _ in rows], [p for _, p in rows]
     np.testing.assert_allclose(auroc(scores, positive), slow_auroc(scores, positive))
 
 
 @QUICK
 @given(st.lists(st.tuples(st.floats(0, 1), st.booleans(), st.integers(0, 3)), min_size=1, max_size=15))
-def test_a_weight_is_a_number_of_copies(rows: list[tuple[float, bool, int]]) -> None:
+def test_a_weight_acts_as_a_number_of_copies(rows: list[tuple[float, bool, int]]) -> None:
     scores, labels, weights = (np.array(column) for column in zip(*rows, strict=True))
     many, many_labels = np.repeat(scores, weights), np.repeat(labels, weights)
     np.testing.assert_allclose(auroc(scores, labels, weights), auroc(many, many_labels))
@@ -95,7 +95,7 @@ def test_the_area_is_that_of_many_narrow_strips(up_to: float) -> None:
     assert curve.mean_recall(up_to) == pytest.approx(np.mean([curve.recall_at(r) for r in shares]), abs=1e-4)
 
 
-def test_nothing_to_measure_is_not_a_number() -> None:
+def test_metrics_without_samples_are_nan() -> None:
     empty = rejection_curve([], [])
     assert math.isnan(empty.recall_at(0.0))
     assert math.isnan(empty.mean_recall(0.5))

@@ -1,4 +1,4 @@
-"""Model cards say what the results say, and what their author remarks."""
+"""Model cards hold the figures of results and the remarks of their author."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from offradar_ros.lab.evaluation.results.ablation import AblationFigures
 from offradar_ros.lab.evaluation.results.results import ByMap, Results
 from offradar_ros.shipped import shipped_file
 
-SHIPPED = Path(__file__).parents[3] / 'offradar_ros' / 'weights'
-REMARKS = Path(__file__).parents[3] / 'benchmarks' / 'model_card' / 'compact.md'
+SHIPPED = Path(__file__).parents[4] / 'offradar_ros' / 'weights'
+REMARKS = Path(__file__).parents[4] / 'benchmarks' / 'model_card' / 'compact.md'
 
 
 @pytest.fixture
@@ -62,7 +62,7 @@ def test_a_card_holds_the_numbers_of_the_results(street_evaluation: StreetEvalua
         assert wanted in text
 
 
-def test_a_card_says_only_what_its_results_say(street_evaluation: StreetEvaluation, sources: CardSources) -> None:
+def test_a_card_mentions_only_what_was_measured(street_evaluation: StreetEvaluation, sources: CardSources) -> None:
     results = recorded(street_evaluation.results)
     text = card_markdown(make_card(results, dataclasses.replace(sources, remarks='', training=None)))
     assert 'on recorded drives only' in text
@@ -71,7 +71,7 @@ def test_a_card_says_only_what_its_results_say(street_evaluation: StreetEvaluati
 
 
 def recorded(results: Results) -> Results:
-    """The same figures of recorded drives, two of them: no map is maintained, and of no scan is known what is wrong."""
+    """The same figures as if of two recorded drives: no map is maintained, and the severity of scans is unknown."""
     group = Group('streets', 'A street', recorded=(Recorded('street', maps=('monday',), queries=('tuesday',)),))
     protocol = Protocol('own', 'Own recordings', (group,), map_spacings_m=results.protocol.map_spacings_m)
     uncertainty = {
@@ -86,7 +86,7 @@ def recorded(results: Results) -> Results:
     )
 
 
-def test_a_card_is_of_the_weights_that_were_measured(street_evaluation: StreetEvaluation, sources: CardSources) -> None:
+def test_a_card_of_other_weights_is_refused(street_evaluation: StreetEvaluation, sources: CardSources) -> None:
     results = street_evaluation.results
     with pytest.raises(DataError, match='the results are of'):
         make_card(results, dataclasses.replace(sources, fingerprint='stun' * 8))
@@ -105,14 +105,14 @@ def test_cards_are_read_as_written(card: Card, tmp_path: Path) -> None:
         read_card(path)
 
 
-def test_the_shipped_card_is_of_the_shipped_weights_and_protocol() -> None:
+def test_the_shipped_card_describes_the_shipped_weights_and_protocol() -> None:
     card, weights = read_card(SHIPPED / 'compact.card.json'), SHIPPED / 'compact.safetensors'
     assert card.weights.sha256 == hashlib.sha256(weights.read_bytes()).hexdigest()
     assert card.weights.fingerprint == read_header(weights).fingerprint
     assert card.protocol == read_protocol(shipped_file('protocols', 'held_out'))
     assert card.remarks == REMARKS.read_text().strip()
     assert (SHIPPED / 'compact.md').read_text() == card_markdown(card)
-    # What programs read, in full precision, and the tables are the same figures.
+    # The headline figures for programs are those of the tables.
     for method, figures in card.groups['all']['5'].items():
         for name in ('recall_at_1', 'recall_at_1_clean', 'auroc_wrong', 'auc_recall_at_rejection'):
             assert getattr(card, name)[method] == pytest.approx(getattr(figures, name).value, abs=0.0005)

@@ -1,4 +1,4 @@
-"""Pictures of results. Needs matplotlib, which is imported when one is drawn."""
+"""Plots of results. They need matplotlib, which is imported when one is drawn."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SHARES = np.linspace(0.0, 0.95, 96)
 
 
 def draw_rejection_curves(several: Sequence[Answers], protocol: Protocol, path: Path) -> None:
-    """Recall@RR of every method, a panel for each map spacing and group; the title says what the scans are."""
+    """Recall@RR of every method, a panel for each map spacing and group."""
     groups = sorted({a.pair.group for a in several})
     words = ', '.join(sorted({group.scans for group in protocol.groups if group.name in groups}))
     groups += [ALL] * (len(groups) > 1)
@@ -45,7 +45,7 @@ def draw_rejection_curves(several: Sequence[Answers], protocol: Protocol, path: 
 
 
 def draw_severity(several: Sequence[Answers], path: Path) -> None:
-    """U of each scan of one method against how badly it is degraded, a panel a kind; clean scans at 0."""
+    """U of each scan against its severity, a panel for each kind of degradation; clean scans are at 0."""
     once = list({(a.pair.group, a.pair.world, a.pair.query_index): a for a in several}.values())
     kinds, severities, uncertainties = (
         np.concatenate([getattr(a, name) for a in once]) for name in ('kinds', 'severities', 'uncertainties')
@@ -77,7 +77,7 @@ def _curve(several: Sequence[Answers]) -> NDArray[np.float64]:
 
 
 def new_figure(width_in: float, height_in: float) -> Any:
-    """An empty matplotlib figure that draws without a screen."""
+    """An empty matplotlib figure that needs no display."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415
     from matplotlib.figure import Figure  # noqa: PLC0415
 

@@ -1,4 +1,4 @@
-"""How near drives of one world come to each other, from where their scans were taken."""
+"""Distances between the positions of scans."""
 
 from __future__ import annotations
 
@@ -20,6 +20,6 @@ def distances_m(some: NDArray[np.float64], others: NDArray[np.float64]) -> NDArr
 
 
 def nearest_m(one: Drive, other: Drive) -> float:
-    """Metres between the two scans of two drives that are nearest to each other."""
+    """The least distance in metres between a scan of one drive and a scan of the other."""
     blocks = range(0, len(one), _BLOCK)
     return min(float(distances_m(one.poses[start : start + _BLOCK, :2], other.poses[:, :2]).min()) for start in blocks)

@@ -1,4 +1,4 @@
-"""Precision, recall and calibration, computed again in the slowest way that says what they mean."""
+"""Precision, recall and calibration against plain loops and scikit-learn."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ BETAS = (0.5, 1.0, 2.0)
 QUICK = settings(max_examples=60, deadline=None)
 
 
-def slow_f_beta(scores: list[float], right: list[bool], relevant: float, threshold: float, beta: float) -> float:
-    accepted = [yes for score, yes in zip(scores, right, strict=True) if score <= threshold < math.inf]
+def slow_f_beta(scores: list[float], correct: list[bool], relevant: float, threshold: float, beta: float) -> float:
+    accepted = [yes for score, yes in zip(scores, correct, strict=True) if score <= threshold < math.inf]
     if not sum(accepted):
         return 0.0
     precision, recall = sum(accepted) / len(accepted), sum(accepted) / relevant
@@ -30,10 +30,10 @@ def slow_f_beta(scores: list[float], right: list[bool], relevant: float, thresho
 
 @QUICK
 @given(ROWS, st.integers(0, 5))
-def test_every_point_is_that_of_its_threshold(rows: list[tuple[float, bool]], missed: int) -> None:
-    scores, right = [s for s, _ in rows], [r for _, r in rows]
-    relevant = sum(right) + missed
-    curve = precision_recall(scores, right, relevant)
+def test_every_point_against_a_loop(rows: list[tuple[float, bool]], missed: int) -> None:
+    scores, correct = [s for s, _ in rows], [r for _, r in rows]
+    relevant = sum(correct) + missed
+    curve = precision_recall(scores, correct, relevant)
     assert curve.thresholds.tolist() == sorted({s for s in scores if s < math.inf})
     area, before = 0.0, 0.0
     for k, threshold in enumerate(curve.thresholds):
@@ -44,7 +44,7 @@ def test_every_point_is_that_of_its_threshold(rows: list[tuple[float, bool]], mi
             assert curve.recall[k] == pytest.approx(recall)
             area, before = area + (recall - before) * sum(accepted) / len(accepted), recall
             for beta in BETAS:
-                expected = slow_f_beta(scores, right, relevant, threshold, beta)
+                expected = slow_f_beta(scores, correct, relevant, threshold, beta)
                 assert curve.f_beta(beta)[k] == pytest.approx(expected)
                 assert curve.f_beta_at(threshold + 0.01, beta) == pytest.approx(expected)
     assert curve.average_precision == pytest.approx(area if relevant else math.nan, nan_ok=True)
@@ -52,9 +52,9 @@ def test_every_point_is_that_of_its_threshold(rows: list[tuple[float, bool]], mi
 
 @QUICK
 @given(ROWS)
-def test_f_1_is_bound_by_the_harmonic_mean_of_f_half_and_f_2(rows: list[tuple[float, bool]]) -> None:
-    scores, right = [s for s, _ in rows], [r for _, r in rows]
-    curve = precision_recall(scores, right)
+def test_f_1_is_bounded_by_the_harmonic_mean_of_f_half_and_f_2(rows: list[tuple[float, bool]]) -> None:
+    scores, correct = [s for s, _ in rows], [r for _, r in rows]
+    curve = precision_recall(scores, correct)
     half, one, two = (curve.f_beta(beta) for beta in BETAS)
     some = one > 0.0
     np.testing.assert_allclose(1.0 / one[some], (1.0 / half[some] + 1.0 / two[some]) / 2.0)
@@ -63,34 +63,34 @@ def test_f_1_is_bound_by_the_harmonic_mean_of_f_half_and_f_2(rows: list[tuple[fl
         assert best[1] <= 2.0 / (1.0 / best[0] + 1.0 / best[2]) + 1e-12
 
 
-def test_it_agrees_with_scikit_learn() -> None:
+def test_precision_and_recall_agree_with_scikit_learn() -> None:
     rng = np.random.default_rng(5)
-    scores, right = rng.integers(0, 12, 80) / 10.0, rng.random(80) < 0.4
-    curve = precision_recall(scores, right)
-    assert curve.average_precision == pytest.approx(average_precision_score(right, -scores))
-    precision, recall, thresholds = precision_recall_curve(right, -scores)
+    scores, correct = rng.integers(0, 12, 80) / 10.0, rng.random(80) < 0.4
+    curve = precision_recall(scores, correct)
+    assert curve.average_precision == pytest.approx(average_precision_score(correct, -scores))
+    precision, recall, thresholds = precision_recall_curve(correct, -scores)
     np.testing.assert_allclose(curve.thresholds, -thresholds[::-1])
     np.testing.assert_allclose(curve.precision, precision[:-1][::-1])
     np.testing.assert_allclose(curve.recall, recall[:-1][::-1])
     for beta in BETAS:
         value, threshold = curve.max_f_beta(beta)
-        assert value == pytest.approx(max(fbeta_score(right, scores <= t, beta=beta) for t in curve.thresholds))
-        assert value == pytest.approx(fbeta_score(right, scores <= threshold, beta=beta))
+        assert value == pytest.approx(max(fbeta_score(correct, scores <= t, beta=beta) for t in curve.thresholds))
+        assert value == pytest.approx(fbeta_score(correct, scores <= threshold, beta=beta))
 
 
 @QUICK
 @given(st.lists(st.tuples(st.sampled_from([0.1, 0.2, 0.5]), st.booleans(), st.integers(0, 3)), min_size=1, max_size=12))
-def test_a_weight_is_a_number_of_copies(rows: list[tuple[float, bool, int]]) -> None:
-    scores, right, weights = (np.array(column) for column in zip(*rows, strict=True))
-    weighted = precision_recall(scores, right, weights=weights)
-    copies = precision_recall(np.repeat(scores, weights), np.repeat(right, weights))
+def test_a_weight_acts_as_a_number_of_copies(rows: list[tuple[float, bool, int]]) -> None:
+    scores, correct, weights = (np.array(column) for column in zip(*rows, strict=True))
+    weighted = precision_recall(scores, correct, weights=weights)
+    copies = precision_recall(np.repeat(scores, weights), np.repeat(correct, weights))
     np.testing.assert_allclose(weighted.average_precision, copies.average_precision)
     np.testing.assert_allclose(weighted.max_f_beta(1.0), copies.max_f_beta(1.0))
-    many = np.repeat(scores, weights), np.repeat(right, weights)
-    np.testing.assert_allclose(sparsification_error(scores, right, weights), sparsification_error(*many), atol=1e-12)
+    many = np.repeat(scores, weights), np.repeat(correct, weights)
+    np.testing.assert_allclose(sparsification_error(scores, correct, weights), sparsification_error(*many), atol=1e-12)
 
 
-def test_what_cannot_be_measured_is_not_a_number() -> None:
+def test_figures_that_cannot_be_measured_are_nan() -> None:
     nothing = precision_recall([0.1], [False])
     assert math.isnan(nothing.average_precision)
     assert math.isnan(nothing.f_beta_at(1.0, 1.0))
@@ -118,11 +118,11 @@ def test_no_ranking_is_better_than_the_oracle(rows: list[tuple[float, bool]]) ->
 
 
 def test_bins_expect_recall_to_fall_by_tenths() -> None:
-    # 20 queries: U of the middles of ten even bins, twice; recall falls by a tenth a bin as far as two queries can.
+    # 20 queries, two with the U of the middle of each bin; with two queries, recall falls by halves.
     middles = np.repeat(np.arange(BINS) + 0.5, 2)
     ends = [0.0, 10.0]
-    right = np.array([True, True] * 5 + [True, False] * 4 + [False, False])
-    found = binned_calibration(np.concatenate([middles, ends]), np.concatenate([right, [True, False]]))
+    correct = np.array([True, True] * 5 + [True, False] * 4 + [False, False])
+    found = binned_calibration(np.concatenate([middles, ends]), np.concatenate([correct, [True, False]]))
     np.testing.assert_allclose(found.edges, np.arange(BINS + 1.0))
     np.testing.assert_allclose(found.recalls, [1.0] * 5 + [0.5] * 4 + [0.0])
     np.testing.assert_allclose(found.expected, [1.0, 0.9, 0.8, 0.7, 0.6, 0.5, 0.4, 0.3, 0.2, 0.1])

@@ -1,4 +1,4 @@
-"""Drives and embeddings on disk: made once, the same afterwards, and never half."""
+"""Embeddings on disk: encoded once, read as they were written, and complete or absent."""
 
 from __future__ import annotations
 
@@ -8,15 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from offradar_ros.config import RingKeyConfig
 from offradar_ros.encoders.protocol import ModelInfo
-from offradar_ros.encoders.ring_key import RingKeyEncoder
 from offradar_ros.errors import DataError, RefusedInput
 from offradar_ros.lab.evaluation import embedding_cache
-from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive, embedded, encode
+from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive, cached_embeddings, encode_drive
 from offradar_ros.lab.evaluation.methods import open_method
-from offradar_ros.lab.evaluation.protocol import Validation
-from offradar_ros.lab.evaluation.thresholds import thresholds_from
 from offradar_ros.types import Embedding, PolarScan
 
 
@@ -24,8 +20,8 @@ def quiet(done: int, total: int) -> None:
     del done, total
 
 
-class Odd:
-    """Refuses scan 1, gives NaN for scan 2, and counts."""
+class NumberEncoder:
+    """Encodes scan n as the number n; refuses scan 1, gives NaN for scan 2, and counts calls."""
 
     runs_on = 'cpu'
 
@@ -34,7 +30,7 @@ class Odd:
 
     @property
     def info(self) -> ModelInfo:
-        return ModelInfo('odd', 'f' * 64, 3, {})
+        return ModelInfo('number', 'f' * 64, 3, {})
 
     def encode(self, scan: PolarScan) -> Embedding:
         self.calls += 1
@@ -45,21 +41,21 @@ class Odd:
         return Embedding(scan.stamp_ns, np.full(3, value, np.float32), np.full(3, 0.5, np.float32))
 
 
-def test_embeddings_are_made_once(embedded_street: Callable[..., EmbeddedDrive], tmp_path: Path) -> None:
-    drive, encoder = embedded_street(0, 6).drive, Odd()
-    first = embedded(encoder, drive, tmp_path, quiet)
+def test_embeddings_are_encoded_once(embedded_street: Callable[..., EmbeddedDrive], tmp_path: Path) -> None:
+    drive, encoder = embedded_street(0, 6).drive, NumberEncoder()
+    first = cached_embeddings(encoder, drive, tmp_path, quiet)
     assert first.usable.tolist() == [True, False, False, True, True, True]
     assert first.means[3].tolist() == [3.0, 3.0, 3.0]
-    second = embedded(encoder, drive, tmp_path, quiet)
+    second = cached_embeddings(encoder, drive, tmp_path, quiet)
     assert encoder.calls == 6
     np.testing.assert_array_equal(first.means, second.means)
     np.testing.assert_array_equal(first.uncertainties, second.uncertainties)
     next(tmp_path.rglob('*.means.npy')).write_bytes(b'')
     with pytest.raises(DataError, match='damaged embeddings'):
-        embedded(encoder, drive, tmp_path, quiet)
+        cached_embeddings(encoder, drive, tmp_path, quiet)
 
 
-def test_networks_are_run_in_batches_as_one_by_one(
+def test_batches_have_the_embeddings_of_single_scans(
     embedded_street: Callable[..., EmbeddedDrive], tmp_path: Path
 ) -> None:
     torch = pytest.importorskip('torch')
@@ -75,39 +71,18 @@ def test_networks_are_run_in_batches_as_one_by_one(
     assert (method.name, Path(method.weights).name) == ('variant', 'best.safetensors')
     drive = embedded_street(0, 20).drive
     encoder = method.encoder_for(drive)
-    made = encode(encoder, drive, quiet)
+    made = encode_drive(encoder, drive, quiet)
     for row in (0, 15, 16, 19):
         alone = encoder.encode(drive.scan(row))
         np.testing.assert_allclose(made.means[row], alone.mean, rtol=1e-3, atol=1e-5)
         assert made.uncertainties[row] == pytest.approx(alone.uncertainty, rel=1e-3)
 
 
-def test_rad_vlad_is_fitted_to_each_map_once(embedded_street: Callable[..., EmbeddedDrive], tmp_path: Path) -> None:
-    pytest.importorskip('safetensors')
-    method = open_method('rad_vlad', tmp_path, seed=3, spacing_m=5.0)
-    assert method.fitted
-    one, two = (embedded_street(index, 12).drive for index in range(2))
-    first = method.encoder_for(one).info.fingerprint
-    assert method.encoder_for(two).info.fingerprint != first
-    assert method.encoder_for(one).info.fingerprint == first
-    assert len(list(tmp_path.rglob('*.safetensors'))) == 2
-
-
-def test_the_ring_key_is_one_encoder_for_every_map(
-    embedded_street: Callable[..., EmbeddedDrive], tmp_path: Path
-) -> None:
-    method = open_method('ring_key', tmp_path, seed=0, spacing_m=5.0)
-    assert not method.fitted
-    for index in range(2):
-        info = method.encoder_for(embedded_street(index, 3).drive).info
-        assert info.fingerprint == RingKeyEncoder(RingKeyConfig()).info.fingerprint
-
-
-def test_a_long_drive_goes_on_block_by_block(
+def test_an_interrupted_drive_continues_at_the_last_block(
     embedded_street: Callable[..., EmbeddedDrive], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(embedding_cache, 'BLOCK', 10)
-    drive, encoder = embedded_street(0, 35).drive, Odd()
+    drive, encoder = embedded_street(0, 35).drive, NumberEncoder()
 
     def interrupt(done: int, total: int) -> None:
         assert total == 35
@@ -115,21 +90,13 @@ def test_a_long_drive_goes_on_block_by_block(
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        embedded(encoder, drive, tmp_path, interrupt)
+        cached_embeddings(encoder, drive, tmp_path, interrupt)
     before = encoder.calls
     assert before <= 30
-    made = embedded(encoder, drive, tmp_path, quiet)
+    made = cached_embeddings(encoder, drive, tmp_path, quiet)
     # The first two blocks were kept.
     assert encoder.calls - before == 15
-    whole = encode(Odd(), drive, quiet)
+    whole = encode_drive(NumberEncoder(), drive, quiet)
     np.testing.assert_array_equal(made.means, whole.means)
     np.testing.assert_array_equal(made.uncertainties, whole.uncertainties)
     assert len(list(tmp_path.rglob('*.npy'))) == 2
-
-
-def test_thresholds_span_the_validation_drives() -> None:
-    found = thresholds_from([0.9, 1.3, np.inf, 1.1], Validation((1,), quantile=0.5, levels=4))
-    assert found.static == pytest.approx((0.7, 0.85, 1.0, 1.15, 1.3))
-    assert found.deployed == pytest.approx(1.1)
-    assert thresholds_from([0.9, 1.3], Validation((1,)), given=1.2).deployed == 1.2
-    assert thresholds_from([], Validation((1,))).static == ()

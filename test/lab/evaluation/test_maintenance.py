@@ -1,4 +1,4 @@
-"""O, M, Q, QM: maps maintained by the deployed algorithm, against a few lines of plain Python."""
+"""The ablation O, M, M_random, Q, QM against plain loops."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from offradar_ros.lab.evaluation.answers import Pair, Rules, answers, answers_from, map_rows, places_of
+from offradar_ros.lab.evaluation.ablation_summary import summarise_ablation
+from offradar_ros.lab.evaluation.answers import Pair, Rules, map_rows, places_of, search_drive_map, search_places
 from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive
-from offradar_ros.lab.evaluation.introspection import summarise_ablation
-from offradar_ros.lab.evaluation.maintenance import Ablation, ablate, merges
+from offradar_ros.lab.evaluation.maintenance import Ablation, ablate, merge_plans
 from offradar_ros.lab.evaluation.protocol import Maintenance, Protocol
 
 PLAN = Maintenance(match_distance_m=5.0, random_repeats=3)
@@ -26,7 +26,7 @@ def drives(embedded_street: Callable[..., EmbeddedDrive]) -> list[EmbeddedDrive]
 
 def ablated(drives: list[EmbeddedDrive]) -> Ablation:
     first, second, query = drives
-    unmaintained = answers_from(PAIR, first, query, Rules())
+    unmaintained = search_drive_map(PAIR, first, query, Rules())
     return ablate(unmaintained, first, [second], query, PLAN, Rules(), seed=1)
 
 
@@ -36,19 +36,22 @@ def ablation(drives: list[EmbeddedDrive]) -> Ablation:
 
 
 def test_every_ordered_pair_has_the_others_merged(drives: list[EmbeddedDrive]) -> None:
-    turns = [(m.drive.index, [d.drive.index for d in between], q.drive.index) for m, between, q in merges(drives)]
-    assert turns == [(0, [2], 1), (0, [1], 2), (1, [2], 0), (1, [0], 2), (2, [1], 0), (2, [0], 1)]
-    assert not list(merges(drives[:2]))
+    plans = [(m.drive.index, [d.drive.index for d in between], q.drive.index) for m, between, q in merge_plans(drives)]
+    assert plans == [(0, [2], 1), (0, [1], 2), (1, [2], 0), (1, [0], 2), (2, [1], 0), (2, [0], 1)]
+    assert not list(merge_plans(drives[:2]))
 
 
-def test_what_is_only_searched_for_is_never_mapped(drives: list[EmbeddedDrive]) -> None:
-    asked = [dataclasses.replace(d, drive=dataclasses.replace(d.drive, mapped=False)) for d in drives[2:]]
-    kept = [dataclasses.replace(d, drive=dataclasses.replace(d.drive, queried=False)) for d in drives[:2]]
-    turns = [(m.drive.index, [d.drive.index for d in between], q.drive.index) for m, between, q in merges(kept + asked)]
-    assert turns == [(0, [1], 2), (1, [0], 2)]
+def test_a_drive_that_is_only_searched_for_is_never_merged(drives: list[EmbeddedDrive]) -> None:
+    query_only = [dataclasses.replace(d, drive=dataclasses.replace(d.drive, mapped=False)) for d in drives[2:]]
+    map_only = [dataclasses.replace(d, drive=dataclasses.replace(d.drive, queried=False)) for d in drives[:2]]
+    plans = [
+        (m.drive.index, [d.drive.index for d in between], q.drive.index)
+        for m, between, q in merge_plans(map_only + query_only)
+    ]
+    assert plans == [(0, [1], 2), (1, [0], 2)]
 
 
-def test_the_maintained_map_is_that_of_a_loop(drives: list[EmbeddedDrive], ablation: Ablation) -> None:
+def test_the_maintained_map_against_a_loop(drives: list[EmbeddedDrive], ablation: Ablation) -> None:
     first, second, query = drives
     places = [(first, int(row)) for row in map_rows(first, 12.0)]
     anchors = [drive.drive.poses[row, :2] for drive, row in places]
@@ -68,7 +71,7 @@ def test_the_maintained_map_is_that_of_a_loop(drives: list[EmbeddedDrive], ablat
         means=np.array([drive.means[row] for drive, row in places]),
         positions_m=np.array([[*drive.drive.poses[row, :2], 0.0] for drive, row in places]),
     )
-    expected = answers(PAIR, table, query, Rules())
+    expected = search_places(PAIR, table, query, Rules())
     before = np.column_stack([anchors, first.uncertainties[map_rows(first, 12.0)]])
     np.testing.assert_allclose(ablation.before, before, rtol=1e-6)
     held = [[*drive.drive.poses[row, :2], drive.uncertainties[row]] for drive, row in places]
@@ -90,7 +93,7 @@ def test_all_maps_are_of_one_size_and_maintenance_helps(ablation: Ablation, smal
     assert 0.1 < figures.rejected < 0.5
     assert figures.gain_over_unmaintained.value == pytest.approx(recall['M'] - recall['O'])
     assert figures.gain_over_random.value == pytest.approx(recall['M'] - recall['M_random'])
-    # One pair says nothing of how pairs differ.
+    # A single pair has no interval.
     assert math.isnan(figures.gain_over_unmaintained.low)
     several = summarise_ablation([ablation] * 3, math.nan, small_protocol)
     assert several.gain_over_unmaintained.low == pytest.approx(recall['M'] - recall['O'])
@@ -98,26 +101,24 @@ def test_all_maps_are_of_one_size_and_maintenance_helps(ablation: Ablation, smal
     assert math.isnan(several.rejected)
 
 
-def test_the_control_replaces_as_often_at_scans_drawn_at_random(drives: list[EmbeddedDrive]) -> None:
+def test_the_control_makes_as_many_replacements(drives: list[EmbeddedDrive]) -> None:
     first, second, query = drives
     worse = dataclasses.replace(second, uncertainties=second.uncertainties + 100.0)
-    unmaintained = answers_from(PAIR, first, query, Rules())
+    unmaintained = search_drive_map(PAIR, first, query, Rules())
     nothing = ablate(unmaintained, first, [worse], query, PLAN, Rules(), seed=1)
-    # No scan is more certain than what a place holds: then the control replaces nothing either.
+    # No merged scan is more certain than the scan of its place: the control replaces nothing either.
     assert nothing.replaced == 0 < nothing.opportunities
     for control in (nothing.maintained, *nothing.random):
         np.testing.assert_array_equal(control.distances, unmaintained.distances)
     better = dataclasses.replace(second, uncertainties=np.linspace(0.02, 0.01, 90))
     whole = ablate(unmaintained, first, [better], query, PLAN, Rules(), seed=1)
-    # Every scan is more certain than the last: all replace, and so do all of the control, in the same order.
+    # Every merged scan is more certain than the one before: all of them replace, in the control too, in the same order.
     assert whole.replaced == whole.opportunities > 0
     for control in whole.random:
         np.testing.assert_array_equal(control.distances, whole.maintained.distances)
 
 
-def test_the_control_draws_again_each_time_but_the_same_for_a_seed(
-    drives: list[EmbeddedDrive], ablation: Ablation
-) -> None:
+def test_the_draws_of_the_control_differ_and_follow_the_seed(drives: list[EmbeddedDrive], ablation: Ablation) -> None:
     again = ablated(drives)
     for a, b in zip(again.random, ablation.random, strict=True):
         np.testing.assert_array_equal(a.distances, b.distances)
