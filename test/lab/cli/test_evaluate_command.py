@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import yaml
 from commands import RING_KEY
+from street_sequence import ORIGIN, StreetSequence
 from typer.testing import CliRunner
 
 from offradar_ros.cli.main import app
@@ -69,7 +70,7 @@ def test_an_evaluation_is_repeated_from_its_cache(folder: Path) -> None:
 
 
 @pytest.fixture(scope='module')
-def oxford(tmp_path_factory: pytest.TempPathFactory, street: Callable[..., object]) -> Path:
+def oxford(tmp_path_factory: pytest.TempPathFactory, street: Callable[..., StreetSequence]) -> Path:
     """Five short drives under the names of the test sequences, where the test region is."""
     root = tmp_path_factory.mktemp('oxford')
     split = read_split('oxford')
@@ -77,14 +78,9 @@ def oxford(tmp_path_factory: pytest.TempPathFactory, street: Callable[..., objec
     centre = utm_to_geodetic(np.array([[circle.easting_m, circle.northing_m, 60.0]]), split.region.epsg)[0]
     for number, name in enumerate(split.test):
         drive = street(count=14, lane_m=0.7 * number, noise_seed=number)
-        away = LocalFrame(GeoPoint(51.75, -1.25, 70.0)).to_enu(drive.trajectory.positions)  # type: ignore[attr-defined]
-        here = LocalFrame(GeoPoint(*centre.tolist())).to_geodetic(away)
-        moved = dataclasses.replace(drive.trajectory, positions=here)  # type: ignore[attr-defined]
-
-        class Moved(type(drive)):  # type: ignore[misc]
-            trajectory = moved
-
-        write_oxford(Moved(count=14, noise_seed=number), root / name)
+        positions_m = LocalFrame(ORIGIN).to_enu(drive.trajectory.positions)
+        moved = LocalFrame(GeoPoint(*centre.tolist())).to_geodetic(positions_m)
+        write_oxford(drive.with_trajectory(dataclasses.replace(drive.trajectory, positions=moved)), root / name)
     return root
 
 

@@ -8,17 +8,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from street_sequence import ORIGIN, StreetSequence
 
 from offradar_ros.errors import ConfigError, DataError, RefusedInput
-from offradar_ros.geometry import GeoPoint, LocalFrame, geodetic_to_utm
+from offradar_ros.geometry import LocalFrame, geodetic_to_utm
 from offradar_ros.lab.drives.drive import Drive
 from offradar_ros.lab.evaluation.evaluate import Options, encode_drives, evaluate
 from offradar_ros.lab.evaluation.protocol import Group, Protocol, Recorded, Validation
 from offradar_ros.lab.evaluation.recorded_drives import RecordedSource, recorded_drives
 from offradar_ros.recordings.bags.writer import write_bag
 from offradar_ros.recordings.datasets.oxford_writer import write_oxford
-
-ORIGIN = GeoPoint(51.75, -1.25, 70.0)
 
 
 def protocol_of(*roads: Recorded, **changes: object) -> Protocol:
@@ -27,7 +26,7 @@ def protocol_of(*roads: Recorded, **changes: object) -> Protocol:
 
 
 @pytest.fixture(scope='module')
-def data(tmp_path_factory: pytest.TempPathFactory, street: Callable[..., object]) -> Path:
+def data(tmp_path_factory: pytest.TempPathFactory, street: Callable[..., StreetSequence]) -> Path:
     """Three drives of one street, 30 m long, and a fourth on another road."""
     root = tmp_path_factory.mktemp('data')
     for number, lane_m in enumerate((0.0, 1.5, -1.0)):
@@ -108,7 +107,7 @@ def test_validation_takes_scans_at_equal_steps_with_or_without_positions(data: P
     np.testing.assert_array_equal(np.diff(clean.stamps_ns) // 250_000_000, [8, 7, 8])
 
 
-def test_an_unreadable_scan_is_refused(data: Path, tmp_path: Path, street: Callable[..., object]) -> None:
+def test_an_unreadable_scan_is_refused(data: Path, tmp_path: Path, street: Callable[..., StreetSequence]) -> None:
     for name in ('a', 'b'):
         write_oxford(street(count=6), tmp_path / name)
     damaged = sorted((tmp_path / 'a' / 'radar').iterdir())[2]
@@ -159,7 +158,7 @@ def test_drives_of_different_roads_are_reported(data: Path, tmp_path: Path) -> N
 
 
 def test_folders_of_one_name_have_different_names_in_results(
-    data: Path, tmp_path: Path, street: Callable[..., object]
+    data: Path, tmp_path: Path, street: Callable[..., StreetSequence]
 ) -> None:
     write_bag(street(count=6), tmp_path / 'd0')
     drives = opened(data, protocol_of(Recorded('r', sequences=('d0', str(tmp_path / 'd0')))))
@@ -171,14 +170,11 @@ def test_nothing_to_search_is_one_line(data: Path, tmp_path: Path) -> None:
         evaluate(protocol_of(Recorded('r', sequences=('x', 'y'))), ['ring_key'], quiet_options(tmp_path, data))
 
 
-def test_positions_of_two_kinds_are_not_compared(data: Path, tmp_path: Path, street: Callable[..., object]) -> None:
+def test_positions_of_two_kinds_are_not_compared(
+    data: Path, tmp_path: Path, street: Callable[..., StreetSequence]
+) -> None:
     drive = street(count=6)
     write_bag(drive, tmp_path / 'a')
-    metric = drive.trajectory.in_frame(LocalFrame(ORIGIN))  # type: ignore[attr-defined]
-
-    class Metric(type(drive)):  # type: ignore[misc]
-        trajectory = metric
-
-    write_bag(Metric(count=6), tmp_path / 'b')
+    write_bag(drive.with_trajectory(drive.trajectory.in_frame(LocalFrame(ORIGIN))), tmp_path / 'b')
     with pytest.raises(DataError, match='they cannot be compared'):
         opened(tmp_path, protocol_of(Recorded('r', sequences=('a', 'b'))))
