@@ -1,4 +1,4 @@
-"""A bound on the share of wrong answers where those of one stretch of road go wrong together."""
+"""A bound on the share of wrong answers whose errors are correlated within a stretch of road."""
 
 from __future__ import annotations
 

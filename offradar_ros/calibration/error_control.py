@@ -1,4 +1,4 @@
-"""Bounds on a share that was counted, and the test of which thresholds keep wrong answers rare.
+"""Bounds on a counted share, and the tests that show which thresholds keep wrong answers rare.
 
 Exact binomial bounds: Clopper and Pearson, Biometrika 26 (1934). The choice of a threshold is a test of each, as in
 Angelopoulos et al., "Learn then Test", arXiv 2110.01052 (2021). scipy is imported when a bound is computed.
@@ -21,7 +21,7 @@ rejected at 1/4 or less (Greenberg and Mohri, "Tight lower bound on the probabil
 
 
 def upper_bound(count: int, total: int, confidence: float) -> float:
-    """One-sided upper bound on the share that `count` of `total` estimates, Clopper–Pearson; 1 if there is none."""
+    """One-sided upper bound on the share that `count` of `total` estimates, Clopper–Pearson; 1 if all count."""
     from scipy.special import betaincinv  # noqa: PLC0415
 
     return 1.0 if count >= total else float(betaincinv(count + 1, total - count, confidence))
@@ -39,14 +39,19 @@ def fewest_answers(error_rate: float, confidence: float) -> int:
 
 
 class Counts(NamedTuple):
-    """At each of M ascending thresholds: (M,) int64 scans that are answered, and how many of them wrongly."""
+    """Counts at M ascending thresholds.
+
+    Attributes:
+        answered: (M,) int64 scans that are answered.
+        wrong: (M,) int64 answers among them that are wrong.
+    """
 
     answered: NDArray[np.int64]
     wrong: NDArray[np.int64]
 
 
 def counts_at(uncertainties: NDArray[np.float64], wrong: NDArray[np.bool_], thresholds: NDArray[np.float64]) -> Counts:
-    """Of (Q,) scans, those with a U at most each threshold; an infinite U is never answered."""
+    """Counts of (Q,) scans at (M,) thresholds; a scan is answered where its U is at most the threshold."""
     order = np.argsort(uncertainties, kind='stable')
     answered = np.searchsorted(uncertainties[order], thresholds, side='right').astype(np.int64)
     mistakes = np.concatenate([[0], np.cumsum(wrong[order], dtype=np.int64)])
@@ -54,20 +59,20 @@ def counts_at(uncertainties: NDArray[np.float64], wrong: NDArray[np.bool_], thre
 
 
 def passing(counts: Counts, error_rate: float, confidence: float) -> NDArray[np.bool_]:
-    """(M,) at which thresholds at most `error_rate` of the answers are wrong; all true ones at once, with `confidence`.
+    """(M,) bool: the thresholds at which at most `error_rate` of the answers are wrong, all at once with `confidence`.
 
-    Each threshold's hypothesis is that more are. Its p-value is P(Bin(answered, error_rate) ≤ wrong). They are tested
-    from the lowest threshold upwards by the fallback procedure (Wiens, Pharmaceutical Statistics 2, 2003; a sequential
-    graphical test in Learn then Test): a threshold is tested at its own share of 1 − confidence, and at what the one
-    below it was tested at if that one passed. Where to start, and with which share, is fixed by how many are answered
-    alone, before anything is known of who is right:
+    The hypothesis of each threshold is that more are wrong. Its p-value is P(Bin(answered, error_rate) ≤ wrong). They
+    are tested from the lowest threshold upwards by the fallback procedure (Wiens, Pharmaceutical Statistics 2, 2003; a
+    sequential graphical test in Learn then Test). A threshold is tested at its own share of 1 − confidence, plus the
+    level of the threshold below it if that one passed. The shares depend on the numbers of answers alone, not on which
+    of them are right:
 
-    * half of it starts at the first threshold that passes if no answer is wrong;
-    * half at the first that passes even if half of `error_rate` of them are: of few answers a single wrong one, which
-      says little, would end the tests.
+    * one half goes to the first threshold that passes if no answer is wrong;
+    * one half to the first that passes even if half of `error_rate` of them are wrong. Without it, a single wrong
+      answer among the first few would end the tests.
 
-    Where there is no second one, the first has all of it. Thresholds below the first answer too few to say anything,
-    and are not tested.
+    If there is no second one, the first gets all of it. Thresholds below the first answer too few scans to pass, and
+    are not tested.
     """
     from scipy.stats import binom  # noqa: PLC0415
 
@@ -82,24 +87,24 @@ def passing(counts: Counts, error_rate: float, confidence: float) -> NDArray[np.
     return passed
 
 
-def _shares(answered: NDArray[np.int64], error_rate: float, doubt: float) -> NDArray[np.float64]:
-    """(M,) how much of `doubt` = 1 − confidence each threshold's own test has."""
+def _shares(answered: NDArray[np.int64], error_rate: float, significance: float) -> NDArray[np.float64]:
+    """(M,) the share of `significance` = 1 − confidence at which each threshold is tested by itself."""
     shares = np.zeros(len(answered))
-    strict = _first_able(answered, 0.0, error_rate, doubt / 2.0)
-    lenient = _first_able(answered, error_rate / 2.0, error_rate, doubt / 2.0)
+    strict = _first_able(answered, 0.0, error_rate, significance / 2.0)
+    lenient = _first_able(answered, error_rate / 2.0, error_rate, significance / 2.0)
     if strict is not None and lenient is not None and strict != lenient:
-        shares[[strict, lenient]] = doubt / 2.0
+        shares[[strict, lenient]] = significance / 2.0
         return shares
-    alone = _first_able(answered, 0.0, error_rate, doubt)
+    alone = _first_able(answered, 0.0, error_rate, significance)
     if alone is not None:
-        shares[alone] = doubt
+        shares[alone] = significance
     return shares
 
 
-def _first_able(answered: NDArray[np.int64], rate: float, error_rate: float, doubt: float) -> int | None:
-    """The first threshold that would pass at `doubt` with this rate of wrong answers."""
+def _first_able(answered: NDArray[np.int64], rate: float, error_rate: float, significance: float) -> int | None:
+    """The first threshold that would pass at `significance` with this rate of wrong answers."""
     from scipy.stats import binom  # noqa: PLC0415
 
-    able = binom.cdf(np.floor(answered * rate), answered, error_rate) <= doubt
+    able = binom.cdf(np.floor(answered * rate), answered, error_rate) <= significance
     able &= answered > 0
     return int(np.argmax(able)) if able.any() else None

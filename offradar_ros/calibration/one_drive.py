@@ -25,9 +25,9 @@ def calibrate_drive(
     """Parameters for the encoder and the query; N is the configuration's.
 
     The threshold is the lowest static one that rejects an ordinary scan with a chance of at most `reject_at_most`; 0
-    takes the highest, and so does a drive of too few scans. Scans that are refused are left out; DataError if fewer
-    than two are left. A learned encoder's variance has its scale from training (prior at 1): only the threshold is set
-    for it. `progress` gets (done, scans) after each scan.
+    takes the highest, and so does a drive with too few scans. Scans that are refused are left out; DataError if fewer
+    than two are left. The variance of a learned encoder is scaled by training (prior at 1): only its threshold is
+    chosen. `progress` gets (done, scans) after each scan.
     """
     encoder = make_encoder(config.encoder)
     uncertainties = _uncertainties(sequence, encoder, progress)

@@ -1,4 +1,4 @@
-"""What a calibration gives: parameters for the nodes, marked with the model that they are for."""
+"""Result of a calibration: parameters for the nodes, with the fingerprint of the model that they are for."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Calibration:
     Attributes:
         values: parameters by dotted name, as `config.write_parameters` takes them.
         source: which scans they come from, in a few words.
-        lines: what there is to report about them, for a person.
+        lines: the report for a person.
     """
 
     values: dict[str, Value]

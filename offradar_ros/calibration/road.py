@@ -25,10 +25,10 @@ from offradar_ros.recordings.truth import TOLERANCE_M
 from offradar_ros.retrieval.thresholds import static_thresholds
 
 FEW_SQUARES = 60
-"""With fewer squares of ground the bound is weak: even without a wrong answer it is above 5 %."""
+"""With fewer squares of ground the bound is weak: above 5 % even without a wrong answer."""
 
 
-class Wanted(NamedTuple):
+class ErrorLimit(NamedTuple):
     """At most the share `error_rate` of the answers wrong, with `confidence`."""
 
     error_rate: float
@@ -36,7 +36,7 @@ class Wanted(NamedTuple):
 
 
 def calibrate_road(
-    drives: Sequence[PositionedDrive], config: Config, wanted: Wanted, progress: Progress | None = None
+    drives: Sequence[PositionedDrive], config: Config, limit: ErrorLimit, progress: Progress | None = None
 ) -> tuple[Calibration, ThresholdChoice]:
     """Parameters for the encoder and the query, from two drives or more in one frame; N is the configuration's.
 
@@ -56,7 +56,7 @@ def calibrate_road(
     factor = variance_factor(queries.uncertainties[known]) if config.encoder.name == 'ring_key' else 1.0
     queries = dataclasses.replace(queries, uncertainties=queries.uncertainties * factor)
     delta, levels = spanning_delta(queries.uncertainties[known]), config.query.levels
-    choice = choose_threshold(queries, static_thresholds(delta, levels), wanted.error_rate, wanted.confidence)
+    choice = choose_threshold(queries, static_thresholds(delta, levels), limit.error_rate, limit.confidence)
     values = calibrated_parameters(config, encoder, factor, delta, levels, choice.level)
     source = f'{len(queries)} scans of {", ".join(drive.name for drive in drives)}'
     return Calibration(values, source, tuple(_lines(choice, delta))), choice
@@ -71,9 +71,9 @@ def _encoded(drives: Sequence[PositionedDrive], encoder: Encoder, progress: Prog
     total, done, encoded = sum(len(drive) for drive in drives), 0, []
     for drive in drives:
 
-        def advance(of_drive: int, _: int, before: int = done) -> None:
+        def advance(done_of_drive: int, _: int, before: int = done) -> None:
             if progress is not None:
-                progress(before + of_drive, total)
+                progress(before + done_of_drive, total)
 
         means, variances = encode_all(encoder, drive, advance)
         uncertainties = variances.mean(axis=1, dtype=np.float64)
@@ -84,7 +84,7 @@ def _encoded(drives: Sequence[PositionedDrive], encoder: Encoder, progress: Prog
 
 
 def _lines(choice: ThresholdChoice, delta: float) -> list[str]:
-    queries, sure = choice.queries, f'{choice.confidence:g}'
+    queries, confidence = choice.queries, f'{choice.confidence:g}'
     scans, right = len(queries), int(np.sum(~queries.wrong))
     known = queries.uncertainties[np.isfinite(queries.uncertainties)]
     share, low, high = choice.rejection
@@ -97,10 +97,10 @@ def _lines(choice: ThresholdChoice, delta: float) -> list[str]:
         f'level {choice.level} of {len(choice.thresholds) - 1} rejects U above {choice.threshold:.3f}: '
         f'{wrong} of {choice.answered} answers are wrong ({wrong / choice.answered:.4f})',
         *(['note: it rejects none of these scans: so few answers are wrong without it'] * (choice.answered == scans)),
-        f'at most {rate:g} of the answers are wrong, with confidence {sure} (of this level alone: {bound:.4f})',
+        f'at most {rate:g} of the answers are wrong, with confidence {confidence} (of this level alone: {bound:.4f})',
         f'one more scan is answered wrongly with a chance of at most {rate:g} (conformal: ({wrong} + 1)/({scans} + 1) '
         f'= {choice.chance_of_wrong_answer:.4f} is not above it)',
-        f'expected to be rejected: {share:.4f} of the scans ({low:.4f} to {high:.4f}, confidence {sure}); here '
+        f'expected to be rejected: {share:.4f} of the scans ({low:.4f} to {high:.4f}, confidence {confidence}); here '
         f'{scans - right - wrong} of {scans - right} wrong answers and {right - choice.answered + wrong} of {right} '
         'right ones',
         f'counted by squares of {SQUARE_M:g} m of ground, {choice.squares} of them, not by scans, no more is certain '

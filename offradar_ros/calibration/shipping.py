@@ -1,8 +1,7 @@
-"""Weights as they ship: in half precision, with U 1 over a clean drive. Needs torch."""
+"""Weights for release: in half precision, with a mean U of 1 over a clean drive. Needs torch."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +13,7 @@ from offradar_ros.encoders.networks.variational import VariationalNetwork
 from offradar_ros.encoders.torch_backend import TorchEncoder
 from offradar_ros.encoders.weights_header import WeightsHeader
 from offradar_ros.errors import ModelError
+from offradar_ros.processes import Progress
 from offradar_ros.sequence import RadarSequence
 
 
@@ -23,9 +23,9 @@ def ship(
     *,
     half: bool,
     clean_drive: RadarSequence | None,
-    progress: Callable[[int, int], None] | None = None,
+    progress: Progress | None = None,
 ) -> WeightsHeader:
-    """Write `weights` again as `out`, with `half` in half precision; the header says what was done.
+    """Write `weights` again as `out`, with `half` in half precision; the header's description names the scale.
 
     Over `clean_drive` the variance is scaled so that U is 1 on average (the prior's, Sec. III-C); without one it stays.
     ModelError for weights that cannot be read or whose method has no such scale.

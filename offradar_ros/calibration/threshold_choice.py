@@ -1,4 +1,4 @@
-"""The static threshold that keeps the error rate that was asked for, and what is to be expected of it."""
+"""The static threshold that keeps a given error rate, and the rates to expect with it."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class ThresholdChoice:
         counts: answered scans and wrong answers at each of them.
         level: n, the row of `thresholds` that is chosen.
         error_rate: ε, the share of the answers that may be wrong.
-        confidence: with which it is at most ε.
+        confidence: that at most ε of the answers are wrong.
     """
 
     queries: ValidationQueries
@@ -53,12 +53,12 @@ class ThresholdChoice:
 
     @property
     def wrong(self) -> int:
-        """Those of them whose answer is wrong."""
+        """Answers among them that are wrong."""
         return int(self.counts.wrong[self.level])
 
     @property
     def rejection(self) -> tuple[float, float, float]:
-        """Share of all scans that is rejected, and both ends of its interval."""
+        """Share of all scans that is rejected, and both ends of its confidence interval."""
         rejected = len(self.queries) - self.answered
         return (rejected / len(self.queries), *interval(rejected, len(self.queries), self.confidence))
 
@@ -77,7 +77,7 @@ class ThresholdChoice:
 
     @property
     def error_rate_by_squares(self) -> float:
-        """Upper bound on the share of wrong answers where a square, not a scan, is one draw; pointwise."""
+        """Upper bound on the share of wrong answers if a square, not a scan, is one draw; for this threshold alone."""
         count = int(self.queries.squares.max()) + 1
         accepted, wrong = self._accepted, self._accepted & self.queries.wrong
         answered, mistakes = (np.bincount(self.queries.squares[rows], minlength=count) for rows in (accepted, wrong))
@@ -94,8 +94,8 @@ def choose_threshold(
 ) -> ThresholdChoice:
     """The highest of the (N + 1,) thresholds that pass (`error_control.passing`).
 
-    DataError where none does, with the best bound that was reached: a threshold that fails would be taken for one that
-    keeps the error rate.
+    DataError where none passes, with the best bound that was reached: a threshold that fails must not be taken for one
+    that keeps the error rate.
     """
     counts = counts_at(queries.uncertainties, queries.wrong, thresholds)
     passed = np.flatnonzero(passing(counts, error_rate, confidence))

@@ -1,4 +1,4 @@
-"""Drives of one road searched in each other's maps: which answers are wrong, and how uncertain each scan was."""
+"""Drives of one road searched in each other's maps: which answers are wrong, and the U of each scan."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from offradar_ros.retrieval.place_index import PlaceIndex
 from offradar_ros.types import PlaceTable
 
 SQUARE_M = 100.0
-"""Answers within one such square of ground are right or wrong together more often than those of two squares."""
+"""Side of a square of ground. Errors of answers within one square are correlated."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -51,11 +51,11 @@ class ValidationQueries:
     """One row for each of Q scans, of all drives.
 
     Attributes:
-        drives: how many.
+        drives: number of drives.
         uncertainties: (Q,) float64, infinite where the encoder refused the scan.
-        wrong: (Q,) whether the nearest place in embedding space is further away than the tolerance.
-        positive: (Q,) whether the map holds a place within the tolerance at all.
-        squares: (Q,) int64, which square of `SQUARE_M` of ground the scan was taken in, whatever the drive.
+        wrong: (Q,) bool, whether the nearest place in embedding space is further away than the tolerance.
+        positive: (Q,) bool, whether the map holds a place within the tolerance.
+        squares: (Q,) int64, index of the square of `SQUARE_M` in which the scan was taken; drives share the squares.
     """
 
     drives: int
@@ -76,8 +76,8 @@ class ValidationQueries:
 def validation_queries(drives: Sequence[EncodedDrive], spacing_m: float, tolerance_m: float) -> ValidationQueries:
     """Search every drive's map, a place every `spacing_m`, for scans of every other drive.
 
-    Each scan counts once: searched in several maps it would be right or wrong in most of them alike, and the bounds
-    would take that for so many scans. Scan i of a drive is searched in the map of the i-th other drive, in turn.
+    Each scan counts once. Searched in several maps, it would mostly be right in all or wrong in all, and the bounds
+    would take these answers for independent ones. Scan i is searched in the map of other drive i, modulo their number.
     DataError for a drive without a usable scan, and where no scan has a right place in any map.
     """
     for drive in drives:
@@ -106,7 +106,7 @@ def validation_queries(drives: Sequence[EncodedDrive], spacing_m: float, toleran
 
 
 class _Map:
-    """One drive as a map, a place every `spacing_m`; scans that were refused are passed over."""
+    """One drive as a map, a place every `spacing_m`; refused scans are left out."""
 
     def __init__(self, drive: EncodedDrive, spacing_m: float) -> None:
         usable = np.flatnonzero(drive.usable)

@@ -1,4 +1,4 @@
-"""Scale of an encoder's variance, so that U = 1 on average over a drive, and the Δ that goes with it."""
+"""Scale of an encoder's variance, so that U = 1 on average over a drive, and Δ for these U."""
 
 from __future__ import annotations
 

@@ -1,10 +1,10 @@
-"""`offradar calibrate`: parameters that make U mean something on this sensor."""
+"""`offradar calibrate`: the threshold on U, and its scale, for a sensor."""
 
 import dataclasses
 import importlib.util
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Optional
 
 import typer
 
@@ -12,7 +12,7 @@ from offradar_ros.calibration.error_control import LEAST_CONFIDENCE
 from offradar_ros.calibration.one_drive import calibrate_drive
 from offradar_ros.calibration.parameters import Calibration
 from offradar_ros.calibration.reliability import draw_reliability
-from offradar_ros.calibration.road import Wanted, calibrate_road
+from offradar_ros.calibration.road import ErrorLimit, calibrate_road
 from offradar_ros.calibration.threshold_choice import ThresholdChoice
 from offradar_ros.cli.answers import require_writable as require_file
 from offradar_ros.cli.need import pip_hint
@@ -31,7 +31,7 @@ from offradar_ros.recordings.source import LAYOUT_HELP, open_source
 from offradar_ros.recordings.spacing import MAP_SPACING_M
 
 LEVELS = 20
-REJECTED, WRONG, SURE = 0.01, 0.05, 0.95
+REJECT_AT_MOST, ERROR_RATE, CONFIDENCE = 0.01, 0.05, 0.95
 """Defaults of --reject-at-most, --error-rate and --confidence."""
 
 
@@ -45,39 +45,43 @@ def calibrate(
     ],
     out: Annotated[Path, typer.Option(help='Parameter file to write; it may be the one given with --params.')],
     params: Annotated[
-        Path | None, typer.Option(help='Parameter file with the encoder to calibrate; the rest of it is kept.')
+        Optional[Path], typer.Option(help='Parameter file with the encoder to calibrate; the rest of it is kept.')
     ] = None,
     reject_at_most: Annotated[
-        float | None,
+        Optional[float],
         typer.Option(
             min=0.0001,
             max=0.5,
-            help=f'One drive: share of ordinary scans that may be rejected; {REJECTED:g} if not given.',
+            help=f'One drive: share of ordinary scans that may be rejected; {REJECT_AT_MOST:g} if not given.',
         ),
     ] = None,
     error_rate: Annotated[
-        float | None,
+        Optional[float],
         typer.Option(
-            min=0.001, max=0.5, help=f'Several drives: share of the answers that may be wrong; {WRONG:g} if not given.'
+            min=0.001,
+            max=0.5,
+            help=f'Several drives: share of the answers that may be wrong; {ERROR_RATE:g} if not given.',
         ),
     ] = None,
     confidence: Annotated[
-        float | None,
+        Optional[float],
         typer.Option(
-            min=LEAST_CONFIDENCE, max=0.9999, help=f'Several drives: with which it is kept; {SURE:g} if not given.'
+            min=LEAST_CONFIDENCE,
+            max=0.9999,
+            help=f'Several drives: confidence that it is kept; {CONFIDENCE:g} if not given.',
         ),
     ] = None,
     spacing_m: Annotated[
-        float, typer.Option(min=0.0, help='Several drives: metres driven between two scans that are taken; 0: all.')
+        float, typer.Option(min=0.0, help='Several drives: metres driven between two scans that are used; 0: all.')
     ] = MAP_SPACING_M,
     levels: Annotated[
-        int | None,
+        Optional[int],
         typer.Option(
             min=1, max=10000, help=f'N, steps between the thresholds; that of --params, or {LEVELS}, if not given.'
         ),
     ] = None,
     plot: Annotated[
-        Path | None, typer.Option(help='Several drives: picture of wrong answers against U (needs matplotlib).')
+        Optional[Path], typer.Option(help='Several drives: picture of wrong answers against U (needs matplotlib).')
     ] = None,
     layout: Annotated[str, typer.Option(help=LAYOUT_HELP)] = 'auto',
 ) -> None:
@@ -101,13 +105,13 @@ def calibrate(
         sequence = open_source(sources[0], layout, config.radar)
         require_writable(out)
         with progress_bar(f'encoding {sequence.name}') as progress:
-            calibration = calibrate_drive(sequence, config, reject_at_most or REJECTED, progress)
+            calibration = calibrate_drive(sequence, config, reject_at_most or REJECT_AT_MOST, progress)
     else:
         require_writable(out)
         if plot is not None:
             require_file(plot)
-        wanted = Wanted(error_rate or WRONG, confidence or SURE)
-        calibration, choice = _over_road(sources, layout, config, wanted, spacing_m)
+        limit = ErrorLimit(error_rate or ERROR_RATE, confidence or CONFIDENCE)
+        calibration, choice = _over_road(sources, layout, config, limit, spacing_m)
         if plot is not None:
             draw_reliability(choice, plot)
     values = _typed(given, config) | calibration.values
@@ -118,7 +122,7 @@ def calibrate(
 
 
 def _over_road(
-    sources: Sequence[Path], layout: str, config: Config, wanted: Wanted, spacing_m: float
+    sources: Sequence[Path], layout: str, config: Config, limit: ErrorLimit, spacing_m: float
 ) -> tuple[Calibration, ThresholdChoice]:
     paths = [path.resolve() for path in sources]
     if len(set(paths)) < len(paths):
@@ -126,7 +130,7 @@ def _over_road(
     road = open_road(paths, layout, config.radar, config.position, name='calibration')
     drives = [drive.subsampled(spacing_m) for drive in road.drives]
     with progress_bar(f'encoding {", ".join(drive.name for drive in drives)}') as progress:
-        calibration, choice = calibrate_road(drives, config, wanted, progress)
+        calibration, choice = calibrate_road(drives, config, limit, progress)
     notes = tuple(f'note: {note}' for note in road.notes)
     return dataclasses.replace(calibration, lines=calibration.lines + notes), choice
 
@@ -137,6 +141,6 @@ def _with_levels(config: Config, levels: int) -> Config:
 
 
 def _typed(given: dict[str, Any], config: Config) -> dict[str, Any]:
-    """Every parameter of the file, those for nodes alone included, each of the type that nodes want."""
+    """Every parameter of the file, also those of the nodes alone, each with the type that the nodes expect."""
     typed = {leaf.name: leaf.value for leaf in parameters(config)}
     return {name: typed.get(name, value) for name, value in given.items()}

@@ -11,16 +11,16 @@ from offradar_ros.calibration.error_control import upper_bound
 
 def capital(answered: np.ndarray, wrong: np.ndarray, rate: float) -> float:
     """What the bets of all stakes hold on average after the last cluster, one cluster after the other."""
-    held = []
+    capitals = []
     for stake in np.linspace(0.0, 1.0, 33)[1:-1] / (1.0 - rate):
         money = 1.0
         for a, k in zip(answered / answered.max(), wrong / answered.max(), strict=True):
             money *= 1.0 - stake * (k - rate * a)
-        held.append(money)
-    return float(np.mean(held))
+        capitals.append(money)
+    return float(np.mean(capitals))
 
 
-def test_it_is_where_the_bets_have_won_enough() -> None:
+def test_the_bound_is_where_the_capital_is_large_enough() -> None:
     rng = np.random.default_rng(1)
     answered = rng.integers(1, 20, 80)
     wrong = rng.binomial(answered, 0.1)
@@ -30,10 +30,10 @@ def test_it_is_where_the_bets_have_won_enough() -> None:
     assert wrong.sum() / answered.sum() < bound < 0.25
 
 
-def test_more_clusters_tell_more_and_silent_ones_nothing() -> None:
+def test_more_clusters_tighten_the_bound_and_unanswered_ones_do_not() -> None:
     bounds = [clustered_upper_bound(np.full(n, 8), np.zeros(n, int), 0.95) for n in (5, 50, 500)]
     assert bounds == sorted(bounds, reverse=True)
-    # Not below what so many single scans would tell.
+    # Not below the bound for as many independent scans.
     assert all(bound >= upper_bound(0, n, 0.95) for bound, n in zip(bounds, (5, 50, 500), strict=True))
     silent = clustered_upper_bound(np.array([8] * 50 + [0] * 9), np.zeros(59, int), 0.95)
     assert silent == pytest.approx(bounds[1])

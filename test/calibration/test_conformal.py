@@ -15,13 +15,13 @@ def test_the_quantile_is_the_right_one_in_order() -> None:
 
 
 @pytest.mark.parametrize(('share', 'fewest'), [(0.01, 99), (0.05, 19), (0.3, 3), (0.5, 1)])
-def test_so_many_scans_bound_the_share(share: float, fewest: int) -> None:
+def test_the_number_of_scans_for_a_quantile_bounds_the_share(share: float, fewest: int) -> None:
     assert scans_for_quantile(share) == fewest
     assert 1.0 / (fewest + 1) <= share + 1e-12 < 1.0 / fewest
 
 
 @pytest.mark.parametrize('share', [0.05, 0.21])
-def test_one_more_scan_is_above_it_as_seldom_as_said(share: float) -> None:
+def test_one_more_scan_is_above_it_as_rarely_as_guaranteed(share: float) -> None:
     rng = np.random.default_rng(2)
     drives = rng.gamma(4.0, size=(20_000, 40))
     above = np.mean([conformal_quantile(drive[:-1], share) < drive[-1] for drive in drives])
@@ -30,7 +30,7 @@ def test_one_more_scan_is_above_it_as_seldom_as_said(share: float) -> None:
     assert above > share - 1.0 / 40 - 3.0 * deviation
 
 
-def test_one_more_scan_is_answered_wrongly_as_seldom_as_said() -> None:
+def test_one_more_scan_is_answered_wrongly_as_rarely_as_guaranteed() -> None:
     """The highest threshold whose bound is at most 0.1, of every value of U."""
     rng = np.random.default_rng(3)
     wanted, scans, wrongly = 0.1, 60, 0

@@ -1,4 +1,4 @@
-"""Bounds against a slow second way to them, and the promise of the choice against simulated drives."""
+"""Bounds compared with slow computations, and the guarantee of the choice on simulated drives."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ def chance_of_at_most(count: int, total: int, rate: float) -> float:
 
 @pytest.mark.parametrize(('count', 'total'), [(0, 1), (0, 59), (1, 59), (3, 40), (20, 40), (39, 40)])
 @pytest.mark.parametrize('confidence', [0.75, 0.95, 0.999])
-def test_the_bound_is_the_share_at_which_so_few_are_as_rare_as_said(count: int, total: int, confidence: float) -> None:
+def test_at_the_bound_so_low_a_count_is_as_rare_as_stated(count: int, total: int, confidence: float) -> None:
     bound = upper_bound(count, total, confidence)
     assert chance_of_at_most(count, total, bound) == pytest.approx(1.0 - confidence, abs=1e-9)
 
 
-def test_without_scans_or_right_ones_nothing_is_ruled_out() -> None:
+def test_without_scans_or_without_right_ones_no_share_is_excluded() -> None:
     assert upper_bound(0, 0, 0.95) == upper_bound(5, 5, 0.95) == 1.0
     assert interval(0, 0, 0.95) == (0.0, 1.0)
 
@@ -43,7 +43,7 @@ def test_the_interval_is_that_of_scipy(count: int, total: int) -> None:
 
 
 @pytest.mark.parametrize(('rate', 'confidence', 'expected'), [(0.05, 0.95, 59), (0.01, 0.95, 299), (0.5, 0.75, 2)])
-def test_so_many_right_answers_are_enough_and_one_less_is_not(rate: float, confidence: float, expected: int) -> None:
+def test_the_fewest_right_answers_are_enough_and_one_less_is_not(rate: float, confidence: float, expected: int) -> None:
     fewest = fewest_answers(rate, confidence)
     assert fewest == expected
     assert upper_bound(0, fewest, confidence) <= rate + 1e-12 < upper_bound(0, fewest - 1, confidence)
@@ -74,16 +74,16 @@ def test_the_first_level_that_fails_ends_them() -> None:
     assert passed([60, 70, 80, 150], [0, 0, 2, 2]) == [True, True, False, False]
 
 
-def test_one_wrong_answer_among_the_first_few_is_made_good_by_many_right_ones() -> None:
+def test_one_wrong_answer_among_the_first_few_does_not_end_the_tests() -> None:
     # 72 and 230 are the fewest that pass at 0.025: with none wrong, and with half of 0.05.
     assert passed([72, 229, 230, 400], [1, 1, 5, 5]) == [False, False, True, True]
-    # What the lower start was tested at is inherited by the other: together 0.05, at which 6 of 235 pass.
+    # The level of the lower start is inherited by the other: together 0.05, at which 6 of 235 pass.
     assert chance_of_at_most(6, 235, 0.05) == pytest.approx(0.049, abs=1e-3)
     assert passed([72, 235], [0, 6]) == [True, True]
     assert passed([72, 235], [1, 6]) == [False, False]
 
 
-def test_where_the_tests_start_does_not_depend_on_who_is_right() -> None:
+def test_where_the_tests_start_does_not_depend_on_which_answers_are_right() -> None:
     answered = [10, 80, 150, 235, 300]
     tested = [passed(answered, [0] * first + [1] * (5 - first)) for first in range(5)]
     assert tested[0] == tested[1] == [False, False, False, True, True]
@@ -91,7 +91,7 @@ def test_where_the_tests_start_does_not_depend_on_who_is_right() -> None:
 
 
 @pytest.mark.parametrize(('name', 'scans'), [('steep', 300), ('flat, just above what is wanted', 500)])
-def test_the_wanted_rate_is_broken_as_seldom_as_promised(name: str, scans: int) -> None:
+def test_the_error_rate_is_exceeded_as_rarely_as_guaranteed(name: str, scans: int) -> None:
     """Drives are drawn again and again; the chance of a wrong answer is known for each U, and so the true rate."""
     rng = np.random.default_rng(11)
     wanted, confidence, draws = 0.1, 0.8, 1500

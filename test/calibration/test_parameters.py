@@ -5,7 +5,7 @@ from offradar_ros.config import Config, load_config, replace_values
 from offradar_ros.encoders.registry import make_encoder
 
 
-def test_the_stamp_is_of_the_model_that_is_written() -> None:
+def test_the_fingerprint_is_that_of_the_written_scale() -> None:
     config = replace_values(
         Config(), {'encoder.name': 'ring_key', 'encoder.ring_key.variance_scale': 4.0, 'encoder.ring_key.rings': 64}
     )

@@ -22,30 +22,30 @@ def queries(scans: int, seed: int = 5) -> ValidationQueries:
     return ValidationQueries(2, uncertainties, wrong, np.ones(scans, np.bool_), np.arange(scans) // 12)
 
 
-def test_what_is_reported_is_what_a_count_gives() -> None:
-    asked = queries(600)
-    choice = choose_threshold(asked, static_thresholds(0.5, 10), 0.05, 0.95)
+def test_the_choice_reports_what_a_count_gives() -> None:
+    validation = queries(600)
+    choice = choose_threshold(validation, static_thresholds(0.5, 10), 0.05, 0.95)
     # Up to 1.2 hardly any answer is wrong; the next threshold lets in a tenth of the scans, half of them wrong.
     assert choice.threshold == pytest.approx(1.2)
-    accepted = asked.uncertainties <= choice.threshold
+    accepted = validation.uncertainties <= choice.threshold
     assert choice.answered == accepted.sum()
-    assert choice.wrong == (accepted & asked.wrong).sum()
+    assert choice.wrong == (accepted & validation.wrong).sum()
     share, low, high = choice.rejection
     assert share == pytest.approx(np.mean(~accepted))
     assert low < share < high
     assert choice.chance_of_wrong_answer == (choice.wrong + 1) / 601 <= 0.05
-    assert choice.squares == len(set(asked.squares[accepted]))
+    assert choice.squares == len(set(validation.squares[accepted]))
     assert choice.wrong / choice.answered < choice.error_rate_by_squares < 0.3
 
 
 @pytest.mark.parametrize('confidence', [0.75, 0.95])
-def test_what_passes_keeps_the_promise_of_conformal_risk_control(confidence: float) -> None:
+def test_what_passes_keeps_the_bound_of_conformal_risk_control(confidence: float) -> None:
     for scans in (20, 60, 200):
         for wrong in range(scans // 2):
             uncertainties, mistakes = np.full(scans, 1.0), np.arange(scans) < wrong
-            asked = ValidationQueries(2, uncertainties, mistakes, ~mistakes, np.zeros(scans, np.int64))
+            validation = ValidationQueries(2, uncertainties, mistakes, ~mistakes, np.zeros(scans, np.int64))
             try:
-                choice = choose_threshold(asked, static_thresholds(0.5, 1), 0.2, confidence)
+                choice = choose_threshold(validation, static_thresholds(0.5, 1), 0.2, confidence)
             except DataError:
                 break
             assert choice.chance_of_wrong_answer <= 0.2
