@@ -8,7 +8,7 @@ from offradar_ros.types import Embedding
 
 
 def embedding_problem(embedding: Embedding) -> str | None:
-    """One line on why `embedding` can be neither mapped nor searched with, or None when it can."""
+    """Why `embedding` can neither be mapped nor be searched with, in one line; None if it is valid."""
     mean, variance = embedding.mean, embedding.variance
     if mean.ndim != 1 or variance.ndim != 1 or mean.size == 0 or mean.size != variance.size:
         return f'expected mean and variance of one equal length, got shapes {mean.shape} and {variance.shape}'

@@ -1,4 +1,4 @@
-"""Which places may lie near a position, without looking at all of them."""
+"""A spatial hash: candidates near a position, without a look at every place."""
 
 from __future__ import annotations
 
@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 _STRIDE = 2**29
-"""Columns of cells apart in a key. Keys may coincide for cells that far apart, which only adds candidates.
+"""Difference of the keys of two neighbouring columns of cells. Cells this far apart may share a key, which only adds
+candidates.
 
 The keys of all positions on Earth (1e8 m) in cells of a centimetre or more fit 64 bits.
 """
 
-_WIDEST = 2.0**63 / (_STRIDE + 1)
-"""Keys of cells below this fit 64 bits; Python's own integers hold all others."""
+_MAX_CELL = 2.0**63 / (_STRIDE + 1)
+"""Keys of cell indices below this fit 64 bits; beyond it, keys are Python integers."""
 
 
 class PositionGrid:
@@ -22,7 +23,7 @@ class PositionGrid:
 
     def __init__(self, cell_m: float) -> None:
         self._cell_m = cell_m
-        # Tuples of numbers are nothing to the garbage collector, which would walk a million lists now and then.
+        # Tuples of numbers: the garbage collector stops tracking them, but would visit a million lists again and again.
         self._cells: dict[int, tuple[int, ...]] = {}
 
     def _cell(self, value_m: float) -> int:
@@ -32,14 +33,14 @@ class PositionGrid:
         return self._cell(x_m) * _STRIDE + self._cell(y_m)
 
     def add(self, index: int, x_m: float, y_m: float) -> None:
-        """Put `index` at a finite position."""
+        """Add `index` at a finite position."""
         key = self._key(x_m, y_m)
         self._cells[key] = (*self._cells.get(key, ()), index)
 
     def fill(self, positions_m: NDArray[np.float64]) -> None:
-        """Hold the indices 0 … N − 1 of (N, 2) finite positions, and no others."""
+        """Replace all content by the indices 0 … N − 1 at (N, 2) finite positions."""
         cells = np.floor(positions_m / self._cell_m)
-        if np.abs(cells).max(initial=0.0) >= _WIDEST:
+        if np.abs(cells).max(initial=0.0) >= _MAX_CELL:
             self._cells = {}
             for index, (x_m, y_m) in enumerate(positions_m.tolist()):
                 self.add(index, x_m, y_m)
@@ -54,7 +55,7 @@ class PositionGrid:
             self._cells[key] = tuple(order[start : start + count].tolist())
 
     def remove(self, index: int, x_m: float, y_m: float) -> None:
-        """Take `index` away from the position it was added at."""
+        """Remove `index` from the position at which it was added."""
         key = self._key(x_m, y_m)
         left = tuple(other for other in self._cells[key] if other != index)
         if left:
@@ -63,10 +64,10 @@ class PositionGrid:
             del self._cells[key]
 
     def near(self, x_m: float, y_m: float, radius_m: float) -> list[int]:
-        """Every index within `radius_m`, and some others of the same cells, in no order.
+        """Every index within `radius_m`, and others of the same cells, unordered.
 
-        The cells run from that of x − r to that of x + r. Subtraction, division and floor are monotonic in floating
-        point too, so that no index at a computed distance below r is missed at a cell's edge.
+        The cells are those from x − r to x + r, and so in y. Subtraction, division and floor are monotonic in floating
+        point too, so that no index at a computed distance below r is missed at the edge of a cell.
         """
         columns = range(self._cell(x_m - radius_m), self._cell(x_m + radius_m) + 1)
         rows = range(self._cell(y_m - radius_m), self._cell(y_m + radius_m) + 1)

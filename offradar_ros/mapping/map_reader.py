@@ -1,4 +1,4 @@
-"""Reading a map file without changing a byte of it, or of its folder."""
+"""Reads a map file without a change to the file or its folder."""
 
 from __future__ import annotations
 
@@ -17,48 +17,49 @@ from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.errors import ConfigError, MapError, RefusedInput
 from offradar_ros.geometry import GeoPoint
 from offradar_ros.mapping import schema
-from offradar_ros.mapping.place_columns import PlaceColumns, place_of, room_for
+from offradar_ros.mapping.place_columns import PlaceColumns, capacity_for, place_of
 from offradar_ros.mapping.place_rows import CONTENT_COLUMNS, rows_to_table
 from offradar_ros.mapping.stored_map import Before, StoredMap, StoredSession, revert
 from offradar_ros.records import structure
 from offradar_ros.types import PlaceTable
 
 _BATCH = 1024
-"""Rows read at once: few enough to stay in the processor's cache."""
+"""Rows read at once: few enough for the processor's cache."""
 
 Content = TypeVar('Content')
 SinkT = TypeVar('SinkT', bound='PlaceSink')
 
 
 class PlaceSink(Protocol):
-    """Takes places in ascending order of id, some at a time."""
+    """Receives places in ascending order of id, in batches."""
 
     def upsert(self, table: PlaceTable) -> None:
-        """Take these; RefusedInput if they cannot be held."""
+        """Store these places; RefusedInput if they are invalid."""
 
 
 def read_map(path: Path) -> StoredMap:
-    """Read the map at `path`; MapError says what is wrong with it. The file and its folder are left as they are.
+    """Read the map at `path`; MapError says what is wrong with it. The file and its folder are not changed.
 
-    Without a write-ahead log beside it the file is read as immutable, since SQLite's ordinary read-only mode leaves
-    a log behind. Should a writer start meanwhile, what was read is thrown away and read again beside that writer.
+    A file without a write-ahead log is read as immutable, because SQLite's ordinary read-only mode would leave a log
+    behind. If a writer starts meanwhile, the content is discarded and read again, concurrently with that writer.
     """
     return _consistently(path, _content)
 
 
 def read_committed(path: Path, start: Callable[[int, int], SinkT]) -> tuple[str, SinkT]:
-    """The map at `path` as of its last ended session, without ever holding it twice; MapError as `read_map`.
+    """The map at `path` as of its last ended session, held in memory only once; MapError as `read_map`.
 
-    `start(dimension, capacity)` makes what takes the places, a batch at a time in ascending order of id; it is called
-    again should a writer start meanwhile. Returns the model's fingerprint ('' for a map that never had one) as well.
+    `start(dimension, capacity)` makes the object that receives the places, in batches in ascending order of id; it is
+    called again if a writer starts meanwhile. Returns the model's fingerprint ('' for a map without a model) and that
+    object.
     """
 
     def stream(connection: sqlite3.Connection) -> tuple[str, SinkT]:
         model, _, _ = _head(connection)
         dimension = model.dimension if model else 0
         running = connection.execute("SELECT max(session_id) FROM sessions WHERE state = 'running'").fetchone()[0]
-        before = {} if running is None else _before(connection, dimension, running).get(running, {})
-        sink = start(dimension, _room(connection, dimension))
+        before = {} if running is None else _contents_before(connection, dimension, running).get(running, {})
+        sink = start(dimension, _capacity(connection, dimension))
         for rows in _batches(connection.execute(f'SELECT {CONTENT_COLUMNS} FROM places ORDER BY place_id')):
             table = rows_to_table(rows, dimension)
             inside = {i: before[i] for i in before.keys() & set(table.place_ids.tolist())} if before else {}
@@ -86,17 +87,17 @@ def _consistently(path: Path, read: Callable[[sqlite3.Connection], Content]) -> 
         else:
             if file_state(path) == state:
                 return content
-            # Two maps at once may be more than there is memory for.
+            # Memory may not be enough for two copies of the map.
             del content
     return _read(path, 'mode=ro', read)
 
 
 class FileState(NamedTuple):
-    """What tells whether a map was written since: device, inode, size and time of change of its files.
+    """Device, inode, size and time of change of a map's files: two equal states mean that no one wrote in between.
 
     Attributes:
-        file: of the map itself; None where there is none, or nothing in it.
-        log: likewise, of its write-ahead log.
+        file: state of the map file; None where it is missing or empty.
+        log: the same of its write-ahead log.
     """
 
     file: tuple[int, ...] | None
@@ -122,15 +123,15 @@ def _read(path: Path, mode: str, read: Callable[[sqlite3.Connection], Content]) 
             connection.execute('BEGIN')
             _refuse_foreign(path, connection)
             content = read(connection)
-            # After what is read forwards, and so is in memory now: the check goes backwards, which disks are slow at.
+            # The check reads backwards, which disks are slow at: now the pages are in memory, read forwards.
             _refuse_damaged(path, connection)
             return content
     except sqlite3.DatabaseError as error:
         if 'not a database' in str(error):
             raise MapError(f'{path}: not a map: expected a SQLite file written by offradar') from error
-        raise MapError(f'{path}: the map is damaged or cannot be read ({error}); the file is left as it is') from error
+        raise MapError(f'{path}: the map is damaged or cannot be read ({error}); the file is not changed') from error
     except (ValueError, TypeError, KeyError, OverflowError, ConfigError, RefusedInput) as error:
-        raise MapError(f'{path}: the map is damaged ({error}); the file is left as it is') from error
+        raise MapError(f'{path}: the map is damaged ({error}); the file is not changed') from error
 
 
 def _refuse_foreign(path: Path, connection: sqlite3.Connection) -> None:
@@ -148,7 +149,7 @@ def _refuse_damaged(path: Path, connection: sqlite3.Connection) -> None:
     problem = str(connection.execute('PRAGMA quick_check(1)').fetchone()[0])
     if problem != 'ok':
         problem = problem.splitlines()[-1]
-        raise MapError(f'{path}: the map is damaged ({problem}); the file is left as it is')
+        raise MapError(f'{path}: the map is damaged ({problem}); the file is not changed')
 
 
 def _content(connection: sqlite3.Connection) -> StoredMap:
@@ -166,7 +167,7 @@ def _content(connection: sqlite3.Connection) -> StoredMap:
             StoredSession(session_id, name, stamp_ns, state, json.loads(report))
             for session_id, name, stamp_ns, state, report in rows
         ),
-        before=_before(connection, dimension),
+        before=_contents_before(connection, dimension),
     )
 
 
@@ -178,15 +179,15 @@ def _head(connection: sqlite3.Connection) -> tuple[ModelInfo | None, GeoPoint | 
     return model, origin, int(meta['next_place_id'])
 
 
-def _room(connection: sqlite3.Connection, dimension: int) -> int:
-    """Capacity for the places of a map and more: as many as its file may hold. Counting them would read all of it."""
+def _capacity(connection: sqlite3.Connection, dimension: int) -> int:
+    """Capacity for the places of the map and more, estimated by ids and file size: COUNT(*) would read all of it."""
     newest = connection.execute('SELECT max(place_id) FROM places').fetchone()[0]
     size = (connection.execute(f'PRAGMA {name}').fetchone()[0] for name in ('page_count', 'page_size'))
-    return room_for(min((newest or 0) + 1, math.prod(size) // max(4 * dimension, 1)))
+    return capacity_for(min((newest or 0) + 1, math.prod(size) // max(4 * dimension, 1)))
 
 
 def _places(connection: sqlite3.Connection, dimension: int) -> tuple[PlaceColumns, NDArray[np.float64]]:
-    columns, anchors = PlaceColumns(dimension, _room(connection, dimension)), [np.empty((0, 2))]
+    columns, anchors = PlaceColumns(dimension, _capacity(connection, dimension)), [np.empty((0, 2))]
     cursor = connection.execute(f'SELECT {CONTENT_COLUMNS}, anchor_x_m, anchor_y_m FROM places ORDER BY place_id')
     for batch in _batches(cursor):
         columns.upsert(rows_to_table(batch, dimension))
@@ -197,8 +198,10 @@ def _places(connection: sqlite3.Connection, dimension: int) -> tuple[PlaceColumn
     return columns, anchors_m
 
 
-def _before(connection: sqlite3.Connection, dimension: int, session_id: int | None = None) -> dict[int, Before]:
-    """What places held before each session, or before one."""
+def _contents_before(
+    connection: sqlite3.Connection, dimension: int, session_id: int | None = None
+) -> dict[int, Before]:
+    """By session, what its places held before it; only for `session_id` where that is given."""
     before: dict[int, Before] = {}
     cursor = connection.execute(
         f'SELECT {CONTENT_COLUMNS}, by_session, existed FROM undo WHERE by_session = coalesce(?, by_session) '

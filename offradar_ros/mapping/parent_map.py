@@ -1,13 +1,13 @@
 """Algorithm 1 of the paper: one scan into the parent map.
 
-What the algorithm's listing leaves open or contradicts in the text is resolved so:
+Where the algorithm's listing is incomplete or contradicts the text, we decide as follows:
 
-* Line 6 replaces the *more* certain scan; text and figures say that the lower uncertainty stays. Lower U replaces.
+* Line 6 replaces the *more* certain scan; text and figures keep the lower uncertainty. Here the lower U replaces.
 * One scan would overwrite every match and so fill the map with copies of itself: `map.replace` is `nearest`, or
   `worst`, or `all` as printed.
-* Line 7 leaves D_i behind: pose, stamp and session move with the embedding.
+* Line 7 does not update D_i; here pose, stamp and session are replaced together with the embedding.
 * A scan that matches nothing becomes a place, unless `map.insert_unmatched` is false (the paper's constant size).
-* D_t is measured horizontally: the altitudes of two drives differ by metres through GPS alone.
+* D_t is a horizontal distance: GPS altitudes of two drives differ by metres.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ from offradar_ros.mapping.grid import PositionGrid
 from offradar_ros.mapping.place_columns import PlaceColumns, place_of, take_rows
 from offradar_ros.types import Embedding, Place, PlaceTable, Pose
 
-FARTHEST_M = 1e8
-"""A coordinate beyond this is no place on Earth, whatever the frame's origin."""
+MAX_COORDINATE_M = 1e8
+"""No position on Earth has a larger coordinate, whatever the origin of the frame."""
 
 
 class MergeKind(str, enum.Enum):
-    """What became of one scan."""
+    """What a merge did with one scan."""
 
     INSERTED = 'inserted'
     REPLACED = 'replaced'
@@ -45,9 +45,9 @@ class Merge:
     """Outcome of one scan.
 
     Attributes:
-        kind: whether the scan became a place, replaced some, or left the map as it was.
-        place_ids: the places that now hold the scan, nearest first; empty when kept.
-        before: what those places held until now; empty unless replaced.
+        kind: whether the scan was inserted, replaced the content of places, or left the map unchanged.
+        place_ids: the places that now hold the scan, nearest first; empty for KEPT.
+        before: what those places held before, in the same order; empty unless REPLACED.
     """
 
     kind: MergeKind
@@ -56,29 +56,29 @@ class Merge:
 
 
 class Merges(NamedTuple):
-    """Outcome of S scans that were merged in turn.
+    """Outcome of S scans that were merged one after the other.
 
     Attributes:
-        kinds: what became of each.
-        nearest: (S,) int64 id of the place nearest to each scan within D_t before it was merged, −1 where there is
-            none: the scans that have one are those that could replace something.
+        kinds: S kinds, one for each scan.
+        nearest: (S,) int64 id of the place nearest to each scan within D_t before it was merged, −1 where there was
+            none. Only scans with such a place can replace.
     """
 
     kinds: tuple[MergeKind, ...]
     nearest: NDArray[np.int64]
 
 
-def _refuse_far(stamp_ns: int, position_m: Sequence[float]) -> None:
-    if not all(abs(value) <= FARTHEST_M for value in position_m):
+def _refuse_invalid_position(stamp_ns: int, position_m: Sequence[float]) -> None:
+    if not all(abs(value) <= MAX_COORDINATE_M for value in position_m):
         raise RefusedInput(
             'invalid_position',
-            f'position of the scan at {stamp_ns} ns: expected finite metres within ±{FARTHEST_M:g}, '
+            f'position of the scan at {stamp_ns} ns: expected finite metres within ±{MAX_COORDINATE_M:g}, '
             f'got {", ".join(map(str, position_m))}',
         )
 
 
 class ParentMap:
-    """The places, each with the most certain scan seen there. One thread at a time."""
+    """The places, each with the most certain scan that was merged there. Not thread-safe."""
 
     def __init__(self, config: MapConfig, dimension: int) -> None:
         self.config = config
@@ -91,7 +91,7 @@ class ParentMap:
     def merge(self, embedding: Embedding, pose: Pose, session_id: int) -> Merge:
         """Algorithm 1 for the new scan (μ_j, U_j) taken at D_j.
 
-        Raises RefusedInput (`invalid_embedding`, `invalid_position`) and leaves the map as it was.
+        Raises RefusedInput (`invalid_embedding`, `invalid_position`) and leaves the map unchanged.
         """
         scan = self._scan(embedding, pose, session_id)
         # Find matched scan index (lines 1 to 4).
@@ -107,16 +107,16 @@ class ParentMap:
         return Merge(MergeKind.REPLACED, tuple(place.place_id for place in before), before)
 
     def merge_all(self, scans: PlaceTable, session_id: int) -> Merges:
-        """`merge` of many scans in turn, quicker: all are checked first, and what was replaced is not kept.
+        """`merge` of many scans one after the other, faster: all are checked first, and replaced content is not kept.
 
         Args:
-            scans: (S, d) means, U, poses and stamps of the scans, in the order in which they are merged; their place
-                and session ids are of no account.
-            session_id: of all of them.
+            scans: (S, d) means, U, poses and stamps of the scans, in merge order; their place and session ids are
+                ignored.
+            session_id: session of all scans.
 
-        Raises RefusedInput as `merge` does, and leaves the map as it was, if any of the scans is unusable.
+        Raises RefusedInput as `merge` does, and leaves the map unchanged, if any of the scans is invalid.
         """
-        self._refuse_unusable(scans)
+        self._refuse_invalid_scans(scans)
         scans = dataclasses.replace(scans, session_ids=np.full(len(scans), session_id, np.int32))
         kinds, nearest = [MergeKind.KEPT] * len(scans), np.full(len(scans), -1, np.int64)
         positions_m, uncertainties = scans.positions_m[:, :2].tolist(), scans.uncertainties.tolist()
@@ -138,22 +138,22 @@ class ParentMap:
         return self.config.insert_unmatched
 
     def _scan(self, embedding: Embedding, pose: Pose, session_id: int) -> PlaceTable:
-        """The scan as a row, which has no place yet."""
+        """The scan as a table of one row, not yet a place."""
         problem = embedding_problem(embedding)
         if problem is None and embedding.mean.size != self.dimension:
             problem = f'expected the dimension of the map, {self.dimension}, got {embedding.mean.size}'
         if problem:
             raise RefusedInput('invalid_embedding', f'embedding at {embedding.stamp_ns} ns: {problem}')
-        _refuse_far(embedding.stamp_ns, (pose.x_m, pose.y_m, pose.z_m))
-        # U is kept in single precision; rounded before it is compared, a scan never replaces itself.
+        _refuse_invalid_position(embedding.stamp_ns, (pose.x_m, pose.y_m, pose.z_m))
+        # U is stored in single precision. It is rounded before the comparison, so that a scan never replaces itself.
         scan = Place(-1, session_id, embedding.stamp_ns, pose, embedding.uncertainty, embedding.mean)
         return PlaceTable.from_places([scan], self.dimension)
 
-    def _refuse_unusable(self, scans: PlaceTable) -> None:
+    def _refuse_invalid_scans(self, scans: PlaceTable) -> None:
         if scans.means.shape != (len(scans), self.dimension):
             raise RefusedInput(
                 'invalid_embedding',
-                f'expected means of shape ({len(scans)}, {self.dimension}), as of the map, got {scans.means.shape}',
+                f'expected means of shape ({len(scans)}, {self.dimension}) as in the map, got {scans.means.shape}',
             )
         usable = np.isfinite(scans.means).all(axis=1) & np.isfinite(scans.uncertainties) & (scans.uncertainties >= 0.0)
         if not usable.all():
@@ -161,13 +161,13 @@ class ParentMap:
             raise RefusedInput(
                 'invalid_embedding', f'embedding at {stamp_ns} ns: expected a finite mean, and a finite U of 0 or more'
             )
-        near = (np.abs(scans.positions_m) <= FARTHEST_M).all(axis=1)
+        near = (np.abs(scans.positions_m) <= MAX_COORDINATE_M).all(axis=1)
         if not near.all():
             row = int(np.argmin(near))
-            _refuse_far(int(scans.stamps_ns[row]), scans.positions_m[row].tolist())
+            _refuse_invalid_position(int(scans.stamps_ns[row]), scans.positions_m[row].tolist())
 
     def _find_matched(self, x_m: float, y_m: float) -> list[int]:
-        """Rows of the places within D_t, nearest first, the older first of equally near ones."""
+        """Rows of the places within D_t, nearest first; of equal distances the older place first."""
         rows = self._grid.near(x_m, y_m, self.config.match_distance_m)
         if not rows:
             return []
@@ -180,15 +180,15 @@ class ParentMap:
     def _match_positions(self, rows: NDArray[np.intp]) -> NDArray[np.float64]:
         """(N, 2) positions that D_t is measured to.
 
-        With `pose` a place follows the scan it holds, and successively more certain scans of one drive can drag it
-        along the road and leave any length of road without a place. With `anchor` it stays: whatever was merged at
-        a position, a scan within 2·D_t of it is in the map.
+        With `pose` it is the position of the scan that a place holds: ever more certain scans of one drive can move the
+        place along the road, and leave a stretch of any length without one. With `anchor` it is constant: after a merge
+        at a position, the map holds a scan within 2·D_t of it.
         """
         anchored = self.config.match_position == 'anchor'
         return self._anchors_m[rows] if anchored else self.view.positions_m[rows, :2]
 
     def _less_certain(self, matched: list[int], uncertainty: float) -> list[int]:
-        """Which of the matched rows, nearest first, a scan of this U replaces."""
+        """Rows, of the matched ones (nearest first), that a scan of this U replaces."""
         held = self.view.uncertainties[matched].tolist()
         if self.config.replace == 'all':
             compared = list(range(len(matched)))
@@ -197,7 +197,7 @@ class ParentMap:
         return [matched[i] for i in compared if uncertainty < held[i] - self.config.replace_margin]
 
     def _insert(self, scan: PlaceTable) -> int:
-        """The scan, one row, as a new place; its id."""
+        """Add a scan, a table of one row, as a new place; returns its id."""
         row, place_id = len(self), self.next_place_id
         self._columns.upsert(dataclasses.replace(scan, place_ids=np.array([place_id], np.int64)))
         self._set_anchors(row, scan.positions_m[:, :2])
@@ -206,12 +206,12 @@ class ParentMap:
         return place_id
 
     def _replace(self, rows: list[int], scan: PlaceTable) -> None:
-        """The scan, one row, into each of these places."""
+        """Write a scan, a table of one row, into each of these places."""
         copies = take_rows(scan, np.zeros(len(rows), np.intp))
         self._overwrite(dataclasses.replace(copies, place_ids=self.view.place_ids[rows]))
 
     def restore(self, places: list[Place]) -> None:
-        """Overwrite known places with other content; their anchors stay."""
+        """Overwrite places of the map with earlier content; their anchors stay."""
         self._overwrite(PlaceTable.from_places(places, self.dimension))
 
     def _overwrite(self, table: PlaceTable) -> None:
@@ -223,7 +223,7 @@ class ParentMap:
         self._columns.upsert(table)
 
     def remove(self, place_ids: list[int]) -> None:
-        """Take places away; only the newest can be, as when what added them last is undone."""
+        """Remove places; ValueError unless they are the newest ones, as in an undo of what was added last."""
         ids = np.array(sorted(place_ids), np.int64)
         first = len(self) - len(ids)
         if not np.array_equal(self._rows(ids), np.arange(first, len(self))):
@@ -233,9 +233,9 @@ class ParentMap:
         self._columns.remove(ids)
 
     def load(self, places: PlaceColumns, anchors_m: NDArray[np.float64], next_place_id: int) -> None:
-        """Fill an empty map with stored places, which are the map's from here on; `anchors_m` (N, 2)."""
+        """Fill an empty map with stored places, without a copy; `anchors_m` (N, 2) float64."""
         if len(self):
-            raise ValueError('a map is loaded into an empty one only')
+            raise ValueError('places are loaded into an empty map only')
         self._columns = places
         self._set_anchors(0, anchors_m)
         self.next_place_id = next_place_id

@@ -12,7 +12,7 @@ from offradar_ros.types import Embedding, Pose
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class Resolved:
-    """An embedding whose waiting is over: with its pose, or without one and dropped for `cause`."""
+    """An embedding that no longer waits: with its pose, or without one, and then `cause` says why it is dropped."""
 
     embedding: Embedding
     pose: Pose | None
@@ -20,7 +20,7 @@ class Resolved:
 
 
 class PendingEmbeddings:
-    """First in, first out: embeddings leave in the order in which they came, whatever the order of positions."""
+    """A queue of embeddings: they leave in the order in which they were added, whatever the order of positions."""
 
     def __init__(self, config: PositionConfig) -> None:
         self._wait_ns = round(config.wait_s * 1e9)
@@ -37,7 +37,7 @@ class PendingEmbeddings:
         return self._positions.last_stamp_ns
 
     def add_position(self, stamp_ns: int, pose: Pose) -> list[Resolved]:
-        """Take a position and return what it resolves.
+        """Add a position; returns the embeddings that it resolves.
 
         RefusedInput if it is not finite or not newer than the last.
         """
@@ -45,25 +45,25 @@ class PendingEmbeddings:
         return self._resolve()
 
     def add_embedding(self, embedding: Embedding) -> list[Resolved]:
-        """Take an embedding and return what is resolved, it among them where its position is known already."""
+        """Add an embedding; returns what is resolved now, this one included if its position is known already."""
         self._newest_ns = max(self._newest_ns, embedding.stamp_ns) if self._waiting else embedding.stamp_ns
         self._waiting.append(embedding)
         return self._resolve()
 
     def flush(self) -> list[Resolved]:
-        """End of the recording: resolve what can be and drop the rest."""
+        """Resolve every waiting embedding: those without a position are dropped, as at the end of a recording."""
         return self._resolve(final=True)
 
     def forget_embeddings(self) -> None:
-        """Forget the waiting embeddings, as when their session is undone; positions stay."""
+        """Remove the waiting embeddings, as when their session is undone; positions stay."""
         self._waiting.clear()
 
     def forget_positions(self) -> None:
-        """Forget the positions, as when they were of another run; embeddings go on waiting."""
+        """Remove the positions, as when they belong to an earlier run; embeddings still wait."""
         self._positions.clear()
 
     def clear(self) -> None:
-        """Forget positions and waiting embeddings, as when a recording starts again."""
+        """Remove positions and waiting embeddings, as when a recording starts again."""
         self._positions.clear()
         self._waiting.clear()
 
@@ -75,9 +75,8 @@ class PendingEmbeddings:
             if pose is NoPosition.NOT_YET and not overdue:
                 break
             embedding = self._waiting.popleft()
-            resolved.append(Resolved(embedding, pose) if isinstance(pose, Pose) else _dropped(embedding))
+            if isinstance(pose, Pose):
+                resolved.append(Resolved(embedding, pose))
+            else:
+                resolved.append(Resolved(embedding, None, 'no_position'))
         return resolved
-
-
-def _dropped(embedding: Embedding) -> Resolved:
-    return Resolved(embedding, None, 'no_position')

@@ -1,4 +1,4 @@
-"""Places as columns that grow, kept in order of their ids."""
+"""A growing table of places in ascending order of id."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def take_rows(table: PlaceTable, rows: Rows | slice) -> PlaceTable:
 
 
 def place_of(table: PlaceTable, row: int) -> Place:
-    """One row as a record of its own; the mean is a copy."""
+    """One row as a `Place`; the mean is a copy."""
     x_m, y_m, z_m = (float(v) for v in table.positions_m[row])
     return Place(
         place_id=int(table.place_ids[row]),
@@ -30,8 +30,8 @@ def place_of(table: PlaceTable, row: int) -> Place:
     )
 
 
-def room_for(places: int) -> int:
-    """Capacity for a stored map and a drive's new places: the first of them would have all of it copied otherwise."""
+def capacity_for(places: int) -> int:
+    """Capacity for a stored map and new places of a drive: the first new place should not copy the whole map."""
     return places + max(places // 4, 16)
 
 
@@ -48,9 +48,9 @@ def _allocate(capacity: int, dimension: int) -> PlaceTable:
 
 
 class PlaceColumns:
-    """A `PlaceTable` that rows are written into: an entry is replaced in microseconds, memory doubles when it is full.
+    """A `PlaceTable` with row updates in microseconds; its capacity doubles when it is full.
 
-    Rows are in ascending order of place id, always. What `capacity` is not used yet costs address space, no memory.
+    Rows are always in ascending order of place id. Unused capacity takes address space, not memory.
     """
 
     def __init__(self, dimension: int, capacity: int = 16) -> None:
@@ -63,7 +63,7 @@ class PlaceColumns:
 
     @property
     def table(self) -> PlaceTable:
-        """Views of the rows in use: valid until the next change."""
+        """Views of the rows in use, valid until the next change."""
         return self._table
 
     def _resize(self, size: int) -> None:
@@ -71,14 +71,14 @@ class PlaceColumns:
         self._table = take_rows(self._memory, slice(0, size))
 
     def find(self, place_ids: NDArray[np.int64]) -> tuple[Rows, NDArray[np.bool_]]:
-        """For each id the row where it is or would be inserted, and whether it is there."""
+        """(N,) rows where these (N,) ids are or would be inserted, and (N,) bool: whether they are in the table."""
         known = self._memory.place_ids[: self._size]
         rows = np.searchsorted(known, place_ids)
         inside = rows < self._size
         return rows, inside & (known[np.where(inside, rows, 0)] == place_ids) if self._size else inside
 
     def upsert(self, table: PlaceTable) -> None:
-        """Overwrite the rows whose ids are known and insert the others; of a repeated id the last row counts."""
+        """Overwrite the rows with known ids and insert the others; if an id is repeated, its last row counts."""
         table = _unique_ids(table)
         rows, known = self.find(table.place_ids)
         self._write(rows[known], take_rows(table, np.flatnonzero(known)))
@@ -94,7 +94,7 @@ class PlaceColumns:
             self._write(slice(0, self._size), take_rows(self._memory, order))
 
     def remove(self, place_ids: NDArray[np.int64]) -> None:
-        """Take rows away; an unknown id is no error."""
+        """Remove rows; unknown ids are ignored."""
         rows, known = self.find(np.asarray(place_ids, np.int64))
         keep = np.ones(self._size, np.bool_)
         keep[rows[known]] = False
@@ -116,7 +116,7 @@ class PlaceColumns:
 
 
 def _unique_ids(table: PlaceTable) -> PlaceTable:
-    """Rows in ascending order of id, the last of each."""
+    """Rows in ascending order of id, the last row of each id."""
     ids = table.place_ids
     if len(ids) < 2 or bool(np.all(ids[1:] > ids[:-1])):
         return table

@@ -10,11 +10,11 @@ import numpy as np
 from offradar_ros.types import PlaceTable
 
 CONTENT_COLUMNS = 'place_id, session_id, stamp_ns, x_m, y_m, z_m, yaw_rad, uncertainty, mean'
-"""Columns of `places` and `undo` in the order that readers and writers agree on."""
+"""Columns of `places` and `undo`, in the order in which they are read and written."""
 
 
 def rows_to_table(rows: Sequence[Sequence[Any]], dimension: int) -> PlaceTable:
-    """Rows that begin with `CONTENT_COLUMNS` as columns; ValueError for a value that no map holds."""
+    """Rows that begin with `CONTENT_COLUMNS`, as a table of places; ValueError for an invalid value."""
     columns = list(zip(*rows, strict=True)) if rows else [()] * 9
     ids, sessions, stamps, x_m, y_m, z_m, yaws, uncertainties, means = columns[:9]
     table = PlaceTable(

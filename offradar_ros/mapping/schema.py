@@ -1,17 +1,17 @@
-"""The tables of a map file: SQLite, one file a map.
+"""The tables of a map file: SQLite, one file for each map.
 
-`places` holds the map as it is; `undo` what each place that a session changed held before it (`existed` 0: nothing).
-A session whose state is `running` was saved but not ended. NULL stands for an unknown yaw. `mean` is d little-endian
-float32. `meta` values are JSON.
+`places` holds the map; `undo` holds, for each place that a session changed, its content before that session (`existed`
+0: the place did not exist). A session in state `running` was saved but not ended. An unknown yaw is NULL. `mean` is d
+little-endian float32. `meta` values are JSON.
 """
 
 from __future__ import annotations
 
 APPLICATION_ID = 0x4F4D4150
-"""`PRAGMA application_id` of a map, ASCII OMAP: how a map is told from other SQLite files."""
+"""`PRAGMA application_id` of a map, ASCII OMAP: it distinguishes a map from other SQLite files."""
 
 VERSION = 1
-"""`PRAGMA user_version`. A file of a newer version is refused, never guessed at."""
+"""`PRAGMA user_version`. A file of a newer version is refused."""
 
 _CONTENT = """
     session_id INTEGER {null}, stamp_ns INTEGER {null}, x_m REAL {null}, y_m REAL {null}, z_m REAL {null},

@@ -1,4 +1,4 @@
-"""What a session did to the map, for people and for records."""
+"""Reports of what a session, or its undo, changed in the map."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ class SessionReport:
     """Merge report of one session.
 
     Attributes:
-        session_id: of the session.
-        name: of the session.
+        session_id: id of the session.
+        name: name of the session.
         inserted: scans that became places.
-        replaced: scans that replaced what at least one place held.
-        kept: scans that left the map as it was.
-        dropped: scans that never reached the map, by cause.
+        replaced: scans that replaced the content of at least one place.
+        kept: scans that left the map unchanged.
+        dropped: scans that did not reach the map, by cause.
         places_before: places when the session started.
         places_after: places when it ended.
         mean_uncertainty_before: mean U over the places when it started; NaN for an empty map.
@@ -37,10 +37,10 @@ class SessionReport:
     mean_uncertainty_after: float
 
     def summary(self) -> str:
-        """One line."""
+        """The report as one line of text."""
         dropped = ', '.join(f'{count} {cause}' for cause, count in sorted(self.dropped.items()))
         return (
-            f'{called(self.session_id, self.name)}: {self.inserted} inserted, {self.replaced} replaced, '
+            f'{session_label(self.session_id, self.name)}: {self.inserted} inserted, {self.replaced} replaced, '
             f'{self.kept} kept, {sum(self.dropped.values())} dropped{f" ({dropped})" if dropped else ""}; '
             f'places {self.places_before} -> {self.places_after}, mean U '
             f'{_number(self.mean_uncertainty_before)} -> {_number(self.mean_uncertainty_after)}'
@@ -54,7 +54,7 @@ class SessionReport:
 
 @dataclasses.dataclass(frozen=True)
 class UndoReport:
-    """What taking a session back changed; `was_running` tells a discarded session from one undone after its end."""
+    """What an undo changed; `was_running` if the session was discarded while it ran, not undone after its end."""
 
     session_id: int
     name: str
@@ -65,7 +65,7 @@ class UndoReport:
 
     def __str__(self) -> str:
         return (
-            f'{called(self.session_id, self.name)} {"discarded" if self.was_running else "undone"}: '
+            f'{session_label(self.session_id, self.name)} {"discarded" if self.was_running else "undone"}: '
             f'{self.removed} places removed, {self.restored} restored; {self.places_after} places'
         )
 
@@ -74,6 +74,6 @@ def _number(value: float) -> str:
     return 'none' if math.isnan(value) else f'{value:.3f}'
 
 
-def called(session_id: int, name: str) -> str:
-    """What a session is called in a line of text."""
+def session_label(session_id: int, name: str) -> str:
+    """A session's id and name, for messages."""
     return f'session {session_id} ({name})' if name else f'session {session_id}'

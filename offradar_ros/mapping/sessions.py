@@ -1,4 +1,4 @@
-"""The parent map over many drives: each merged as a session that can be ended, saved and undone."""
+"""The parent map over many drives: each is merged as a session that can be ended, saved and undone."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.errors import MapError, RefusedInput
 from offradar_ros.geometry import GeoPoint
 from offradar_ros.mapping.parent_map import Merge, MergeKind, ParentMap
-from offradar_ros.mapping.session_report import SessionReport, UndoReport, called
+from offradar_ros.mapping.session_report import SessionReport, UndoReport, session_label
 from offradar_ros.mapping.store import MapStore
 from offradar_ros.mapping.stored_map import Before, StoredMap, StoredSession, revert
 from offradar_ros.types import Embedding, PlaceTable, Pose
@@ -20,10 +20,10 @@ from offradar_ros.types import Embedding, PlaceTable, Pose
 
 @dataclasses.dataclass
 class _Running:
-    """The session under way.
+    """The running session.
 
-    `before` holds what each place it changed held when it started, `unsaved` the places that changed since it was
-    last written to disk.
+    `before` holds the content, at the start of the session, of each place that it changed; `unsaved` the ids of places
+    that changed since the last write to disk.
     """
 
     session_id: int
@@ -39,16 +39,16 @@ class _Running:
 
 
 class SessionMap:
-    """A parent map with sessions, in the file `map.path` or, where that is empty, in memory only.
+    """A parent map with sessions, in the file `map.path` or, if that is empty, in memory only.
 
-    Opening raises MapError for a file that cannot be used (see `MapStore.open`). Not for several threads at once.
+    Opening raises MapError for a file that cannot be used (see `MapStore.open`). Not thread-safe.
     """
 
     def __init__(self, config: MapConfig) -> None:
         self.config = config
         self._store: MapStore | None = None
         self._model: ModelInfo | None = None
-        # None until this process has written it, which also closes sessions that another one left unended.
+        # None until this process writes it; that write also ends sessions that another process left running.
         self._model_on_disk: ModelInfo | None = None
         self._origin: GeoPoint | None = None
         self._parent = ParentMap(config, 0)
@@ -73,7 +73,7 @@ class SessionMap:
                 self._undoable.insert(0, (session, before))
 
     def close(self) -> None:
-        """Let the file go. What a running session did since it was last saved is lost."""
+        """Close the file. Changes of a running session since its last save are lost."""
         if self._store:
             self._store.close()
             self._store = None
@@ -89,18 +89,18 @@ class SessionMap:
 
     @property
     def model(self) -> ModelInfo | None:
-        """Whose embeddings the map holds; None until a model is adopted."""
+        """Model of the embeddings in the map; None until one is adopted."""
         return self._model
 
     def adopt_model(self, info: ModelInfo) -> None:
-        """Hold embeddings of this model from now on; MapError if the map holds another's."""
+        """Accept embeddings of this model from now on; MapError if the map holds embeddings of another model."""
         if self._model and self._model.fingerprint != info.fingerprint and (len(self) or self._undoable):
             raise MapError(
                 f'{self._where}: holds embeddings of {self._model.name} {self._model.fingerprint[:12]}, '
                 f'not of {info.name} {info.fingerprint[:12]}: use that model, or another map.path'
             )
         if self._store and self._model_on_disk != info:
-            self._store.write_model(info, but_session=self.running_session_id)
+            self._store.write_model(info, except_session=self.running_session_id)
             self._model_on_disk = info
         if not self._model or self._model.fingerprint != info.fingerprint:
             next_place_id = self._parent.next_place_id
@@ -110,43 +110,45 @@ class SessionMap:
 
     @property
     def origin(self) -> GeoPoint | None:
-        """Where the ``map`` frame starts; None until it is set."""
+        """Origin of the ``map`` frame; None until it is set."""
         return self._origin
 
     def set_origin(self, origin: GeoPoint) -> None:
-        """Fix the ``map`` frame, once and for all later drives; MapError if it starts elsewhere already."""
+        """Set the origin of the ``map`` frame for all drives; MapError if it has another origin already."""
         if self._origin == origin:
             return
         if self._origin:
-            raise MapError(f'{self._where}: its frame starts at {self._origin} and cannot start at {origin}')
+            raise MapError(f'{self._where}: the origin of its frame is {self._origin} and cannot become {origin}')
         if self._store:
             self._store.write_origin(origin)
         self._origin = origin
 
     @property
     def running_session_id(self) -> int | None:
-        """Id of the session under way."""
+        """Id of the running session, or None."""
         return self._running.session_id if self._running else None
 
     @property
     def is_session_empty(self) -> bool:
-        """Whether the session under way, if any, has met no scan yet."""
+        """Whether no session runs, or the running one has received no scan yet."""
         return self._running is None or not (self._running.merges or self._running.dropped)
 
     def start_session(self, name: str, stamp_ns: int) -> int:
         """Start a session and return its id; MapError while another runs."""
         if self._running:
-            raise MapError(f'{called(self._running.session_id, self._running.name)} runs: end it or undo it first')
+            raise MapError(
+                f'{session_label(self._running.session_id, self._running.name)} runs: end it or undo it first'
+            )
         session_id = self._next_session_id
         self._next_session_id += 1
         self._running = _Running(session_id, name, stamp_ns, len(self), self._parent.mean_uncertainty)
         return session_id
 
     def merge(self, embedding: Embedding, pose: Pose) -> Merge:
-        """One scan of the running session into the map, by Algorithm 1.
+        """Merge one scan of the running session into the map, by Algorithm 1.
 
-        Raises RefusedInput: `no_session`, `no_model`, `wrong_model`, and those of `ParentMap.merge`. The caller, who
-        also knows of scans that never came this far, counts refusals with `note_dropped`.
+        Raises RefusedInput: `no_session`, `no_model`, `wrong_model`, and those of `ParentMap.merge`. The caller counts
+        refusals with `count_dropped`, together with scans that were dropped before.
         """
         running = self._running
         if not running:
@@ -154,7 +156,7 @@ class SessionMap:
                 'no_session', f'embedding at {embedding.stamp_ns} ns: no session runs, nothing is mapped'
             )
         if not self._model:
-            raise RefusedInput('no_model', f'embedding at {embedding.stamp_ns} ns: the map knows of no model yet')
+            raise RefusedInput('no_model', f'embedding at {embedding.stamp_ns} ns: the map has no model yet')
         if embedding.model != self._model.fingerprint:
             raise RefusedInput(
                 'wrong_model',
@@ -170,16 +172,15 @@ class SessionMap:
         running.unsaved.update(merge.place_ids)
         return merge
 
-    def note_dropped(self, cause: str) -> None:
-        """Count a scan that did not reach the map; outside a session there is nothing to count it in."""
+    def count_dropped(self, cause: str) -> None:
+        """Count a scan of the running session that did not reach the map; does nothing without a session."""
         if self._running:
             self._running.dropped[cause] += 1
 
     def end_session(self) -> SessionReport:
-        """End the running session; from here on it is on disk. MapError if none runs or it cannot be written.
+        """End the running session and write it to disk. MapError if none runs or it cannot be written.
 
-        A session that met no scan leaves no trace, and one that changed nothing takes no place among those that can be
-        undone.
+        A session without scans is not stored, and one without changes does not count among those that can be undone.
         """
         running = self._require_running()
         report = self._report(running)
@@ -194,9 +195,9 @@ class SessionMap:
         return report
 
     def save(self) -> None:
-        """Put what the running session did so far on disk, should the process end before the session does.
+        """Write the changes of the running session to disk, in case the process ends before the session does.
 
-        Found again without its end, the session counts as interrupted: its changes stay and can be undone.
+        A stored session without an end is interrupted: its changes stay and can be undone.
         """
         if not self._store:
             raise MapError('map.path is empty: this map is kept in memory only and cannot be saved')
@@ -208,7 +209,7 @@ class SessionMap:
             running.saved = True
 
     def undo_session(self) -> UndoReport:
-        """Discard the running session, or else take back the one that ended last; MapError if there is none."""
+        """Discard the running session, or else undo the one that ended last; MapError if there is none."""
         running = self._running
         if running:
             session = StoredSession(running.session_id, running.name, running.stamp_ns, 'undone', {})
@@ -232,8 +233,8 @@ class SessionMap:
     def clear(self) -> Path | None:
         """Empty the map, after copying its file to ``<path>.<UTC stamp>.bak``; returns the copy's path.
 
-        Model and origin stay. A running session is saved, then goes on, from an empty map.
-        A map in memory is just emptied (None).
+        Model and origin stay. A running session is saved and continues with the empty map. For a map in memory there is
+        no copy (None).
         """
         copy = None
         if self._store:
@@ -249,29 +250,29 @@ class SessionMap:
         return copy
 
     def committed(self) -> PlaceTable:
-        """The map as of the last ended session, in ascending order of id: what a query searches."""
+        """The places as of the last ended session, in ascending order of id: what queries search."""
         return revert(self._parent.view, self._running.before) if self._running else self._parent.table()
 
     def running(self) -> PlaceTable:
-        """The places that the running session changed, as they are now."""
+        """The places that the running session changed, with their present content."""
         return self._parent.rows(sorted(self._running.before) if self._running else [])
 
     def places(self) -> PlaceTable:
-        """Every place as it is now, the running session's changes included."""
+        """Every place, including changes of the running session."""
         return self._parent.table()
 
     @property
     def dimension(self) -> int:
-        """d of the map's model; 0 until one is adopted."""
+        """Embedding dimension d of the map's model; 0 without a model."""
         return self._parent.dimension
 
     def changed(self, merge: Merge) -> PlaceTable:
-        """The places that one merge changed, as they are now."""
+        """The places that a merge changed, with their present content."""
         return self._parent.rows(merge.place_ids)
 
     @property
     def mean_uncertainty(self) -> float:
-        """Mean U over the places, the running session's included; NaN for an empty map."""
+        """Mean U over all places, including those of the running session; NaN for an empty map."""
         return self._parent.mean_uncertainty
 
     @property

@@ -1,4 +1,4 @@
-"""The map on disk: what was committed survives the process, the power cut and the next version."""
+"""The map on disk: committed sessions are safe against a killed process and a power cut."""
 
 from __future__ import annotations
 
@@ -26,15 +26,14 @@ from offradar_ros.types import PlaceTable
 
 _NOTHING = (None,) * 8
 
-
-BUSY_S = 0.5
-"""Longest wait for somebody else's lock: scans go on coming in meanwhile."""
+BUSY_TIMEOUT_S = 0.5
+"""Longest wait for a lock of another process; scans keep arriving meanwhile."""
 
 
 class MapStore:
-    """The one writer of a map file. Each method that changes the file is one transaction: all of it or nothing.
+    """The only writer of a map file. Each method that changes the file is one transaction.
 
-    Made by `open`. May be used from several threads, one call at a time.
+    Made by `open`. Several threads may use it, one call at a time.
     """
 
     def __init__(self, path: Path, lock: WriterLock) -> None:
@@ -44,15 +43,15 @@ class MapStore:
 
     @classmethod
     def open(cls, path: Path) -> tuple[MapStore, StoredMap]:
-        """Open the map at `path`, or start one there, and read it.
+        """Open the map at `path`, or create one there, and read it.
 
         Raises MapError for a folder that is missing or not writable, a map that another process writes, and a file
-        that is no map, damaged or of a newer version; such a file is left as it is. An existing map is not written
-        to until the first change.
+        that is not a map, damaged or of a newer version; such a file is not changed. An existing map is not written
+        before the first change.
         """
         if path.is_dir():
             raise MapError(f'{path}: a folder: expected the path of a map file')
-        # One lock a file, whatever it is called: two writers through a link would overwrite each other.
+        # One lock for each file, whatever its name: two writers through a link would overwrite each other.
         path = path.resolve()
         lock = WriterLock(path)
         try:
@@ -65,17 +64,17 @@ class MapStore:
 
     @staticmethod
     def open_read_only(path: Path) -> StoredMap:
-        """Read the map at `path` without keeping it open, whether or not another process writes it; MapError."""
+        """Read the map at `path` and close it; another process may write it meanwhile. MapError as `read_map`."""
         return read_map(path)
 
-    def write_model(self, model: ModelInfo, but_session: int | None = None) -> None:
-        """Store whose embeddings the map holds, and close sessions that never ended, `but_session` excepted."""
+    def write_model(self, model: ModelInfo, except_session: int | None = None) -> None:
+        """Store the model of the embeddings, and mark running sessions as interrupted, except `except_session`."""
         with self._transaction() as connection:
-            _close_interrupted(connection, -1 if but_session is None else but_session)
+            _mark_interrupted(connection, -1 if except_session is None else except_session)
             _set_meta(connection, 'model', unstructure(model))
 
     def write_origin(self, origin: GeoPoint) -> None:
-        """Store where the local frame starts."""
+        """Store the origin of the local frame."""
         with self._transaction() as connection:
             _set_meta(connection, 'origin', unstructure(origin))
 
@@ -89,15 +88,15 @@ class MapStore:
         next_place_id: int,
         undoable: list[int],
     ) -> None:
-        """Store a session and what it changed since it was last stored.
+        """Store a session and its changes since it was last stored.
 
-        `changed` holds those places as they are now and `before` what they held before the session; sessions not in
-        `undoable` lose what undoing them needs.
+        `changed` (N places) holds their present content, `anchors_m` (N, 2) their anchors, and `before` their content
+        before the session. Sessions that are not in `undoable` can no longer be undone.
         """
         by_session = session.session_id
         old = PlaceTable.from_places([place for place in before.values() if place], changed.means.shape[1])
         with self._transaction() as connection:
-            _close_interrupted(connection, by_session)
+            _mark_interrupted(connection, by_session)
             _write_session_row(connection, session)
             _set_meta(connection, 'next_place_id', next_place_id)
             _write_places(connection, changed, anchors_m)
@@ -111,7 +110,7 @@ class MapStore:
             connection.execute(f'DELETE FROM undo WHERE by_session NOT IN ({",".join(map(str, undoable))})')
 
     def undo_session(self, session: StoredSession, before: Before, anchors_m: NDArray[np.float64]) -> None:
-        """Put back what a session's places held before it; `anchors_m` (N, 2) those of the places that remain."""
+        """Restore the content of a session's places from before it; `anchors_m` (N, 2) of the places that remain."""
         old = [place for place in before.values() if place]
         with self._transaction() as connection:
             _write_session_row(connection, session)
@@ -122,7 +121,7 @@ class MapStore:
             connection.execute('DELETE FROM undo WHERE by_session = ?', (session.session_id,))
 
     def clear(self) -> Path:
-        """Copy the map to ``<path>.<UTC stamp>.bak``, then empty it of places and sessions; returns the copy's path."""
+        """Copy the map to ``<path>.<UTC stamp>.bak``, then delete its places and sessions; returns the copy's path."""
         stamp = datetime.datetime.now(datetime.timezone.utc).strftime('%Y%m%dT%H%M%S.%fZ')
         copy = self.path.with_name(f'{self.path.name}.{stamp}.bak')
         try:
@@ -137,7 +136,7 @@ class MapStore:
         return copy
 
     def close(self) -> None:
-        """Let the file go; nothing is written that was not before."""
+        """Close the file, without a further write."""
         if self._connection:
             self._connection.close()
             self._connection = None
@@ -150,7 +149,7 @@ class MapStore:
                 uri=True,
                 isolation_level=None,
                 check_same_thread=False,
-                timeout=BUSY_S,
+                timeout=BUSY_TIMEOUT_S,
             )
             self._connection.execute('PRAGMA journal_mode = WAL')
             self._connection.execute('PRAGMA synchronous = FULL')
@@ -169,11 +168,11 @@ class MapStore:
                     connection.execute('ROLLBACK')
                 raise
         except sqlite3.Error as error:
-            raise MapError(f'{self.path}: the map could not be written ({error}); the file is as before') from error
+            raise MapError(f'{self.path}: the map could not be written ({error}); the file is unchanged') from error
 
 
 def _create(path: Path) -> None:
-    """An empty map that appears under its name only when it is complete."""
+    """Create an empty map; the file gets its name when it is complete."""
     draft = path.with_name(path.name + '.new')
     try:
         draft.unlink(missing_ok=True)
@@ -196,10 +195,10 @@ def _set_meta(connection: sqlite3.Connection, key: str, value: object) -> None:
     connection.execute('INSERT OR REPLACE INTO meta VALUES (?, ?)', (key, json.dumps(value)))
 
 
-def _close_interrupted(connection: sqlite3.Connection, but_session: int) -> None:
-    """A session that another process saved and never ended is over: what it saved is kept."""
+def _mark_interrupted(connection: sqlite3.Connection, except_session: int) -> None:
+    """Mark sessions that another process saved but did not end as interrupted; their changes stay."""
     connection.execute(
-        "UPDATE sessions SET state = 'interrupted' WHERE state = 'running' AND session_id != ?", (but_session,)
+        "UPDATE sessions SET state = 'interrupted' WHERE state = 'running' AND session_id != ?", (except_session,)
     )
 
 

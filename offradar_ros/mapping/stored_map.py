@@ -1,4 +1,4 @@
-"""What a map file holds, as records."""
+"""The content of a map file, as records."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from offradar_ros.mapping.place_columns import PlaceColumns, take_rows
 from offradar_ros.types import Place, PlaceTable
 
 Before = dict[int, Place | None]
-"""What the places that a session changed held before it, by place id; None where there was no such place."""
+"""Content, before a session, of the places that it changed, by place id; None for places that did not exist."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -34,13 +34,13 @@ class StoredMap:
     """A map file's content.
 
     Attributes:
-        model: whose embeddings it holds; None for a map that never held any.
-        origin: where the local frame starts; None if unknown yet.
-        next_place_id: the id that the next new place gets.
-        columns: every place, a saved but unended session's changes included; whoever changes it changes `places` too.
+        model: model of the embeddings; None for a map that never held any.
+        origin: origin of the local frame; None if it is not known yet.
+        next_place_id: id of the next new place.
+        columns: every place, including changes of a session that was saved but not ended; `places` is a view of it.
         anchors_m: (N, 2) float64, east and north where each place was first mapped.
         sessions: every session, oldest first.
-        before: for each session that can be undone, what the places it changed held before.
+        before: for each session that can be undone, the content of its places before it.
     """
 
     model: ModelInfo | None
@@ -53,7 +53,7 @@ class StoredMap:
 
     @property
     def places(self) -> PlaceTable:
-        """Every place, in ascending order of id, a saved but unended session's changes included."""
+        """Every place, in ascending order of id, including changes of a session that was saved but not ended."""
         return self.columns.table
 
     def committed(self) -> PlaceTable:
@@ -63,7 +63,7 @@ class StoredMap:
 
 
 def revert(places: PlaceTable, before: Before) -> PlaceTable:
-    """A copy of `places`, in ascending order of id, with what they held `before`."""
+    """A copy of `places` (in ascending order of id) with the content `before` restored."""
     new = [place_id for place_id, place in before.items() if place is None]
     old = [place for place in before.values() if place is not None]
     reverted = take_rows(places, np.flatnonzero(~np.isin(places.place_ids, new)))

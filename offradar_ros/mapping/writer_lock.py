@@ -1,4 +1,4 @@
-"""One writer a map file."""
+"""A lock that allows one writer for each map file."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ from pathlib import Path
 
 from offradar_ros.errors import MapError
 
-ASKED_S = 0.2
-"""Longest wait for those who only ask whether there is a writer: they hold the lock for an instant."""
+LOCK_WAIT_S = 0.2
+"""Longest wait for a process in `has_writer`, which holds the lock for an instant."""
 
 
 class WriterLock:
-    """Holds `<map>.lock` until released or until the process ends, however it ends.
+    """Holds `<map>.lock` until it is released or the process ends, even by a kill.
 
-    A file of its own: closing any handle on the map itself would drop the locks that SQLite holds on it.
+    The lock is not on the map itself: closing any handle of that file would release the locks that SQLite holds.
     """
 
     def __init__(self, path: Path) -> None:
@@ -24,7 +24,7 @@ class WriterLock:
         self._file = self._acquire(path)
 
     def _acquire(self, path: Path) -> int:
-        deadline_s = time.monotonic() + ASKED_S
+        deadline_s = time.monotonic() + LOCK_WAIT_S
         while True:
             try:
                 file = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
@@ -32,7 +32,7 @@ class WriterLock:
                 raise MapError(f'{path}: the map cannot be written there ({error.strerror})') from error
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                # The holder before may have removed the file between the two calls: only the one in the folder counts.
+                # The previous holder may have removed this file between the two calls: is it still in the folder?
                 if os.path.samestat(os.fstat(file), os.stat(self._path)):  # noqa: PTH116
                     return file
             except FileNotFoundError:
@@ -51,13 +51,13 @@ class WriterLock:
             os.close(file)
 
     def release(self) -> None:
-        """Let another writer in."""
+        """Release the lock."""
         self._path.unlink(missing_ok=True)
         os.close(self._file)
 
 
 def has_writer(path: Path) -> bool:
-    """Whether a process, this one included, may be writing the map at `path`; changes nothing."""
+    """Whether a process, this one included, may be writing the map at `path`; has no side effects."""
     try:
         file = os.open(_lock_file(path.resolve()), os.O_RDONLY | os.O_CLOEXEC)
     except FileNotFoundError:

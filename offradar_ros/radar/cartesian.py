@@ -5,8 +5,9 @@ shared by the four middle pixels where the side is even). Azimuth is clockwise f
 is centred at forward ``(S/2 − i − 0.5) · resolution``, right ``(j + 0.5 − S/2) · resolution`` metres, and azimuth is
 ``atan2(right, forward)``. Range bin k is centred at ``range_offset + (k + 0.5) · range_resolution``.
 
-Bins are several times finer than pixels, so that sampling one bin a pixel aliases. Bins are therefore averaged along
-range by a whole factor (area weights), sampled bilinearly at twice the image's resolution, and averaged two by two.
+Bins are several times finer than pixels: to sample one bin for each pixel would alias. Bins are therefore averaged
+along range by an integer factor (area weights), sampled bilinearly at twice the image's resolution, and averaged two by
+two.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ _OUTSIDE = -2.0
 
 
 class PolarToCartesian:
-    """Turns scans into images; look-up tables are kept from scan to scan while the geometry stays the same."""
+    """Converts scans to images. Look-up tables are computed again only when the scan's geometry changes."""
 
     def __init__(self, config: CartesianConfig) -> None:
         self.config = config
@@ -45,7 +46,7 @@ class PolarToCartesian:
         self._order: NDArray[np.intp] | None = None
 
     def __call__(self, scan: PolarScan) -> NDArray[np.uint8]:
-        """(S, S) uint8 mean power of each pixel's area; 0 nearer than `min_range_m`, beyond the range and in gaps."""
+        """(S, S) uint8 mean power of each pixel; 0 nearer than `min_range_m`, beyond the last bin and in gaps."""
         self._prepare(scan)
         power = scan.power if self._order is None else scan.power[self._order]
         rows, bins = len(power), self._bins
@@ -57,7 +58,7 @@ class PolarToCartesian:
         return np.asarray(cv2.resize(fine, (side, side), interpolation=cv2.INTER_AREA), np.uint8)
 
     def _prepare(self, scan: PolarScan) -> None:
-        """Bring the look-up tables up to the scan's geometry."""
+        """Compute the look-up tables again if the scan's geometry differs from that of the last one."""
         range_key = (scan.range_resolution_m, scan.range_offset_m, scan.power.shape[1])
         azimuth_key = scan.azimuths_rad.tobytes()
         if range_key == self._range_key and azimuth_key == self._azimuth_key:
@@ -80,7 +81,7 @@ class PolarToCartesian:
         return np.asarray(np.where(seen, np.clip(column, 0, self._bins - 1), _OUTSIDE), np.float32)
 
     def _azimuth_table(self, azimuths_rad: NDArray[np.float64]) -> NDArray[np.float32]:
-        """Row of the wrapped image at each fine pixel; sets the order that sorts the azimuths (None if they are)."""
+        """Row of the wrapped image at each fine pixel; sets the order that sorts azimuths (None if sorted)."""
         order = np.argsort(azimuths_rad, kind='stable')
         self._order = None if np.all(order[1:] > order[:-1]) else order
         angles = azimuths_rad[order] / (2 * np.pi)
@@ -98,11 +99,11 @@ class PolarToCartesian:
     def _with_gaps(
         row: NDArray[np.float64], at: NDArray[np.float64], around: NDArray[np.float64], typical: float
     ) -> NDArray[np.float64]:
-        """`row`, but outside the image where the angle `at` (turns) is in a gap between the azimuths `around`."""
+        """`row`, set to outside the image where the angle `at` (turns) lies in a gap between the azimuths `around`."""
         steps = np.diff(around)
         before = np.clip(np.searchsorted(around, at, side='right') - 1, 0, len(steps) - 1)
-        into, left = at - around[before], around[before + 1] - at
+        after_start, before_end = at - around[before], around[before + 1] - at
         in_gap = steps[before] > _GAP_STEPS * typical
-        # A row covers half a step to either side, also where its neighbour is missing.
-        row = np.where(in_gap, np.where(into < left, before, before + 1), row)
-        return np.where(in_gap & (np.minimum(into, left) > 0.5 * typical), _OUTSIDE, row)
+        # A row covers half a step on each side, also where its neighbour is missing.
+        row = np.where(in_gap, np.where(after_start < before_end, before, before + 1), row)
+        return np.where(in_gap & (np.minimum(after_start, before_end) > 0.5 * typical), _OUTSIDE, row)

@@ -1,8 +1,8 @@
-"""A polar image, live from a driver or decoded from a file, to a PolarScan: every `if` about how images differ.
+"""A polar image, live from a driver or decoded from a file, to a PolarScan. All differences between images are here.
 
 Convention: power is (azimuths, range_bins); row k of an image without metadata columns is azimuth
 ``azimuth_offset ± k · 2π / azimuth_samples``, clockwise from forward unless `radar.azimuth_direction` says otherwise.
-With metadata columns the row's encoder stands in place of ``k``.
+With metadata columns the azimuth comes from the row's encoder count instead.
 """
 
 from __future__ import annotations
@@ -27,11 +27,12 @@ def decode_polar_image(
 ) -> PolarScan:
     """One scan from the fields of a sensor_msgs/Image, or from the same fields of a decoded PNG.
 
-    `data` is any buffer of bytes (bytes, array.array, memoryview, uint8 ndarray) of `height` rows of `step` bytes, of
-    which `width` count. The power of the result is a view of it where azimuths are rows, a copy where it is turned.
+    `data` is any buffer of bytes (bytes, array.array, memoryview, uint8 ndarray): `height` rows of `step` bytes, whose
+    first `width` bytes are pixels. The power of the result is a view of it where azimuths are rows, and a transposed
+    copy where they are columns.
 
     Raises RefusedInput with cause wrong_encoding, empty_image, image_too_large, short_step, short_data, wrong_size
-    (metadata columns asked for that are not there), no_signal (every byte is zero) or unknown_range_resolution.
+    (`radar.metadata_columns` is 11 and the image has none), no_signal (every byte is zero) or unknown_range_resolution.
     """
     _check_fields(height, width, step, encoding, config.max_image_bytes)
     image = _pixels(data, height, width, step)
@@ -42,7 +43,7 @@ def decode_polar_image(
         return scan_from_rows(power, angles_rad, row_stamps_ns, stamp_ns, config)
     if _azimuths_are_columns(image, config):
         image = np.asarray(cv2.transpose(image), np.uint8)
-    # Fewer rows than a rotation has are its first ones; the rest of the circle stays unmeasured.
+    # An image with fewer rows than a rotation has holds its first ones; the other azimuths stay unmeasured.
     samples = max(config.azimuth_samples, len(image))
     angles: NDArray[np.float64] = np.arange(len(image), dtype=np.float64) * (2 * np.pi / samples)
     return scan_from_rows(image, angles, None, stamp_ns, config)
@@ -55,7 +56,7 @@ def scan_from_rows(
     stamp_ns: int,
     config: RadarConfig,
 ) -> PolarScan:
-    """A scan from (A, R) power and the (A,) angles that the sensor's encoder gave, by the configuration's geometry.
+    """A scan from (A, R) power and the (A,) angles that the sensor's encoder gave, with the geometry of `config`.
 
     RefusedInput with cause no_signal or unknown_range_resolution.
     """
@@ -95,7 +96,7 @@ def _check_fields(height: int, width: int, step: int, encoding: str, max_bytes: 
 def _pixels(data: Any, height: int, width: int, step: int) -> NDArray[np.uint8]:
     """(height, width) uint8 view of the buffer."""
     flat = np.frombuffer(data, np.uint8)
-    needed = (height - 1) * step + width  # a last row without its padding is harmless
+    needed = (height - 1) * step + width  # the last row may come without its padding
     if flat.size < needed:
         raise RefusedInput(
             'short_data', f'polar image holds {flat.size} bytes: expected {height} rows of {step}, {height * step}'
@@ -109,5 +110,5 @@ def _azimuths_are_columns(image: NDArray[np.uint8], config: RadarConfig) -> bool
     rows, columns = (int(n) for n in image.shape)
     if config.azimuth_samples in (rows, columns):
         return rows != config.azimuth_samples
-    # A partial rotation has fewer azimuths still, and a radar more range bins than azimuths.
+    # A radar has more range bins than azimuths, and a partial rotation has still fewer azimuths.
     return columns < rows

@@ -7,8 +7,8 @@ bytes     type                     content
 ========  =======================  ============================================================
 0 to 7    int64, little-endian     time of the azimuth since the Unix epoch, µs (Oxford, Boreas) or ns (MulRan)
 8, 9      uint16, little-endian    encoder counts, clockwise from the sensor's forward axis
-10        uint8                    whether the row was measured; used differently by each source, so not trusted
-11 ...    uint8                    power, one a range bin
+10        uint8                    whether the row was measured; each source uses it differently, so it is not read
+11 ...    uint8                    power, one byte for each range bin
 ========  =======================  ============================================================
 """
 
@@ -37,16 +37,16 @@ def _columns(image: NDArray[np.uint8]) -> tuple[NDArray[np.int64], NDArray[np.in
 
 
 def _advances(encoders: NDArray[np.int64]) -> bool:
-    """Whether the counts turn one way, past zero at most once, as over one rotation; one row in fifty may stray."""
+    """Whether the counts increase, with at most one wrap to zero, as over a rotation; one row in 50 may be wrong."""
     steps = np.diff(encoders)
-    strays = max(1, len(steps) // 50)
-    return bool(len(steps) >= _FEWEST_ROWS - 1 and np.count_nonzero(steps <= 0) <= strays)
+    outliers = max(1, len(steps) // 50)
+    return bool(len(steps) >= _FEWEST_ROWS - 1 and np.count_nonzero(steps <= 0) <= outliers)
 
 
 def has_metadata(image: NDArray[np.uint8]) -> bool:
-    """Whether each row of an (A, W) image starts with stamp, encoder and valid byte; told by content, not by size.
+    """Whether each row of an (A, W) image starts with stamp, encoder and valid byte, found by content, not by size.
 
-    Rows without a stamp (never measured, in a partial rotation) are passed over. Needs four rows that have one.
+    Rows without a stamp (not measured, in a partial rotation) are ignored. At least four rows must have one.
     """
     if image.ndim != 2 or image.shape[1] <= METADATA_BYTES or image.shape[0] < _FEWEST_ROWS:
         return False
@@ -64,7 +64,7 @@ def has_metadata(image: NDArray[np.uint8]) -> bool:
 
 
 def full_turn_counts(encoders: NDArray[np.int64], encoder_size: int) -> int:
-    """Counts in a turn: `encoder_size`, or the smallest known size above the counts seen if that is too small."""
+    """Counts in a full turn: `encoder_size`, or, if a count is larger, the smallest known size above all counts."""
     largest = int(encoders.max(initial=0))
     if largest < encoder_size:
         return encoder_size
@@ -74,16 +74,16 @@ def full_turn_counts(encoders: NDArray[np.int64], encoder_size: int) -> int:
 def split_rows(
     image: NDArray[np.uint8], encoder_size: int
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.uint8]]:
-    """Take the 11 bytes off each row of an (A, 11 + R) uint8 image.
+    """Split each row of an (A, 11 + R) uint8 image into its 11 bytes of metadata and its power.
 
     Returns:
         azimuths_rad: (A,) float64 in [0, 2π), clockwise from the encoder's zero.
-        azimuth_stamps_ns: (A,) int64; µs are told from ns by magnitude.
+        azimuth_stamps_ns: (A,) int64; whether a file has µs or ns is recognised by their magnitude.
         power: (A, R) uint8, a view of the image.
 
-    A row without stamp and encoder was never measured: it gets the azimuth and time that its place among the others
-    implies. The valid byte never drops a row: some sources write 0 everywhere or in every other row.
-    RefusedInput('wrong_size') where the encoder counts do not turn.
+    A row without stamp and encoder count was not measured: its azimuth and stamp are interpolated from the other rows.
+    The valid byte is ignored: some sources write 0 everywhere or in every other row.
+    RefusedInput('wrong_size') where the encoder counts do not increase.
     """
     if image.shape[1] <= METADATA_BYTES:
         raise RefusedInput(
@@ -95,12 +95,12 @@ def split_rows(
     if not _advances(encoders[rows]):
         raise RefusedInput(
             'wrong_size',
-            f'the encoder counts in bytes 8 and 9 of the {len(image)} rows do not turn: '
+            f'the encoder counts in bytes 8 and 9 of the {len(image)} rows do not increase: '
             'set radar.metadata_columns to 0 if the rows hold power only',
         )
     size = full_turn_counts(encoders, encoder_size)
     turned = np.unwrap(encoders[rows].astype(np.float64), period=size)
-    # Modulo in counts, where the zero after a turn is exact.
+    # The modulo is of counts, where the zero after a full turn is exact.
     azimuths = np.mod(_at_every_row(rows, turned, len(image)), size) * (2 * np.pi / size)
     stamps = np.rint(_at_every_row(rows, (stamps[rows] - stamps[rows[0]]).astype(np.float64), len(image))).astype(
         np.int64
@@ -111,7 +111,7 @@ def split_rows(
 
 
 def _at_every_row(rows: NDArray[np.intp], values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    """Values known at some rows, between and beyond them on the straight line of their mean step."""
+    """(`count`,) values at every row: interpolated between `rows`, and extrapolated beyond them by the mean step."""
     every = np.arange(count)
     step = (values[-1] - values[0]) / (rows[-1] - rows[0])
     line = values[0] + (every - rows[0]) * step
@@ -122,7 +122,7 @@ def _at_every_row(rows: NDArray[np.intp], values: NDArray[np.float64], count: in
 def join_rows(scan: PolarScan, encoder_size: int) -> NDArray[np.uint8]:
     """The (A, 11 + R) uint8 image that `split_rows` reads back: ns stamps, encoder counts, valid 255, power.
 
-    Azimuths are rounded to a count; a scan without row stamps gives its own stamp to every row.
+    Azimuths are rounded to a count; in a scan without row stamps every row gets the scan's stamp.
     """
     rows, bins = scan.power.shape
     stamps = scan.azimuth_stamps_ns

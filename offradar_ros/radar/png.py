@@ -1,6 +1,6 @@
 """Polar scans stored as 8-bit gray PNG files.
 
-libpng fills what it cannot read with zeros and only warns, so completeness is checked here, chunk by chunk
+libpng fills what it cannot read with zeros and only warns. So this file checks that a PNG is complete, chunk by chunk
 (PNG specification, sections 5 and 11).
 """
 

@@ -1,7 +1,8 @@
-"""Polar scan to the polar image that the compact encoder sees: equal sectors of a turn by equal depths of range.
+"""Polar scan to the polar image that the compact encoder sees: a grid of equal azimuth sectors and range intervals.
 
 Convention: row k of the image is the mean over azimuths from k to k + 1 sectors clockwise from forward, column j over
-ranges from j to j + 1 times `resolution_m` from the sensor. Turning the sensor by a whole sector shifts the rows round.
+ranges from j to j + 1 times `resolution_m` from the sensor. A turn of the sensor by a whole
+sector is a roll of the rows.
 """
 
 from __future__ import annotations
@@ -13,12 +14,12 @@ from numpy.typing import NDArray
 from offradar_ros.config import PolarGridConfig
 from offradar_ros.types import PolarScan
 
-# A row of a scan covers half a step to either side; where rows are missing, no more than this many typical steps.
+# A row of a scan covers half a step on each side; where rows are missing, at most this many typical steps in total.
 _WIDEST_STEPS = 2.5
 
 
 class PolarToGrid:
-    """Turns scans into images; the weights of rows are kept from scan to scan while the azimuths stay the same."""
+    """Converts scans to images. The weights of rows are computed again only when the azimuths change."""
 
     def __init__(self, config: PolarGridConfig) -> None:
         self.config = config
@@ -27,7 +28,7 @@ class PolarToGrid:
         self._too_near = depths_m < config.min_range_m
 
     def __call__(self, scan: PolarScan) -> NDArray[np.uint8]:
-        """(A, R) uint8 mean power of each cell; 0 nearer than `min_range_m`, beyond the range and in gaps."""
+        """(A, R) uint8 mean power of each cell; 0 nearer than `min_range_m`, beyond the last bin and in gaps."""
         azimuth_key = scan.azimuths_rad.tobytes()
         if azimuth_key != self._azimuth_key:
             self._weights = sector_weights(scan.azimuths_rad, self.config.azimuths)
@@ -37,9 +38,9 @@ class PolarToGrid:
         return np.asarray(image, np.uint8)
 
     def _along_range(self, scan: PolarScan) -> NDArray[np.float32]:
-        """(rows, R) float32 mean power of each row between the edges of the image's columns.
+        """(rows, R) float32 mean power of each row within each column of the image.
 
-        The image begins and ends with whole bins, those nearest to its ends.
+        The range of the image is rounded to whole bins at both ends.
         """
         rows, bins = scan.power.shape
         reach_m = self.config.range_bins * self.config.resolution_m
@@ -60,7 +61,7 @@ def sector_weights(azimuths_rad: NDArray[np.float64], sectors: int) -> NDArray[n
     at = turns[order]
     before = np.diff(at, prepend=at[-1] - 1.0)
     after = np.roll(before, -1)
-    # The widest step may be a gap, and of a few rows it would be half of all steps.
+    # Without the widest step, which may be a gap: with few rows it would dominate the median.
     widest = _WIDEST_STEPS * float(np.median(np.sort(before)[: max(1, rows - 1)])) / 2.0
     starts, ends = at - np.minimum(before / 2.0, widest), at + np.minimum(after / 2.0, widest)
     edges = np.arange(sectors + 1) / sectors
@@ -68,7 +69,7 @@ def sector_weights(azimuths_rad: NDArray[np.float64], sectors: int) -> NDArray[n
     for turn in (-1.0, 0.0, 1.0):
         overlap = np.minimum(edges[1:, None], ends + turn) - np.maximum(edges[:-1, None], starts + turn)
         weights[:, order] += np.maximum(overlap, 0.0)
-    # What is seen of a sector must be a fair part of it, or it is a gap.
+    # A sector of which a quarter or less is measured counts as a gap.
     seen = weights.sum(axis=1, keepdims=True)
     scale = np.where(seen > 0.25 / sectors, 1.0 / np.maximum(seen, 1e-12), 0.0)
     return (weights * scale).astype(np.float32)

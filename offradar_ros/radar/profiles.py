@@ -1,4 +1,4 @@
-"""How many metres a range bin is: a property of the sensor and its settings that no polar image carries."""
+"""The range resolution, in metres for each bin: polar images do not carry it, it depends on sensor and settings."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from offradar_ros.errors import RefusedInput
 
 @dataclasses.dataclass(frozen=True)
 class SensorProfile:
-    """A spinning radar as one source configured it; `range_bins` is what `auto` recognises it by."""
+    """A spinning radar with the settings of one source; the profile `auto` recognises it by `range_bins`."""
 
     name: str
     range_resolution_m: float
@@ -19,9 +19,9 @@ class SensorProfile:
     description: str
 
 
-# cts350x: the constant of the Oxford data set's own tools (not the 0.0438 m of the sensor's data sheet).
+# cts350x: the constant in the tools of the Oxford data set (the sensor's data sheet has 0.0438 m).
 # navtech_300m: nominal, 6848 bins to 300 m; the driver's configuration message (`bin_size`, in 1e-4 m) or
-# radar.range_resolution_m is exact and overrides it.
+# radar.range_resolution_m is exact.
 PROFILES: dict[str, SensorProfile] = {
     profile.name: profile
     for profile in (
@@ -34,10 +34,10 @@ PROFILES: dict[str, SensorProfile] = {
 
 
 def range_resolution(config: RadarConfig, range_bins: int) -> float:
-    """Metres a bin: `radar.range_resolution_m` if set, else that of the named profile, else by the number of bins.
+    """Metres for each bin: `radar.range_resolution_m` if set, else from the named profile, else by the number of bins.
 
-    The number of bins recognises a recorded format only: a live Navtech driver may be set to any (2856, for example),
-    and then one of the two parameters is needed. RefusedInput('unknown_range_resolution') says so.
+    The number of bins identifies recorded formats only. A live Navtech driver may be set to any number (2856, for
+    example); then one of the two parameters is needed. RefusedInput('unknown_range_resolution') says so.
     """
     if config.range_resolution_m > 0.0:
         return config.range_resolution_m
@@ -51,8 +51,8 @@ def range_resolution(config: RadarConfig, range_bins: int) -> float:
     reason = (
         'radar.profile is custom'
         if config.profile == 'custom'
-        else f'{range_bins} range bins is none of the known formats: {known}'
+        else f'{range_bins} range bins match none of the known formats: {known}'
     )
     raise RefusedInput(
-        'unknown_range_resolution', f'{reason}; set radar.range_resolution_m (metres a bin) or radar.profile'
+        'unknown_range_resolution', f'{reason}; set radar.range_resolution_m (metres for each bin) or radar.profile'
     )

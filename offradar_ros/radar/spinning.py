@@ -1,4 +1,4 @@
-"""The sensor turned on the spot: a roll of the polar rows, exact where a rotated Cartesian image would interpolate."""
+"""A turn of the sensor on the spot: an exact roll of the polar rows, where a Cartesian image would be interpolated."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from offradar_ros.types import PolarScan
 def spin(scan: PolarScan, rows: int) -> PolarScan:
     """`scan` with everything in it moved clockwise by `rows` azimuths (the "spinning" augmentation of BCRadar).
 
-    The azimuths of the rows stay; power, and the times it was measured at, move. Exact for a full rotation of even
-    steps, where `rows` is a turn of the sensor by ``rows · 2π / A`` counter-clockwise.
+    The azimuths of the rows stay; power and row stamps move. Exact for a full rotation of even steps: it equals a turn
+    of the sensor by ``rows · 2π / A`` counter-clockwise.
     """
     stamps = scan.azimuth_stamps_ns
     return dataclasses.replace(

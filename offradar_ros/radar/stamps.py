@@ -1,4 +1,4 @@
-"""Scan stamps must grow; a large jump back is a recording that starts again."""
+"""Scan stamps must increase; a large jump back is a recording that starts again."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from offradar_ros.errors import RefusedInput
 
 
 class StampGate:
-    """Lets each stamp through once, in order."""
+    """Accepts each stamp once, in increasing order."""
 
     def __init__(self, restart_after_ns: int) -> None:
         self.restart_after_ns = restart_after_ns
@@ -16,11 +16,11 @@ class StampGate:
         """True if the recording restarted: the stamp jumped back by more than `restart_after_ns`.
 
         RefusedInput('repeated_stamp') for the last stamp again, RefusedInput('stamp_backwards') for a smaller jump
-        back; neither changes what the next stamp is compared with.
+        back. The next stamp is compared with the last accepted one.
         """
         back_ns = 0 if self._last_ns is None else self._last_ns - stamp_ns
         if self._last_ns is not None and back_ns == 0:
-            raise RefusedInput('repeated_stamp', f'stamp {stamp_ns} ns was already seen: expected a later one')
+            raise RefusedInput('repeated_stamp', f'stamp {stamp_ns} ns was already received: expected a later one')
         if 0 < back_ns <= self.restart_after_ns:
             raise RefusedInput(
                 'stamp_backwards',
@@ -30,6 +30,6 @@ class StampGate:
         self._last_ns = stamp_ns
         return back_ns > 0
 
-    def forget(self) -> None:
-        """Let the next stamp through whatever it is: somebody knows that a recording starts with it."""
+    def reset(self) -> None:
+        """Accept any next stamp: the caller knows that a recording starts with it."""
         self._last_ns = None

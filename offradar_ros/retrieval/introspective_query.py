@@ -1,4 +1,4 @@
-"""Introspective query rejection (Sec. III-C of the paper): the nearest places, or the reason why not."""
+"""Introspective query rejection (Sec. III-C of the paper): the nearest places, or a reason for the rejection."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from offradar_ros.types import Candidate, Embedding, Match, Outcome, Reason, Rej
 
 
 class IntrospectiveQuery:
-    """Answers every embedding, with a match or with a reasoned rejection, from one map and with one threshold."""
+    """Answers each embedding with a match or a rejection, from one map and with one threshold on U."""
 
     def __init__(self, config: QueryConfig, searched: SearchedMap) -> None:
         self.config = config
@@ -21,28 +21,27 @@ class IntrospectiveQuery:
         self.threshold = threshold_at(config)
 
     def query(self, embedding: Embedding) -> Outcome:
-        """The `top_k` nearest places, or a rejection with those that would have been returned where there are any.
+        """A match with the `top_k` nearest places, or a rejection with the places that a match would have had.
 
-        The first reason that holds counts. An embedding of another model is rejected as `wrong_model`: of another than
-        the thresholds were calibrated with, where `query.model` says so, because they mean nothing for its U; or of
-        another than the map's, where it has one. An empty map has one when it is read from a file, and none when it
-        comes as a message: then any model may still fill it, and every other valid embedding is rejected as
+        The first reason that applies is given. `wrong_model`: the embedding is not of the model that the thresholds
+        are calibrated for (`query.model`, if set), or not of the map's model. An empty map from a file has a model. An
+        empty map from a message has none: it may later hold any model, and valid embeddings are rejected as
         `map_empty`.
         """
         if problem := embedding_problem(embedding):
             return self._rejection(embedding, Reason.INVALID_EMBEDDING, problem)
         if problem := self._model_problem(embedding):
             return self._rejection(embedding, Reason.WRONG_MODEL, problem)
-        # Euclidean distance is the measure of similarity; the k most similar places are the prediction.
-        with_running = not self.config.exclude_current_session
-        candidates = self.map.nearest(embedding, self.config.top_k, with_running=with_running)
+        # Similarity is Euclidean distance; the prediction is the k nearest places.
+        include_running = not self.config.exclude_current_session
+        candidates = self.map.nearest(embedding, self.config.top_k, include_running=include_running)
         if not candidates:
             return self._rejection(embedding, Reason.MAP_EMPTY, 'the map holds no places to search')
         # U = (1/d) Σ_i Σ_ii: a scan of higher variance than the threshold is rejected.
         if embedding.uncertainty > self.threshold:
             detail = f'U {embedding.uncertainty:.4g} is above the threshold {self.threshold:.4g}'
             return self._rejection(embedding, Reason.UNCERTAIN, detail, candidates)
-        # Not in the paper: a scan that resembles no place at all.
+        # Not in the paper: a scan that is far from every place in embedding space.
         if 0.0 < self.config.max_distance < candidates[0].distance:
             detail = f'the nearest place is {candidates[0].distance:.4g} away, above {self.config.max_distance:.4g}'
             return self._rejection(embedding, Reason.UNKNOWN_PLACE, detail, candidates)

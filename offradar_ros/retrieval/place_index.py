@@ -1,4 +1,4 @@
-"""Exact Euclidean nearest neighbours over places that come, change and go."""
+"""Exact Euclidean nearest neighbours over places that are added, changed and removed."""
 
 from __future__ import annotations
 
@@ -9,63 +9,63 @@ from offradar_ros.errors import RefusedInput
 from offradar_ros.mapping.place_columns import PlaceColumns
 from offradar_ros.types import Candidate, PlaceTable, Pose
 
-_ROUND_OFF = 2.0**-24
-"""Relative error of one single-precision operation."""
+_UNIT_ROUNDOFF = 2.0**-24
+"""Unit round-off of single precision: the relative error of one operation."""
 
 _TINY = float(np.finfo(np.float32).tiny)
-"""Below this single precision loses its relative accuracy."""
+"""The smallest normal number: below it, single precision loses relative accuracy."""
 
 _LARGEST_SQUARE = 1e37
-"""Squares beyond this could overflow single precision: such a search is done in double precision alone."""
+"""Squares beyond this could overflow single precision: such a search uses double precision only."""
 
-_CHUNK = 2**17
-"""Numbers worked on at once in double precision: they stay in the processor's cache."""
+_DOUBLES_AT_ONCE = 2**17
+"""How many numbers are converted to double precision at once: they fit the processor's cache."""
 
 _BLOCK = 256
-"""Queries, and places, whose distances are computed at once."""
-
+"""How many queries, and places, are multiplied at once."""
 
 _GROUPS = 16384
-"""Groups of rows that the k least scores are looked for in: far more than k."""
+"""Number of groups of rows in the search for the k smallest scores: far more than k."""
 
 
-def _least(scores: NDArray[np.float32], k: int, margin: float) -> NDArray[np.intp]:
-    """Ascending rows of the k least scores and of all that exceed the k-th by no more than `margin`, and few more.
+def _rows_within_margin(scores: NDArray[np.float32], k: int, margin: float) -> NDArray[np.intp]:
+    """Ascending rows of all (N,) scores up to the k-th smallest plus `margin`, and a few more.
 
-    What is taken for the k-th is the k-th of the least of each group, which takes one pass; a group whose least is too
-    much is done with. Groups are strided: the places of a road lie beside one another, and so do those that resemble a
-    query.
+    The k-th smallest of the groups' minima bounds the k-th smallest score from above, and takes one pass; groups whose
+    minimum is above the limit are skipped. Groups are strided, because neighbouring rows are places of one road, and
+    the places that resemble a query are neighbours.
     """
     rows = len(scores) // _GROUPS
     if rows > 4 and 16 * k <= _GROUPS:
         grouped, rest = scores[: rows * _GROUPS].reshape(rows, _GROUPS), scores[rows * _GROUPS :]
-        least = grouped.min(axis=0)
-        limit = _limit(least, k, margin)
-        # Infinite where almost all rows are left out.
+        minima = grouped.min(axis=0)
+        limit = _limit(minima, k, margin)
+        # Infinite where almost all rows are excluded.
         if limit < np.inf:
-            groups = np.flatnonzero(least <= limit)
+            groups = np.flatnonzero(minima <= limit)
             row, group = np.nonzero(grouped[:, groups] <= limit)
             return np.concatenate([row * _GROUPS + groups[group], rows * _GROUPS + np.flatnonzero(rest <= limit)])
     return np.flatnonzero(scores <= _limit(scores, k, margin))
 
 
 def _limit(scores: NDArray[np.float32], k: int, margin: float) -> float:
+    """The k-th smallest score plus `margin`, rounded up."""
     kth = np.partition(scores, k - 1)[k - 1]
     return float(np.nextafter(np.float32(float(kth) + margin), np.float32(np.inf)))
 
 
 class PlaceIndex:
-    """Brute force over one preallocated matrix: a change costs microseconds, and nothing is approximate.
+    """Exhaustive search over one preallocated matrix: exact, and a change takes microseconds.
 
-    One pass computes |x|² − 2 x·q in single precision, which cancels badly for x near q: sums of d + 1 terms, so that
-    its error is at most (d + 8) 2⁻²⁴ (|x| + |q|)². Every row that this bound leaves in question is then measured again,
-    as |x − q| in double precision.
+    One pass computes |x|² − 2 x·q in single precision, a sum of d + 1 terms with an error of at most
+    (d + 8) 2⁻²⁴ (|x| + |q|)²; it suffers from cancellation for x near q. For every row that may be among the k nearest
+    within this bound, |x − q| is computed again in double precision.
     """
 
     def __init__(self, dimension: int, capacity: int = 16) -> None:
         self.dimension = dimension
         self._columns = PlaceColumns(dimension, capacity)
-        self._squares = np.empty(capacity, np.float32)
+        self._squared_norms = np.empty(capacity, np.float32)
         self._largest: float | None = None
 
     def __len__(self) -> int:
@@ -83,32 +83,33 @@ class PlaceIndex:
         return found
 
     def upsert(self, table: PlaceTable) -> None:
-        """Overwrite known places and add new ones; RefusedInput if a mean is not of d finite numbers."""
+        """Overwrite known places and add new ones; RefusedInput unless each mean has d finite values."""
         self.check(table)
         before = len(self)
         _, known = self._columns.find(table.place_ids)
         self._columns.upsert(table)
         rows, _ = self._columns.find(table.place_ids)
         if not np.all(rows[~known] >= before):
-            self._measure(slice(0, len(self)))
+            self._update_squared_norms(slice(0, len(self)))
         elif known.any():
-            self._measure(rows)
+            self._update_squared_norms(rows)
         else:
-            self._measure(slice(before, len(self)))
+            self._update_squared_norms(slice(before, len(self)))
 
     def remove(self, place_ids: NDArray[np.int64]) -> None:
-        """Forget places; an unknown id is no error."""
+        """Remove places; unknown ids are ignored."""
         if self._columns.find(place_ids)[1].any():
             self._columns.remove(place_ids)
-            self._measure(slice(0, len(self)))
+            self._update_squared_norms(slice(0, len(self)))
 
-    def search(self, mean: NDArray[np.float32], k: int, without: NDArray[np.int64] | None = None) -> list[Candidate]:
-        """The k places nearest to `mean` (d,), nearest first, of equally near ones the lowest id first.
+    def search(self, mean: NDArray[np.float32], k: int, exclude: NDArray[np.int64] | None = None) -> list[Candidate]:
+        """The k places nearest to `mean` (d,), nearest first; of equal distances the lower id first.
 
-        Fewer where there are fewer; `without` are ids left out. Distances are exact, rounded to single precision.
+        Fewer than k if the index has fewer. `exclude` (M,) int64 are ids that are not searched. Distances are exact,
+        rounded to single precision.
         """
         query = np.asarray(mean, np.float32)
-        rows, known = self._columns.find(np.empty(0, np.int64) if without is None else without)
+        rows, known = self._columns.find(np.empty(0, np.int64) if exclude is None else exclude)
         excluded = np.unique(rows[known])
         k = min(k, len(self) - len(excluded))
         if k <= 0:
@@ -116,51 +117,51 @@ class PlaceIndex:
         return self._candidates(*self._ranked(query, self._shortlist(query, k, excluded), k))
 
     def search_many(
-        self, queries: NDArray[np.float32], k: int, without: NDArray[np.bool_] | None = None
+        self, queries: NDArray[np.float32], k: int, exclude: NDArray[np.bool_] | None = None
     ) -> tuple[NDArray[np.intp], NDArray[np.float32]]:
         """`search` for many means at once, by matrix products: the same places and the same distances.
 
         Args:
             queries: (Q, d) finite means.
-            k: how many places each query asks for.
-            without: (Q, N) True where a place is left out for a query; by default none is.
+            k: number of places for each query.
+            exclude: (Q, N) bool, True where a place is not searched for a query; None excludes nothing.
 
         Returns:
-            (Q, min(k, N)) int rows of the places, indices into `place_ids`, nearest first, of equally near ones the
-            lowest id first; and (Q, min(k, N)) float32 distances, exact but for their rounding. A query for which
-            fewer places are left has infinite distances at the end, and rows there that mean nothing.
+            (Q, min(k, N)) int rows of the places, indices into `place_ids`, nearest first, of equal distances the
+            lower id first; and (Q, min(k, N)) float32 distances, exact but for rounding. Where fewer than k places are
+            not excluded, the last distances are infinite and their rows have no meaning.
         """
-        asked, k = np.asarray(queries, np.float32), min(k, len(self))
-        rows, distances = np.zeros((len(asked), k), np.intp), np.full((len(asked), k), np.inf, np.float32)
+        queries, k = np.asarray(queries, np.float32), min(k, len(self))
+        rows, distances = np.zeros((len(queries), k), np.intp), np.full((len(queries), k), np.inf, np.float32)
         step = max(min(_BLOCK, 2**22 // max(len(self), 1)), 1)
-        for start in range(0, len(asked) if k else 0, step):
+        for start in range(0, len(queries) if k else 0, step):
             part = slice(start, start + step)
-            squares = self.squared_distances(asked[part])
-            if without is not None:
-                squares[without[part]] = np.inf
-            rows[part], distances[part] = self._nearest(asked[part], squares, k)
+            squares = self.squared_distances(queries[part])
+            if exclude is not None:
+                squares[exclude[part]] = np.inf
+            rows[part], distances[part] = self._nearest(queries[part], squares, k)
         return rows, distances
 
     def squared_distances(self, queries: NDArray[np.float32]) -> NDArray[np.float64]:
         """(Q, N) squared distances |x|² + |q|² − 2 x·q of (Q, d) means to every place, in ascending order of id.
 
-        In double precision, and so off by (d + 8) 2⁻⁵³ (|x| + |q|)² at most: what should be 0 may be slightly below.
+        In double precision, with an error of at most (d + 8) 2⁻⁵³ (|x| + |q|)²: a zero may be slightly negative.
         """
-        asked, means = np.asarray(queries, np.float64), self._columns.table.means
-        squares = np.empty((len(asked), len(means)), np.float64)
-        lengths = np.einsum('qd,qd->q', asked, asked)
+        doubles, means = np.asarray(queries, np.float64), self._columns.table.means
+        squares = np.empty((len(doubles), len(means)), np.float64)
+        query_norms = np.einsum('qd,qd->q', doubles, doubles)
         for start in range(0, len(means), _BLOCK):
             block = means[start : start + _BLOCK].astype(np.float64)
-            part = asked @ (-2.0 * block.T)
+            part = doubles @ (-2.0 * block.T)
             part += np.einsum('nd,nd->n', block, block)
-            part += lengths[:, np.newaxis]
+            part += query_norms[:, np.newaxis]
             squares[:, start : start + _BLOCK] = part
         return squares
 
     def _nearest(
         self, queries: NDArray[np.float32], squares: NDArray[np.float64], k: int
     ) -> tuple[NDArray[np.intp], NDArray[np.float32]]:
-        """(Q, k) rows and exact distances of the nearest places; the squared distances (Q, N) are nearly exact."""
+        """(Q, k) rows and exact distances of the nearest places, by squared distances (Q, N) with rounding errors."""
         rows = squares.argmin(axis=1)[:, np.newaxis] if k == 1 else np.argpartition(squares, k - 1, axis=1)[:, :k]
         limits = self._limits(queries, np.take_along_axis(squares, rows, 1).max(axis=1))
         distances = np.empty(rows.shape, np.float32)
@@ -171,7 +172,7 @@ class PlaceIndex:
             distances[part] = pairs.reshape(-1, k)
         order = np.lexsort((rows, distances), axis=1)
         rows, distances = np.take_along_axis(rows, order, 1), np.take_along_axis(distances, order, 1)
-        # Where more than k are within the limit, any k of them were picked.
+        # Where more than k are within the limit, argpartition chose any k of them.
         within = squares <= limits[:, np.newaxis]
         for query in np.flatnonzero(np.count_nonzero(within, axis=1) != k).tolist():
             found, exact = self._ranked(queries[query], np.flatnonzero(within[query]), k)
@@ -180,39 +181,39 @@ class PlaceIndex:
         return rows, distances
 
     def _limits(self, queries: NDArray[np.float32], squares: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(Q,) squared distances up to which a place may be as near as the k-th, whose computed ones are `squares`."""
-        lengths = np.sqrt(np.einsum('qd,qd->q', queries, queries, dtype=np.float64))
-        error = (self.dimension + 8) * 2.0**-53 * (lengths + 1.001 * np.sqrt(self._largest_square())) ** 2
+        """(Q,) squared distances up to which a place may be as near as the k-th, computed as `squares` (Q,)."""
+        norms = np.sqrt(np.einsum('qd,qd->q', queries, queries, dtype=np.float64))
+        error = (self.dimension + 8) * 2.0**-53 * (norms + 1.001 * np.sqrt(self._largest_squared_norm())) ** 2
         with np.errstate(over='ignore'):
             rounded = np.sqrt(np.maximum(squares, 0.0) + error).astype(np.float32)
         # Distances that round to the same single-precision number are equal.
         beyond = np.nextafter(rounded, np.float32(np.inf)).astype(np.float64)
-        # Never infinite: that is what a place has that is left out.
+        # Never infinite: excluded places have an infinite distance.
         limits: NDArray[np.float64] = np.minimum(beyond**2 + error, np.finfo(np.float64).max)
         return limits
 
     def _ranked(
         self, query: NDArray[np.float32], rows: NDArray[np.intp], k: int
     ) -> tuple[NDArray[np.intp], NDArray[np.float32]]:
-        """The k nearest of these ascending rows, and their distances; of equally near ones the first."""
+        """The k nearest of these ascending rows, and their distances; of equal distances the first row."""
         distances = self._distances(query, rows)
         nearest = np.argsort(distances, kind='stable')[:k]
         return rows[nearest], distances[nearest]
 
     def _shortlist(self, query: NDArray[np.float32], k: int, excluded: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Ascending rows that are sure to hold the k nearest."""
-        squares = self._squares[: len(self)]
-        largest = (np.sqrt(self._largest_square()) + np.linalg.norm(query.astype(np.float64))) ** 2
+        """Ascending rows among which the k nearest are for certain."""
+        squares = self._squared_norms[: len(self)]
+        largest = (np.sqrt(self._largest_squared_norm()) + np.linalg.norm(query.astype(np.float64))) ** 2
         if not largest < _LARGEST_SQUARE:
             return np.setdiff1d(np.arange(len(self)), excluded)
         scores = self._columns.table.means @ (np.float32(-2.0) * query)
         scores += squares
         scores[excluded] = np.inf
-        bound = (self.dimension + 8) * (_ROUND_OFF * largest + _TINY)
-        return _least(scores, k, 2.0 * bound)
+        bound = (self.dimension + 8) * (_UNIT_ROUNDOFF * largest + _TINY)
+        return _rows_within_margin(scores, k, 2.0 * bound)
 
     def _distances(self, queries: NDArray[np.float32], rows: NDArray[np.intp]) -> NDArray[np.float32]:
-        """(M,) exact distances of (M,) rows, of all to one query (d,) or of each to its own (M, d)."""
+        """(M,) exact distances of (M,) rows to one query (d,), or of each row to its own query (M, d)."""
         distances = np.empty(len(rows), np.float32)
         for start in range(0, len(rows), self._rows_at_once):
             part = slice(start, start + self._rows_at_once)
@@ -236,21 +237,21 @@ class PlaceIndex:
 
     @property
     def _rows_at_once(self) -> int:
-        return max(_CHUNK // max(self.dimension, 1), 1)
+        return max(_DOUBLES_AT_ONCE // max(self.dimension, 1), 1)
 
-    def _largest_square(self) -> float:
-        """Looked for once after each change."""
+    def _largest_squared_norm(self) -> float:
+        """The largest squared norm, computed once after each change."""
         if self._largest is None:
-            self._largest = float(self._squares[: len(self)].max())
+            self._largest = float(self._squared_norms[: len(self)].max())
         return self._largest
 
-    def _measure(self, rows: NDArray[np.intp] | slice) -> None:
-        """Squared lengths of rows that changed, infinite where they overflow."""
+    def _update_squared_norms(self, rows: NDArray[np.intp] | slice) -> None:
+        """Compute the squared norms of changed rows; they are infinite on overflow."""
         self._largest = None
-        if len(self) > len(self._squares):
-            grown = np.empty(max(len(self), 2 * len(self._squares)), np.float32)
-            grown[: len(self._squares)] = self._squares
-            self._squares = grown
+        if len(self) > len(self._squared_norms):
+            grown = np.empty(max(len(self), 2 * len(self._squared_norms)), np.float32)
+            grown[: len(self._squared_norms)] = self._squared_norms
+            self._squared_norms = grown
         stored = self._columns.table.means
         first, end = (rows.start, rows.stop) if isinstance(rows, slice) else (0, len(rows))
         for start in range(first, end, self._rows_at_once):
@@ -258,7 +259,7 @@ class PlaceIndex:
             some = part if isinstance(rows, slice) else rows[part]
             means = stored[some].astype(np.float64)
             with np.errstate(over='ignore'):
-                self._squares[some] = np.einsum('ij,ij->i', means, means)
+                self._squared_norms[some] = np.einsum('ij,ij->i', means, means)
 
     def check(self, table: PlaceTable) -> None:
         """RefusedInput (`wrong_dimension`, `invalid_place`) if `upsert` would refuse these places."""
@@ -267,8 +268,8 @@ class PlaceIndex:
                 'wrong_dimension',
                 f'places of dimension {table.means.shape[-1]} refused: the map has dimension {self.dimension}',
             )
-        # Extremes of each row instead of a flag for each value, which would take a quarter of the map's memory.
-        least, most = table.means.min(axis=1, initial=0.0), table.means.max(axis=1, initial=0.0)
-        wrong = np.flatnonzero(~(np.isfinite(least) & np.isfinite(most)))
+        # Extremes of each row: a flag for each value would take a quarter of the map's memory.
+        lowest, highest = table.means.min(axis=1, initial=0.0), table.means.max(axis=1, initial=0.0)
+        wrong = np.flatnonzero(~(np.isfinite(lowest) & np.isfinite(highest)))
         if len(wrong):
             raise RefusedInput('invalid_place', f'place {table.place_ids[wrong[0]]}: its mean is not finite')

@@ -1,5 +1,5 @@
-"""The way of a scan, stage by stage: encode, map, query.
+"""The pipeline of a scan: encode, map, query.
 
-The live nodes, the replay and the command line all drive these stages and nothing else, so that they give the same
-answer on the same recording.
+The live nodes, the replay and the command line all run these stages, so that they give the same answers on the same
+recording.
 """

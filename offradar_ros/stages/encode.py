@@ -15,13 +15,13 @@ from offradar_ros.types import Embedding, PolarScan
 
 @dataclasses.dataclass(frozen=True)
 class Encoded:
-    """What became of one image.
+    """Result of one image.
 
     Attributes:
-        embedding: None only for the last scan again, which was answered already; invalid (d = 0) for one that cannot
-            be encoded or comes out of order, so that every scan gets exactly one answer.
+        embedding: None only for a repeated scan, which was answered already. Invalid (d = 0) for a scan that cannot be
+            encoded or is out of order, so that every scan gets exactly one answer.
         problem: why the scan was refused, or None.
-        restarted: the stamps jumped back: the recording starts again.
+        restarted: whether the stamps jumped back: the recording starts again.
     """
 
     embedding: Embedding | None
@@ -30,14 +30,14 @@ class Encoded:
 
 
 class EncodeStage:
-    """Images in, embeddings out; nothing that is wrong with one scan stops the next."""
+    """Images in, embeddings out. An invalid scan does not stop the next one."""
 
     def __init__(self, encoder: Encoder, restart_after_s: float) -> None:
         self.encoder = encoder
         self._gate = StampGate(round(restart_after_s * 1e9))
 
     def encode(self, stamp: int, decode: Callable[[], PolarScan]) -> Encoded:
-        """Embedding of the scan that `decode` gives, which may raise RefusedInput."""
+        """Embedding of the scan with this stamp (ns) that `decode` returns; `decode` may raise RefusedInput."""
         restarted = False
         try:
             restarted = self._gate.check(stamp)
@@ -48,8 +48,8 @@ class EncodeStage:
             return Encoded(self._invalid(stamp), problem, restarted)
 
     def start_recording(self) -> None:
-        """Take the next scan as the first of a recording, be it the last scan again."""
-        self._gate.forget()
+        """Accept any stamp for the next scan, which is the first of a recording."""
+        self._gate.reset()
 
     def _invalid(self, stamp: int) -> Embedding:
         nothing = np.empty(0, np.float32)

@@ -23,22 +23,22 @@ from offradar_ros.mapping.sessions import SessionMap
 from offradar_ros.types import Embedding, PlaceTable, Pose
 
 MAX_EXTENT_M = 100_000.0
-"""A flat frame is no map beyond this."""
-MESSAGE_PLACES = 50_000
-"""A larger map does not fit a message: the query node reads the file instead."""
+"""Positions farther than this from the origin are refused: the frame is flat."""
+MAX_MESSAGE_PLACES = 50_000
+"""Largest map that is sent as a message: for a larger one the query node reads the file."""
 POSITION_GAP_S = 0.5
-"""At the end of a session, no position is waited for that has not come this long after the one before."""
-BEFORE_MODEL = 64
-"""So many embeddings wait for their model: it is latched, and may arrive after them."""
+"""A session that ends does not wait for positions if the last one arrived longer ago than this."""
+MAX_WAITING_FOR_MODEL = 64
+"""Most embeddings that wait for their model, whose latched message may arrive after them."""
 
 
 @dataclasses.dataclass(frozen=True)
 class MapUpdate:
-    """What one embedding did to the map.
+    """What one embedding changed in the map.
 
     Attributes:
-        stamp_ns: of the embedding.
-        changed: the rows that the running session inserted or replaced with it; may be empty.
+        stamp_ns: stamp of the embedding.
+        changed: the places that were inserted or replaced with it; may be empty.
         problem: why it was not merged, or None.
     """
 
@@ -48,7 +48,7 @@ class MapUpdate:
 
 
 class Form(enum.Enum):
-    """How the committed map is handed to who searches it."""
+    """How the committed map is published."""
 
     WHOLE = 'whole'
     FILE = 'file'
@@ -57,12 +57,12 @@ class Form(enum.Enum):
 
 @dataclasses.dataclass(frozen=True)
 class CommittedMap:
-    """The map as of the last ended session, as it is to be published.
+    """The map as of the last ended session, in the form in which it is published.
 
     Attributes:
-        form: WHOLE, every place; FILE, the map is too large for a message and is read from its file; or CHANGES, who
-            searches has read the file, and only what the last session changed is new.
-        table: the places to publish; none with FILE.
+        form: WHOLE: every place. FILE: the map is too large for a message and is read from its file. CHANGES: the file
+            was read before, and only the changes of the last session are sent.
+        table: the places to publish; empty for FILE.
     """
 
     form: Form
@@ -73,16 +73,16 @@ class MapStage:
     """Embeddings and positions in, map updates out, each embedding once and in order of arrival.
 
     Args:
-        config: its `position` and `map`.
-        session_map: what is merged into.
-        clock: steady time in seconds, by which `map.autosave_s` and the gap between positions are measured.
+        config: `position` and `map` are used.
+        session_map: the map into which embeddings are merged.
+        clock: monotonic time in seconds, for `map.autosave_s` and the gap between positions.
     """
 
     def __init__(self, config: Config, session_map: SessionMap, clock: Callable[[], float] = time.monotonic) -> None:
         self.map = session_map
         self._clock = clock
         self._pending = PendingEmbeddings(config.position)
-        self._before_model: collections.deque[Embedding] = collections.deque()
+        self._waiting_for_model: collections.deque[Embedding] = collections.deque()
         self._frame = LocalFrame(session_map.origin) if session_map.origin else None
         self._restart_after_ns = round(config.position.restart_after_s * 1e9)
         self._wait_ns = round(config.position.wait_s * 1e9)
@@ -90,12 +90,12 @@ class MapStage:
         self._last_scan_ns = 0
         self._position_s = -math.inf
         self._saved_s = clock()
-        self._view_is_old = False
+        self._changed_since_view = False
         self._file_is_read = False
         self._changed: PlaceTable | None = None
 
     def adopt_model(self, info: ModelInfo) -> list[MapUpdate]:
-        """Map embeddings of this model from now on, those first that came before it.
+        """Accept embeddings of this model from now on; maps those that waited for it first.
 
         RefusedInput: `wrong_model`, the map holds embeddings of another; `not_saved`, the file cannot be written.
         """
@@ -105,14 +105,14 @@ class MapStage:
         except MapError as error:
             other = known is not None and known.fingerprint != info.fingerprint
             raise RefusedInput('wrong_model' if other else 'not_saved', str(error)) from error
-        waiting = list(self._before_model)
-        self._before_model.clear()
+        waiting = list(self._waiting_for_model)
+        self._waiting_for_model.clear()
         return [update for embedding in waiting for update in self.add_embedding(embedding)]
 
     def add_point(self, stamp: int, point: GeoPoint) -> list[MapUpdate]:
-        """A geodetic position. The map's frame starts at the first one of the drive whose scan is mapped first.
+        """Add a geodetic position. The origin of the map is the first position of the first drive that is mapped.
 
-        RefusedInput('far_position') for one further than `MAX_EXTENT_M` from where the frame starts, such as 0°, 0°.
+        RefusedInput('far_position') for one farther than `MAX_EXTENT_M` from the origin, such as 0°, 0°.
         """
         self._position_s = self._clock()
         frame = self._frame or LocalFrame(point)
@@ -125,7 +125,7 @@ class MapStage:
                     f'position {point.latitude_deg:.5f}°, {point.longitude_deg:.5f}° is {kilometres:.0f} km from the '
                     f"map's origin: expected at most {MAX_EXTENT_M / 1000.0:.0f} km",
                 )
-            # Nothing is mapped yet: it was the first position that was wrong.
+            # Nothing is mapped yet: the first position was wrong, not this one.
             self._pending.forget_positions()
             frame = LocalFrame(point)
             enu = self._enu(frame, point)
@@ -139,7 +139,7 @@ class MapStage:
         return enu
 
     def add_pose(self, stamp: int, pose: Pose) -> list[MapUpdate]:
-        """A pose in the map frame; RefusedInput if it is invalid or not newer than the last."""
+        """Add a pose in the map frame; RefusedInput if it is invalid or not newer than the last."""
         self._position_s = self._clock()
         updates: list[MapUpdate] = []
         last_ns = self._pending.last_position_ns
@@ -149,9 +149,9 @@ class MapStage:
         return updates + self._merged(self._pending.add_position(stamp, pose))
 
     def add_embedding(self, embedding: Embedding) -> list[MapUpdate]:
-        """An embedding of the running session, merged as soon as its model and position are known.
+        """Add an embedding of the running session; it is merged as soon as its model and position are known.
 
-        Without a session it is not mapped and not counted.
+        Without a session it is neither mapped nor counted.
         """
         if self.map.running_session_id is None:
             return []
@@ -161,11 +161,11 @@ class MapStage:
             )
             return [self._refused(embedding, problem)]
         if self.map.model is None:
-            self._before_model.append(embedding)
-            return self._without_model(BEFORE_MODEL)
+            self._waiting_for_model.append(embedding)
+            return self._drop_waiting_for_model(MAX_WAITING_FOR_MODEL)
         updates: list[MapUpdate] = []
         if embedding.stamp_ns < self._last_scan_ns:
-            # The recording starts again: nothing that still waits will get its position.
+            # The recording starts again: the waiting embeddings will get no position.
             updates = self.flush()
             last_ns = self._pending.last_position_ns
             if last_ns is not None and last_ns - embedding.stamp_ns > self._wait_ns:
@@ -175,50 +175,50 @@ class MapStage:
 
     @property
     def expects_positions(self) -> bool:
-        """Whether scans wait for positions that are still coming in: a session that ends now would drop them."""
+        """Whether scans wait for positions and these still arrive: a session that ends now would drop the scans."""
         return bool(len(self._pending)) and self._clock() - self._position_s < POSITION_GAP_S
 
     def flush(self) -> list[MapUpdate]:
-        """Merge or drop every scan that still waits: no later position will come for it."""
+        """Merge or drop every waiting scan, as when no later position will arrive."""
         return self._merged(self._pending.flush())
 
     def start_session(self, stamp_ns: int) -> str:
-        """Start a session at this stamp, or go on with a running one that has no scan yet; what was done.
+        """Start a session at this stamp, or continue a running one without scans; returns what was done.
 
-        MapError while another runs.
+        MapError while a session with scans runs.
         """
         running = self.map.running_session_id
         if running is not None and self.map.is_session_empty:
-            return f'session {running} runs and is empty: it goes on'
+            return f'session {running} runs already and is empty: it continues'
         return f'session {self.map.start_session("", stamp_ns)} started'
 
     def end_session(self) -> tuple[list[MapUpdate], SessionReport]:
-        """Merge or drop every scan that still waits, then commit the running session; MapError if it cannot be."""
-        updates = [*self._without_model(0), *self.flush()]
+        """Merge or drop every waiting scan, then commit the running session; MapError if that fails."""
+        updates = [*self._drop_waiting_for_model(0), *self.flush()]
         changed = self.map.running() if self._file_is_read else None
         report = self.map.end_session()
         self._changed = changed
         return updates, report
 
     def undo_session(self) -> UndoReport:
-        """Discard the running session, with the scans that still wait, or else the one that ended last."""
+        """Discard the running session with its waiting scans, or else undo the session that ended last."""
         self._forget_waiting()
         return self.map.undo_session()
 
     def clear(self) -> Path | None:
-        """Empty the map, and forget the scans that still wait; returns the copy that was kept."""
+        """Empty the map and drop the waiting scans; returns the path of the copy, as `SessionMap.clear`."""
         self._forget_waiting()
         return self.map.clear()
 
     def save(self) -> None:
-        """Put what the running session did so far on disk; MapError if it cannot be, or the map has no file."""
+        """Write the changes of the running session to disk; MapError if that fails or the map has no file."""
         self.map.save()
         self._saved_s = self._clock()
 
     def autosave(self) -> None:
-        """Save the running session if `map.autosave_s` have passed since the last time; to be called often.
+        """Save the running session if the last save is `map.autosave_s` ago; call it often.
 
-        RefusedInput('not_saved') if it cannot be written: the next attempt is `map.autosave_s` later.
+        RefusedInput('not_saved') if the file cannot be written; the next attempt is `map.autosave_s` later.
         """
         if not self._autosave_s or self.map.running_session_id is None:
             return
@@ -231,11 +231,11 @@ class MapStage:
             raise RefusedInput('not_saved', str(error)) from error
 
     def committed(self) -> CommittedMap | None:
-        """What is to be published when a session has ended or the map has changed otherwise; None without a model."""
+        """What to publish after a session has ended or the map has changed otherwise; None without a model."""
         changed, self._changed = self._changed, None
         if not self.map.model:
             return None
-        is_large = len(self.map) > MESSAGE_PLACES
+        is_large = len(self.map) > MAX_MESSAGE_PLACES
         if is_large and self._file_is_read and changed is not None:
             return CommittedMap(Form.CHANGES, changed)
         self._file_is_read = is_large
@@ -244,21 +244,21 @@ class MapStage:
         return CommittedMap(Form.WHOLE, self.map.committed())
 
     def changed_view(self) -> PlaceTable | None:
-        """Every place as it is now; None if nothing changed since the last call, or the map is too large to show."""
-        if not self._view_is_old or len(self.map) > MESSAGE_PLACES:
+        """Every place; None if nothing changed since the last call, or if the map is too large for a message."""
+        if not self._changed_since_view or len(self.map) > MAX_MESSAGE_PLACES:
             return None
-        self._view_is_old = False
+        self._changed_since_view = False
         return self.map.places()
 
     def _forget_waiting(self) -> None:
-        self._before_model.clear()
+        self._waiting_for_model.clear()
         self._pending.forget_embeddings()
 
-    def _without_model(self, kept: int) -> list[MapUpdate]:
-        """Give up the oldest embeddings without a model until `kept` are left."""
+    def _drop_waiting_for_model(self, kept: int) -> list[MapUpdate]:
+        """Drop the oldest embeddings that wait for their model until `kept` are left."""
         updates = []
-        while len(self._before_model) > kept:
-            embedding = self._before_model.popleft()
+        while len(self._waiting_for_model) > kept:
+            embedding = self._waiting_for_model.popleft()
             problem = RefusedInput('no_model', f'scan {embedding.stamp_ns} ns: its model is not known: not mapped')
             updates.append(self._refused(embedding, problem))
         return updates
@@ -270,7 +270,7 @@ class MapStage:
         embedding = resolved.embedding
         if resolved.pose is None:
             problem = RefusedInput(
-                resolved.cause, f'no position within reach of scan {embedding.stamp_ns} ns: not mapped'
+                resolved.cause, f'no position at the stamp of scan {embedding.stamp_ns} ns: not mapped'
             )
             return self._refused(embedding, problem)
         try:
@@ -280,9 +280,9 @@ class MapStage:
         except RefusedInput as refused:
             return self._refused(embedding, refused)
         changed = self.map.changed(merge)
-        self._view_is_old = self._view_is_old or len(changed) > 0
+        self._changed_since_view = self._changed_since_view or len(changed) > 0
         return MapUpdate(embedding.stamp_ns, changed)
 
     def _refused(self, embedding: Embedding, problem: RefusedInput) -> MapUpdate:
-        self.map.note_dropped(problem.cause)
+        self.map.count_dropped(problem.cause)
         return MapUpdate(embedding.stamp_ns, PlaceTable.from_places([], self.map.dimension), problem)

@@ -1,4 +1,4 @@
-"""The third stage: embeddings in, a match or a reasoned rejection out."""
+"""The third stage: embeddings in, matches and rejections out."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from offradar_ros.retrieval.searched_map import SearchedMap
 from offradar_ros.types import Embedding, Outcome, PlaceTable
 
 WINDOW = 256
-"""Answers over which the mean of U is taken."""
+"""Number of answers in the moving average of U."""
 
 
 class QueryStage:
-    """One map, what changes it, and answers from it with thresholds that may change. One thread at a time."""
+    """One map, its updates, and answers from it with thresholds that may change. Not thread-safe."""
 
     def __init__(self, config: QueryConfig) -> None:
         self._query = IntrospectiveQuery(config, SearchedMap())
@@ -27,7 +27,7 @@ class QueryStage:
 
     @property
     def config(self) -> QueryConfig:
-        """The configuration in force."""
+        """The present configuration."""
         return self._query.config
 
     @property
@@ -42,12 +42,12 @@ class QueryStage:
 
     @property
     def mean_uncertainty(self) -> float:
-        """Mean U of the last `WINDOW` valid embeddings; NaN where there was none."""
+        """Mean U of the last `WINDOW` valid embeddings; NaN if there was none."""
         return float(np.mean(self._uncertainties)) if self._uncertainties else math.nan
 
     @property
     def warning(self) -> str:
-        """What keeps answers from being useful, in one line; empty where nothing is known to."""
+        """Why answers may not be useful, in one line; empty if no reason is known."""
         if not self.places:
             return 'no map to search'
         if abs(self.mean_uncertainty - 1.0) > self.config.delta:
@@ -55,14 +55,14 @@ class QueryStage:
         return ''
 
     def reconfigure(self, config: QueryConfig) -> None:
-        """Go on with other thresholds; the map stays."""
+        """Use other thresholds from now on; the map stays."""
         self._query = IntrospectiveQuery(config, self._query.map)
 
     def open_file(self) -> bool:
-        """Start with the file that `query.map_path` names, if any; MapError if it cannot be read.
+        """Read the file of `query.map_path`, if set; MapError if it cannot be read.
 
-        Returns whether to go on waiting: the file is not there yet, but its folder is, so that the map server may
-        still write it.
+        Returns True if the caller should try again later: the file does not exist yet, but its folder does, so that the
+        map server may still write it.
         """
         path = Path(self.config.map_path)
         if not self.config.map_path:
@@ -73,10 +73,10 @@ class QueryStage:
         return False
 
     def read_file(self) -> None:
-        """Search the file that `query.map_path` names as of its last ended session, unless it is what is searched.
+        """Replace the map by the file of `query.map_path` as of its last ended session (see `SearchedMap.load_file`).
 
-        For a map that is too large for a message: RefusedInput (`map_too_large`) where no file is named, MapError where
-        it cannot be read; the map stays as it was.
+        For a map that is too large for a message. RefusedInput (`map_too_large`) if no file is set, MapError if it
+        cannot be read; the map is then unchanged.
         """
         if not self.config.map_path:
             raise RefusedInput(

@@ -1,4 +1,4 @@
-"""The position grid against looking at every point."""
+"""The position grid against a loop over all points."""
 
 import math
 
@@ -33,7 +33,7 @@ def test_no_point_within_the_radius_is_missed(
 
 @settings(max_examples=100, deadline=None)
 @given(st.lists(point, max_size=30), point, st.sampled_from([0.01, 2.5, 5.0, 1000.0]))
-def test_filled_at_once_is_as_one_by_one(points: list[Point], centre: Point, cell_m: float) -> None:
+def test_fill_equals_add_of_each_point(points: list[Point], centre: Point, cell_m: float) -> None:
     one, other = PositionGrid(cell_m), PositionGrid(cell_m)
     for index, (x, y) in enumerate(points):
         one.add(index, x, y)
@@ -45,14 +45,14 @@ def test_filled_at_once_is_as_one_by_one(points: list[Point], centre: Point, cel
         assert index not in other.near(x, y, 0.0)
 
 
-def test_only_cells_beside_the_position_are_looked_at() -> None:
+def test_only_neighbouring_cells_are_searched() -> None:
     grid = PositionGrid(5.0)
     for index in range(1000):
         grid.add(index, 5.0 * index, 0.0)
     assert len(grid.near(2500.0, 1.0, 5.0)) <= 3
 
 
-def test_a_removed_point_is_gone_and_the_others_stay() -> None:
+def test_remove_removes_one_point() -> None:
     grid = PositionGrid(5.0)
     grid.add(0, 1.0, 1.0)
     grid.add(1, 2.0, 2.0)

@@ -1,4 +1,4 @@
-"""Algorithm 1 against a slow second implementation, and what it promises about places."""
+"""Algorithm 1 against a slow second implementation, and properties of the map."""
 
 import dataclasses
 import math
@@ -29,7 +29,7 @@ def scan(stamp: int, uncertainty: float, mean: float = 0.0) -> Embedding:
 
 
 class SlowMap:
-    """Algorithm 1 on a list of dictionaries, every distance computed."""
+    """Algorithm 1 on a list of dictionaries; every distance is computed."""
 
     def __init__(self, config: MapConfig) -> None:
         self.config = config
@@ -75,7 +75,7 @@ drive = st.lists(st.tuples(uncertainty, position, st.floats(-3.0, 3.0)), max_siz
     st.booleans(),
     st.sampled_from([0.0, 0.25]),
 )
-def test_same_as_the_slow_implementation(
+def test_merge_equals_the_slow_implementation(
     scans: list[Scan], replace: str, match_position: str, insert: bool, margin: float
 ) -> None:
     config = MapConfig(replace=replace, match_position=match_position, insert_unmatched=insert, replace_margin=margin)
@@ -96,7 +96,7 @@ def test_same_as_the_slow_implementation(
 
 
 def table_of(scans: list[Scan], first: int = 0) -> PlaceTable:
-    """Scans of a drive as rows, stamps from `first` on."""
+    """A table of scans with stamps `first`, `first` + 1, …"""
     count = len(scans)
     stamps_ns = first + np.arange(count, dtype=np.int64)
     positions_m = np.array([(x, y, 2.0) for _, x, y in scans], np.float64).reshape(count, 3)
@@ -125,7 +125,7 @@ whole_metres = st.lists(
     st.booleans(),
     st.sampled_from([0.0, 0.25]),
 )
-def test_a_drive_merged_at_once_gives_the_map_of_its_scans_one_by_one(
+def test_merge_all_equals_merge_of_each_scan(
     mapped: list[Scan], merged: list[Scan], replace: str, match_position: str, insert: bool, margin: float
 ) -> None:
     first = MapConfig(replace=replace, match_position=match_position, replace_margin=margin)
@@ -160,10 +160,12 @@ def poses_of(scans: PlaceTable) -> list[Pose]:
 
 
 def nearest_place(parent: ParentMap, pose: Pose) -> int:
-    """Id of the nearest anchor within D_t, −1 where there is none."""
+    """Id of the place with the nearest anchor within D_t; −1 if there is none."""
     ids = parent.table().place_ids.tolist()
-    apart = [(math.hypot(x - pose.x_m, y - pose.y_m), i) for i, (x, y) in zip(ids, parent.anchors(ids), strict=True)]
-    return min((pair for pair in apart if pair[0] < 5.0), default=(0.0, -1))[1]
+    distances = [
+        (math.hypot(x - pose.x_m, y - pose.y_m), i) for i, (x, y) in zip(ids, parent.anchors(ids), strict=True)
+    ]
+    return min((pair for pair in distances if pair[0] < 5.0), default=(0.0, -1))[1]
 
 
 @pytest.mark.parametrize(
@@ -176,9 +178,7 @@ def nearest_place(parent: ParentMap, pose: Pose) -> int:
         ('positions_m', 1e9, 'invalid_position', 'scan at 101 ns'),
     ],
 )
-def test_of_many_scans_one_that_is_unusable_leaves_the_map_as_it_was(
-    column: str, value: float, cause: str, words: str
-) -> None:
+def test_one_invalid_scan_of_many_leaves_the_map_unchanged(column: str, value: float, cause: str, words: str) -> None:
     parent = ParentMap(MapConfig(), DIMENSION)
     scans = table_of([(1.0, 0.0, 0.0), (1.0, 9.0, 0.0), (1.0, 18.0, 0.0)], 100)
     getattr(scans, column)[1] = value
@@ -192,7 +192,7 @@ def test_of_many_scans_one_that_is_unusable_leaves_the_map_as_it_was(
 
 @settings(max_examples=150, deadline=None)
 @given(drive, st.sampled_from(['nearest', 'worst', 'all']))
-def test_anchored_every_position_keeps_a_scan_within_twice_the_distance(scans: list[Scan], replace: str) -> None:
+def test_with_anchors_every_merged_position_has_a_scan_within_twice_d_t(scans: list[Scan], replace: str) -> None:
     parent = ParentMap(MapConfig(replace=replace), DIMENSION)
     for number, (u, x, y) in enumerate(scans):
         parent.merge(scan(number, u), Pose(x, y), 1)
@@ -201,22 +201,22 @@ def test_anchored_every_position_keeps_a_scan_within_twice_the_distance(scans: l
         assert np.hypot(held[:, 0] - x, held[:, 1] - y).min() < 2 * 5.0
 
 
-def drive_with_falling_uncertainty(match_position: str) -> np.ndarray:
-    """Gap between neighbouring places after 100 m, a scan a metre, each a little more certain than the last."""
+def places_after_falling_uncertainty(match_position: str) -> NDArray[np.float64]:
+    """Sorted x of the places after 100 m with a scan each metre, each a little more certain than the last."""
     parent = ParentMap(MapConfig(match_position=match_position), DIMENSION)
     for metre in range(100):
         parent.merge(scan(metre, 2.0 - 0.01 * metre), Pose(float(metre), 0.0), 1)
-    return np.sort(parent.table().positions_m[:, 0])
+    return np.asarray(np.sort(parent.table().positions_m[:, 0]))
 
 
-def test_matching_to_the_held_pose_drags_a_place_along_the_road_and_an_anchor_does_not() -> None:
-    assert drive_with_falling_uncertainty('pose').tolist() == [99.0]
-    anchored = drive_with_falling_uncertainty('anchor')
+def test_more_certain_scans_move_a_place_along_the_road_unless_it_is_anchored() -> None:
+    assert places_after_falling_uncertainty('pose').tolist() == [99.0]
+    anchored = places_after_falling_uncertainty('anchor')
     assert anchored[0] < 5.0
     assert np.diff(anchored).max() < 10.0
 
 
-def test_the_more_certain_scan_wins_whatever_the_order() -> None:
+def test_the_more_certain_scan_stays_in_any_order() -> None:
     for order in ([1.2, 0.8], [0.8, 1.2]):
         parent = ParentMap(MapConfig(), DIMENSION)
         for number, u in enumerate(order):
@@ -225,7 +225,7 @@ def test_the_more_certain_scan_wins_whatever_the_order() -> None:
         assert parent.place(0).uncertainty == np.float32(0.8)
 
 
-def test_a_replaced_place_keeps_its_id_and_takes_pose_stamp_and_session_of_the_scan() -> None:
+def test_a_replaced_place_keeps_its_id_and_gets_pose_stamp_and_session_of_the_scan() -> None:
     parent = ParentMap(MapConfig(), DIMENSION)
     parent.merge(scan(10, 1.0, mean=1.0), Pose(0.0, 0.0, 1.0, 0.5), 1)
     merge = parent.merge(scan(20, 0.9, mean=2.0), Pose(3.0, 0.0, 2.0, 0.6), 2)
@@ -236,21 +236,20 @@ def test_a_replaced_place_keeps_its_id_and_takes_pose_stamp_and_session_of_the_s
     assert (merge.before[0].stamp_ns, merge.before[0].pose.x_m) == (10, 0.0)
 
 
-def test_an_equally_certain_scan_and_the_same_scan_again_change_nothing() -> None:
-    parent = ParentMap(MapConfig(), DIMENSION)
+def test_an_equally_certain_scan_changes_nothing() -> None:
     same = Embedding(1, np.zeros(3, np.float32), np.array([0.1, 0.2, 0.4], np.float32))
     parent = ParentMap(MapConfig(), 3)
     parent.merge(same, Pose(0.0, 0.0), 1)
     assert parent.merge(same, Pose(0.0, 0.0), 2).kind is MergeKind.KEPT
 
 
-def test_altitude_does_not_part_places() -> None:
+def test_altitude_does_not_separate_places() -> None:
     parent = ParentMap(MapConfig(), DIMENSION)
     parent.merge(scan(1, 1.0), Pose(0.0, 0.0, 0.0), 1)
     assert parent.merge(scan(2, 1.0), Pose(0.0, 0.0, 40.0), 2).kind is MergeKind.KEPT
 
 
-def test_the_paper_s_constant_size() -> None:
+def test_without_insertion_the_map_has_a_constant_size() -> None:
     parent = ParentMap(MapConfig(), DIMENSION)
     for metre in range(0, 50, 10):
         parent.merge(scan(metre, 1.0), Pose(float(metre), 0.0), 1)
@@ -273,7 +272,7 @@ def test_the_paper_s_constant_size() -> None:
         (Embedding(7, np.zeros(0, np.float32), np.zeros(0, np.float32)), 'one equal length'),
     ],
 )
-def test_unusable_embeddings_are_refused_and_leave_the_map_as_it_was(embedding: Embedding, words: str) -> None:
+def test_invalid_embeddings_are_refused_and_leave_the_map_unchanged(embedding: Embedding, words: str) -> None:
     parent = ParentMap(MapConfig(), DIMENSION)
     with pytest.raises(RefusedInput, match=words) as refused:
         parent.merge(embedding, Pose(0.0, 0.0), 1)
@@ -283,7 +282,7 @@ def test_unusable_embeddings_are_refused_and_leave_the_map_as_it_was(embedding: 
 
 
 @pytest.mark.parametrize('pose', [Pose(math.nan, 0.0), Pose(0.0, math.inf), Pose(0.0, 0.0, math.nan), Pose(1e300, 0.0)])
-def test_positions_nowhere_on_earth_are_refused(pose: Pose) -> None:
+def test_positions_that_are_not_on_earth_are_refused(pose: Pose) -> None:
     parent = ParentMap(MapConfig(), DIMENSION)
     with pytest.raises(RefusedInput) as refused:
         parent.merge(scan(1, 1.0), pose, 1)
@@ -291,7 +290,7 @@ def test_positions_nowhere_on_earth_are_refused(pose: Pose) -> None:
 
 
 @pytest.mark.parametrize('match_position', ['anchor', 'pose'])
-def test_restore_and_remove_bring_back_what_was(match_position: str) -> None:
+def test_restore_and_remove_undo_a_drive(match_position: str) -> None:
     config = MapConfig(match_position=match_position)
     parent = ParentMap(config, DIMENSION)
     rng = np.random.default_rng(3)
@@ -311,7 +310,7 @@ def test_restore_and_remove_bring_back_what_was(match_position: str) -> None:
     parent.remove(new)
     for column, expected in zip(vars_of(parent.table()), vars_of(first), strict=True):
         np.testing.assert_array_equal(column, expected)
-    # It also behaves as before: positions answer to the same scans as in a map that never saw the second drive.
+    # Later merges also equal those of a map without the second drive.
     fresh = ParentMap(config, DIMENSION)
     fresh.load(columns_of(first), parent.anchors(first.place_ids.tolist()), parent.next_place_id)
     for number, (x, y) in enumerate(path):
@@ -343,7 +342,7 @@ def test_only_the_newest_places_can_be_removed_and_unknown_ones_are_named() -> N
     assert parent.table().place_ids.tolist() == [0, 3]
 
 
-def test_many_places_grow_without_losing_any() -> None:
+def test_no_place_is_lost_when_the_memory_grows() -> None:
     parent = ParentMap(MapConfig(), DIMENSION)
     for number in range(1000):
         parent.merge(scan(number, 1.0, mean=number), Pose(6.0 * number, 0.0), 1)

@@ -1,4 +1,4 @@
-"""Embeddings that wait for their position."""
+"""Embeddings wait for their positions."""
 
 import itertools
 
@@ -27,8 +27,8 @@ def position(pending: PendingEmbeddings, seconds: float) -> list[Outcome]:
     return outcome(pending.add_position(round(seconds * SECOND), Pose(10.0 * seconds, 0.0)))
 
 
-def outcome(settled: list[Resolved]) -> list[Outcome]:
-    return [(one.embedding.stamp_ns / SECOND, one.pose.x_m if one.pose else None, one.cause) for one in settled]
+def outcome(resolved: list[Resolved]) -> list[Outcome]:
+    return [(one.embedding.stamp_ns / SECOND, one.pose.x_m if one.pose else None, one.cause) for one in resolved]
 
 
 def test_an_embedding_waits_for_the_position_after_it() -> None:
@@ -39,13 +39,13 @@ def test_an_embedding_waits_for_the_position_after_it() -> None:
     assert position(pending, 2.0) == [(1.5, 15.0, '')]
 
 
-def test_an_embedding_whose_position_is_known_settles_at_once() -> None:
+def test_an_embedding_with_a_known_position_is_resolved_at_once() -> None:
     pending = PendingEmbeddings(CONFIG)
     position(pending, 1.0), position(pending, 2.0)
     assert outcome(pending.add_embedding(at(1.25))) == [(1.25, 12.5, '')]
 
 
-def test_before_the_first_position_and_in_a_gap_there_is_none() -> None:
+def test_before_the_first_position_and_in_a_gap_an_embedding_is_dropped() -> None:
     pending = PendingEmbeddings(CONFIG)
     pending.add_embedding(at(0.5))
     assert position(pending, 1.0) == [(0.5, None, 'no_position')]
@@ -53,7 +53,7 @@ def test_before_the_first_position_and_in_a_gap_there_is_none() -> None:
     assert position(pending, 3.0) == [(2.0, None, 'no_position')]
 
 
-def test_embeddings_leave_in_the_order_in_which_they_came() -> None:
+def test_embeddings_are_resolved_in_order_of_arrival() -> None:
     pending = PendingEmbeddings(CONFIG)
     position(pending, 1.0)
     position(pending, 1.4)
@@ -62,7 +62,7 @@ def test_embeddings_leave_in_the_order_in_which_they_came() -> None:
     assert position(pending, 2.5) == [(2.0, 20.0, ''), (1.2, 12.0, '')]
 
 
-def test_an_embedding_is_dropped_when_no_position_comes_for_too_long() -> None:
+def test_an_embedding_that_waits_too_long_is_dropped() -> None:
     pending = PendingEmbeddings(CONFIG)
     position(pending, 1.0)
     pending.add_embedding(at(2.0))
@@ -71,7 +71,7 @@ def test_an_embedding_is_dropped_when_no_position_comes_for_too_long() -> None:
     assert len(pending) == 2
 
 
-def test_flush_settles_what_can_be_and_drops_the_rest() -> None:
+def test_flush_resolves_embeddings_with_positions_and_drops_the_others() -> None:
     pending = PendingEmbeddings(CONFIG)
     position(pending, 1.0), position(pending, 2.0)
     for seconds in (5.0, 1.5, 6.0):
@@ -93,7 +93,7 @@ def test_a_recording_that_starts_again() -> None:
     assert position(pending, 2.0) == [(1.5, 15.0, '')]
 
 
-def test_a_position_that_is_not_finite_is_refused_and_nothing_settles_by_it() -> None:
+def test_a_position_that_is_not_finite_is_refused_and_resolves_nothing() -> None:
     pending = PendingEmbeddings(CONFIG)
     pending.add_embedding(at(0.5))
     with pytest.raises(RefusedInput) as refused:
@@ -104,26 +104,26 @@ def test_a_position_that_is_not_finite_is_refused_and_nothing_settles_by_it() ->
 
 @settings(max_examples=100, deadline=None)
 @given(st.lists(st.tuples(st.booleans(), st.integers(0, 40)), max_size=40))
-def test_every_embedding_settles_once_in_order_and_only_between_two_positions(events: list[tuple[bool, int]]) -> None:
+def test_every_embedding_is_resolved_once_in_order_and_only_between_positions(events: list[tuple[bool, int]]) -> None:
     pending = PendingEmbeddings(CONFIG)
-    came: list[int] = []
-    settled: list[Resolved] = []
+    arrived: list[int] = []
+    resolved: list[Resolved] = []
     known: list[int] = []
     for is_position, half_seconds in events:
         stamp = half_seconds * SECOND // 2
         if not is_position:
-            came.append(stamp)
-            settled += pending.add_embedding(at(half_seconds / 2))
+            arrived.append(stamp)
+            resolved += pending.add_embedding(at(half_seconds / 2))
         elif not known or stamp > known[-1]:
             known.append(stamp)
-            settled += pending.add_position(stamp, Pose(stamp / SECOND, 0.0))
-    settled += pending.flush()
-    assert [one.embedding.stamp_ns for one in settled] == came
-    for one in settled:
+            resolved += pending.add_position(stamp, Pose(stamp / SECOND, 0.0))
+    resolved += pending.flush()
+    assert [one.embedding.stamp_ns for one in resolved] == arrived
+    for one in resolved:
         stamp = one.embedding.stamp_ns
-        bracketed = stamp in known or any(a < stamp < b and b - a <= 1.5 * SECOND for a, b in itertools.pairwise(known))
+        between = stamp in known or any(a < stamp < b and b - a <= 1.5 * SECOND for a, b in itertools.pairwise(known))
         if one.pose:
-            assert bracketed and one.cause == ''
+            assert between and one.cause == ''
             assert one.pose.x_m == pytest.approx(stamp / SECOND, abs=1e-9)
         else:
             assert one.cause == 'no_position'

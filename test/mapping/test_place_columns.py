@@ -1,4 +1,4 @@
-"""Growing columns against a dictionary of places."""
+"""The growing table against a dictionary of places."""
 
 import numpy as np
 from hypothesis import given, settings
@@ -43,7 +43,7 @@ def test_upsert_and_remove_like_a_dictionary(steps: list[tuple[str, list[int]]])
             np.testing.assert_array_equal(held.mean, wanted.mean)
 
 
-def test_find_tells_known_from_unknown() -> None:
+def test_find_distinguishes_known_and_unknown_ids() -> None:
     columns = PlaceColumns(3)
     assert columns.find(np.array([4]))[1].tolist() == [False]
     columns.upsert(PlaceTable.from_places([make_place(4, 1), make_place(9, 2)], 3))

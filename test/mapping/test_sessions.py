@@ -1,4 +1,4 @@
-"""Sessions over the map: what is committed, what is running, what can be taken back."""
+"""Sessions of the map: committed, running and undone ones."""
 
 import dataclasses
 import math
@@ -33,7 +33,7 @@ def drive(session_map: SessionMap, name: str, start_m: float, uncertainty: float
         session_map.merge(scan(1000 * len(name) + metre, uncertainty), Pose(start_m + metre, 0.0))
 
 
-def equal(one: PlaceTable, other: PlaceTable) -> bool:
+def tables_equal(one: PlaceTable, other: PlaceTable) -> bool:
     fields = dataclasses.fields(one)
     return all(np.array_equal(getattr(one, f.name), getattr(other, f.name), equal_nan=True) for f in fields)
 
@@ -59,7 +59,7 @@ def test_the_report_counts_every_scan(session_map: SessionMap) -> None:
     session_map.merge(scan(101, 1.5), Pose(0.0, 0.0))
     session_map.merge(scan(102, 1.5), Pose(-50.0, 0.0))
     for cause in ('no_position', 'no_position', 'invalid_embedding'):
-        session_map.note_dropped(cause)
+        session_map.count_dropped(cause)
     second = session_map.end_session()
     assert (second.inserted, second.replaced, second.kept) == (1, 1, 1)
     assert second.dropped == {'no_position': 2, 'invalid_embedding': 1}
@@ -78,16 +78,16 @@ def test_committed_is_the_map_without_the_running_session(session_map: SessionMa
     session_map.end_session()
     before = session_map.committed()
     drive(session_map, 'two!', 15.0, 0.5)
-    assert equal(session_map.committed(), before)
+    assert tables_equal(session_map.committed(), before)
     running = session_map.running()
     assert set(running.session_ids.tolist()) == {2} and len(running) < len(session_map.places())
     assert min(running.place_ids) < len(before) <= max(running.place_ids)
     session_map.end_session()
-    assert equal(session_map.committed(), session_map.places())
+    assert tables_equal(session_map.committed(), session_map.places())
     assert len(session_map.running()) == 0
 
 
-def test_one_merge_s_changes(session_map: SessionMap) -> None:
+def test_changes_of_one_merge(session_map: SessionMap) -> None:
     session_map.start_session('one', 1)
     inserted = session_map.changed(session_map.merge(scan(7, 1.0), Pose(1.0, 2.0)))
     assert inserted.stamps_ns.tolist() == [7] and inserted.positions_m[0].tolist() == [1.0, 2.0, 0.0]
@@ -107,7 +107,7 @@ def test_one_merge_s_changes(session_map: SessionMap) -> None:
     st.sampled_from(['anchor', 'pose']),
     st.booleans(),
 )
-def test_undo_walks_back_through_every_state(
+def test_undo_restores_each_earlier_state(
     sessions: list[list[tuple[float, int]]], replace: str, match_position: str, discard: bool
 ) -> None:
     with SessionMap(MapConfig(replace=replace, match_position=match_position, undo_depth=4)) as session_map:
@@ -120,16 +120,16 @@ def test_undo_walks_back_through_every_state(
             if discard and number == len(sessions) - 1:
                 assert session_map.undo_session().was_running
                 states.append(session_map.places())
-                assert equal(states[-1], states[-2])
+                assert tables_equal(states[-1], states[-2])
                 states.pop()
             else:
                 report = session_map.end_session()
-                # A session that changed nothing takes no place among those that can be undone.
+                # A session without changes does not count among those that can be undone.
                 if report.inserted + report.replaced:
                     states.append(session_map.places())
         for state in states[::-1][1:][:4]:
             assert not session_map.undo_session().was_running
-            assert equal(session_map.places(), state)
+            assert tables_equal(session_map.places(), state)
         if len(states) > 5 or len(states) == 5:
             with pytest.raises(MapError, match='no session to undo'):
                 session_map.undo_session()
@@ -148,7 +148,7 @@ def test_undo_reports_in_one_line(session_map: SessionMap) -> None:
     assert len(session_map) == 0
 
 
-def test_without_depth_nothing_ended_can_be_undone_but_the_running_session_can() -> None:
+def test_with_undo_depth_0_only_the_running_session_can_be_undone() -> None:
     with SessionMap(MapConfig(undo_depth=0)) as session_map:
         session_map.adopt_model(MODEL)
         drive(session_map, 'one', 0.0, 1.0)
@@ -160,7 +160,7 @@ def test_without_depth_nothing_ended_can_be_undone_but_the_running_session_can()
             session_map.undo_session()
 
 
-def test_ids_are_not_used_again_after_an_undo(session_map: SessionMap) -> None:
+def test_ids_are_not_reused_after_an_undo(session_map: SessionMap) -> None:
     drive(session_map, 'one', 0.0, 1.0)
     session_map.undo_session()
     assert session_map.start_session('two', 1) == 2
@@ -169,7 +169,7 @@ def test_ids_are_not_used_again_after_an_undo(session_map: SessionMap) -> None:
 
 
 def test_outside_a_session_nothing_is_mapped_or_counted(session_map: SessionMap) -> None:
-    session_map.note_dropped('no_position')
+    session_map.count_dropped('no_position')
     with pytest.raises(RefusedInput) as refused:
         session_map.merge(scan(1, 1.0), Pose(0.0, 0.0))
     assert refused.value.cause == 'no_session'
@@ -242,7 +242,7 @@ def test_a_map_in_memory_cannot_be_saved() -> None:
         SessionMap(MapConfig()).save()
 
 
-def test_a_session_without_scans_leaves_no_trace_and_no_undo_is_lost(tmp_path: Path) -> None:
+def test_a_session_without_scans_is_not_stored_and_uses_no_undo(tmp_path: Path) -> None:
     path = tmp_path / 'map.db'
     with SessionMap(MapConfig(path=str(path), undo_depth=1)) as session_map:
         session_map.adopt_model(MODEL)
@@ -262,7 +262,7 @@ def test_a_session_without_scans_leaves_no_trace_and_no_undo_is_lost(tmp_path: P
         assert len(session_map) == 0
 
 
-def test_a_model_announced_again_leaves_the_running_session_running(tmp_path: Path) -> None:
+def test_the_same_model_again_does_not_interrupt_the_running_session(tmp_path: Path) -> None:
     path = tmp_path / 'map.db'
     with SessionMap(MapConfig(path=str(path))) as session_map:
         session_map.start_session('one', 0)

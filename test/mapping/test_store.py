@@ -1,4 +1,4 @@
-"""What is on disk survives, and what is not a usable map is left alone."""
+"""Sessions on disk are safe against a killed process, and invalid files are not changed."""
 
 import dataclasses
 import hashlib
@@ -61,7 +61,7 @@ def open_map(path: Path, **options: Any) -> SessionMap:
     return SessionMap(MapConfig(path=str(path), **options))
 
 
-def assert_equal(one: PlaceTable, other: PlaceTable) -> None:
+def assert_tables_equal(one: PlaceTable, other: PlaceTable) -> None:
     for field in dataclasses.fields(one):
         np.testing.assert_array_equal(getattr(one, field.name), getattr(other, field.name))
         assert getattr(one, field.name).dtype == getattr(other, field.name).dtype
@@ -71,19 +71,19 @@ def folder_state(folder: Path) -> dict[str, str]:
     return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in folder.iterdir() if path.is_file()}
 
 
-def test_a_map_comes_back_as_it_was(tmp_path: Path) -> None:
+def test_a_map_is_read_as_it_was_written(tmp_path: Path) -> None:
     path = tmp_path / 'a.map'
     places = make_map(path, 1.0, 0.5)
     assert [file.name for file in tmp_path.iterdir()] == ['a.map']
     with open_map(path) as session_map:
-        assert_equal(session_map.places(), places)
-        assert_equal(session_map.committed(), places)
+        assert_tables_equal(session_map.places(), places)
+        assert_tables_equal(session_map.committed(), places)
         assert (session_map.model, session_map.origin) == (MODEL, ORIGIN)
         assert session_map.start_session('next', 1) == 3
 
 
-def test_anchors_come_back_too(tmp_path: Path) -> None:
-    """A scan that the anchor of a replaced place matches, and its present position does not."""
+def test_anchors_are_stored(tmp_path: Path) -> None:
+    """The last scan is within D_t of the anchor of a replaced place, but not of its present position."""
     path = tmp_path / 'a.map'
     with open_map(path) as session_map:
         session_map.adopt_model(MODEL)
@@ -96,7 +96,7 @@ def test_anchors_come_back_too(tmp_path: Path) -> None:
         assert session_map.merge(scan(3, 0.9), Pose(-4.0, 0.0)).kind.value == 'kept'
 
 
-def test_what_can_be_undone_survives_a_restart(tmp_path: Path) -> None:
+def test_sessions_can_be_undone_after_a_restart(tmp_path: Path) -> None:
     path = tmp_path / 'a.map'
     first = make_map(path, 1.0)
     with open_map(path) as session_map:
@@ -105,9 +105,9 @@ def test_what_can_be_undone_survives_a_restart(tmp_path: Path) -> None:
     with open_map(path) as session_map:
         report = session_map.undo_session()
         assert report.removed and report.restored
-        assert_equal(session_map.places(), first)
+        assert_tables_equal(session_map.places(), first)
     with open_map(path) as session_map:
-        assert_equal(session_map.places(), first)
+        assert_tables_equal(session_map.places(), first)
         assert session_map.undo_session().session_id == 1
         with pytest.raises(MapError, match='no session to undo'):
             session_map.undo_session()
@@ -116,7 +116,7 @@ def test_what_can_be_undone_survives_a_restart(tmp_path: Path) -> None:
         assert session_map.start_session('next', 1) == 3
 
 
-def test_only_as_many_sessions_as_asked_can_be_undone_after_a_restart(tmp_path: Path) -> None:
+def test_undo_depth_applies_after_a_restart(tmp_path: Path) -> None:
     path = tmp_path / 'a.map'
     with open_map(path, undo_depth=2) as session_map:
         session_map.adopt_model(MODEL)
@@ -130,7 +130,7 @@ def test_only_as_many_sessions_as_asked_can_be_undone_after_a_restart(tmp_path: 
         assert session_map.mean_uncertainty == pytest.approx(0.9)
 
 
-DRIVE_AND_DIE = """
+DRIVE_AND_KILL = """
     import os, signal, sys
     import numpy as np
     from offradar_ros.config import MapConfig
@@ -158,16 +158,16 @@ DRIVE_AND_DIE = """
 
 
 def killed_after(path: Path, last_call: str) -> dict[str, Any]:
-    command = [sys.executable, '-c', textwrap.dedent(DRIVE_AND_DIE), str(path), last_call]
+    command = [sys.executable, '-c', textwrap.dedent(DRIVE_AND_KILL), str(path), last_call]
     root = str(Path(__file__).resolve().parents[2])
     environment = os.environ | {'PYTHONPATH': os.pathsep.join([root, os.environ.get('PYTHONPATH', '')])}
-    died = subprocess.run(command, check=False, capture_output=True, text=True, env=environment)
-    assert died.returncode == -signal.SIGKILL, died.stderr
+    killed = subprocess.run(command, check=False, capture_output=True, text=True, env=environment)
+    assert killed.returncode == -signal.SIGKILL, killed.stderr
     with np.load(f'{path}.npz') as held:
         return {name: held[name].tolist() for name in held}
 
 
-def test_an_ended_session_survives_a_killed_process(tmp_path: Path) -> None:
+def test_an_ended_session_is_on_disk_after_a_kill(tmp_path: Path) -> None:
     path = tmp_path / 'a.map'
     held = killed_after(path, 'end')
     with open_map(path) as session_map:
@@ -175,7 +175,7 @@ def test_an_ended_session_survives_a_killed_process(tmp_path: Path) -> None:
         assert session_map.undo_session().session_id == 2
 
 
-def test_an_unended_session_leaves_no_trace(tmp_path: Path) -> None:
+def test_a_session_that_was_not_saved_is_not_on_disk_after_a_kill(tmp_path: Path) -> None:
     path = tmp_path / 'a.map'
     held = killed_after(path, 'nothing')
     assert held['places'] != held['committed']
@@ -184,7 +184,7 @@ def test_an_unended_session_leaves_no_trace(tmp_path: Path) -> None:
         assert session_map.undo_session().session_id == 1
 
 
-def test_a_saved_session_is_interrupted_kept_and_can_be_undone(tmp_path: Path) -> None:
+def test_a_saved_session_is_interrupted_by_a_kill_and_can_be_undone(tmp_path: Path) -> None:
     path = tmp_path / 'a.map'
     held = killed_after(path, 'save')
     assert MapStore.open_read_only(path).committed().stamps_ns.tolist() == held['committed']
@@ -199,29 +199,29 @@ def test_a_saved_session_is_interrupted_kept_and_can_be_undone(tmp_path: Path) -
         assert session_map.places().stamps_ns.tolist() == held['committed']
 
 
-def test_a_reader_sees_ended_sessions_while_the_writer_goes_on(tmp_path: Path) -> None:
+def test_a_reader_sees_ended_sessions_while_another_runs(tmp_path: Path) -> None:
     path = tmp_path / 'a.map'
     with open_map(path) as writer:
         writer.adopt_model(MODEL)
         assert len(MapStore.open_read_only(path).committed()) == 0
         drive(writer, 1.0)
         writer.end_session()
-        assert_equal(MapStore.open_read_only(path).committed(), writer.committed())
+        assert_tables_equal(MapStore.open_read_only(path).committed(), writer.committed())
         drive(writer, 0.5, start_m=10.0)
         for save in (False, True):
             if save:
                 writer.save()
             stored = MapStore.open_read_only(path)
-            assert_equal(stored.committed(), writer.committed())
+            assert_tables_equal(stored.committed(), writer.committed())
             assert stored.model == MODEL
-        assert_equal(stored.places, writer.places())
+        assert_tables_equal(stored.places, writer.places())
         writer.end_session()
-        assert_equal(MapStore.open_read_only(path).committed(), writer.places())
-    assert_equal(MapStore.open_read_only(path).committed(), writer.places())
+        assert_tables_equal(MapStore.open_read_only(path).committed(), writer.places())
+    assert_tables_equal(MapStore.open_read_only(path).committed(), writer.places())
     assert [file.name for file in tmp_path.iterdir()] == ['a.map']
 
 
-def test_a_reader_that_a_writer_overtakes_lets_one_copy_go_before_the_next(tmp_path: Path) -> None:
+def test_a_reader_that_starts_again_frees_the_first_copy_before(tmp_path: Path) -> None:
     path = tmp_path / 'a.map'
     make_map(path, 0.5)
     alive = weakref.WeakSet[PlaceColumns]()
@@ -237,10 +237,12 @@ def test_a_reader_that_a_writer_overtakes_lets_one_copy_go_before_the_next(tmp_p
 
     _, columns = read_committed(path, start)
     assert started == [0, 0]
-    assert_equal(columns.table, MapStore.open_read_only(path).committed())
+    assert_tables_equal(columns.table, MapStore.open_read_only(path).committed())
 
 
-def test_a_saved_session_that_goes_on_is_stored_whole_and_a_discarded_one_vanishes(tmp_path: Path) -> None:
+def test_saved_sessions_that_continue_or_are_discarded(
+    tmp_path: Path,
+) -> None:
     path = tmp_path / 'a.map'
     first = make_map(path, 1.0)
     with open_map(path) as session_map:
@@ -250,8 +252,8 @@ def test_a_saved_session_that_goes_on_is_stored_whole_and_a_discarded_one_vanish
             if metre % 20 == 0:
                 session_map.save()
         session_map.undo_session()
-        assert_equal(MapStore.open_read_only(path).committed(), first)
-        assert_equal(MapStore.open_read_only(path).places, first)
+        assert_tables_equal(MapStore.open_read_only(path).committed(), first)
+        assert_tables_equal(MapStore.open_read_only(path).places, first)
         session_map.start_session('three', 3)
         session_map.merge(scan(2000, 0.1), Pose(0.0, 0.0))
         session_map.save()
@@ -259,12 +261,12 @@ def test_a_saved_session_that_goes_on_is_stored_whole_and_a_discarded_one_vanish
         session_map.end_session()
         held = session_map.places()
     with open_map(path) as session_map:
-        assert_equal(session_map.places(), held)
+        assert_tables_equal(session_map.places(), held)
         session_map.undo_session()
-        assert_equal(session_map.places(), first)
+        assert_tables_equal(session_map.places(), first)
 
 
-def test_a_second_writer_is_refused_until_the_first_is_gone(tmp_path: Path) -> None:
+def test_a_second_writer_is_refused_until_the_first_closes(tmp_path: Path) -> None:
     path = tmp_path / 'a.map'
     make_map(path, 1.0)
     with open_map(path), pytest.raises(MapError, match='in use by another process'):
@@ -272,7 +274,7 @@ def test_a_second_writer_is_refused_until_the_first_is_gone(tmp_path: Path) -> N
     open_map(path).close()
 
 
-def test_a_killed_writer_leaves_no_lock_behind(tmp_path: Path) -> None:
+def test_a_killed_writer_holds_no_lock(tmp_path: Path) -> None:
     path = tmp_path / 'a.map'
     killed_after(path, 'end')
     open_map(path).close()
@@ -362,9 +364,7 @@ def change(path: Path, statement: str) -> None:
         (empty, 'empty file'),
     ],
 )
-def test_what_is_no_usable_map_is_refused_and_left_as_it_is(
-    tmp_path: Path, make: Callable[[Path], None], words: str
-) -> None:
+def test_invalid_files_are_refused_and_not_changed(tmp_path: Path, make: Callable[[Path], None], words: str) -> None:
     path = tmp_path / 'a.map'
     make(path)
     before = folder_state(tmp_path)
@@ -375,7 +375,7 @@ def test_what_is_no_usable_map_is_refused_and_left_as_it_is(
         assert folder_state(tmp_path) == before
 
 
-def test_a_map_of_another_model_is_refused_and_left_as_it_is(tmp_path: Path) -> None:
+def test_a_map_of_another_model_is_refused_and_not_changed(tmp_path: Path) -> None:
     path = tmp_path / 'a.map'
     make_map(path, 1.0)
     before = folder_state(tmp_path)
@@ -384,7 +384,7 @@ def test_a_map_of_another_model_is_refused_and_left_as_it_is(tmp_path: Path) -> 
     assert folder_state(tmp_path) == before
 
 
-def test_opening_and_leaving_changes_nothing(tmp_path: Path) -> None:
+def test_opening_and_closing_changes_nothing(tmp_path: Path) -> None:
     path = tmp_path / 'a.map'
     make_map(path, 1.0)
     before = folder_state(tmp_path)
@@ -393,10 +393,10 @@ def test_opening_and_leaving_changes_nothing(tmp_path: Path) -> None:
     assert folder_state(tmp_path) == before
 
 
-def test_names_that_a_uri_would_misread(tmp_path: Path) -> None:
+def test_file_names_with_special_characters_of_a_uri(tmp_path: Path) -> None:
     path = tmp_path / 'a map?mode=memory#1%20.map'
     places = make_map(path, 1.0)
-    assert_equal(MapStore.open_read_only(path).places, places)
+    assert_tables_equal(MapStore.open_read_only(path).places, places)
 
 
 def test_paths_that_cannot_hold_a_map(tmp_path: Path) -> None:
@@ -411,9 +411,7 @@ def test_paths_that_cannot_hold_a_map(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ['file', 'folder']
 
 
-def test_a_write_that_fails_leaves_file_and_session_as_they_were(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_failed_write_leaves_file_and_session_unchanged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / 'a.map'
     first = make_map(path, 1.0)
     with open_map(path) as session_map:
@@ -423,10 +421,10 @@ def test_a_write_that_fails_leaves_file_and_session_as_they_were(
             for call in (session_map.end_session, session_map.save):
                 with pytest.raises(MapError, match='could not be written'):
                     call()
-        assert_equal(MapStore.open_read_only(path).places, first)
+        assert_tables_equal(MapStore.open_read_only(path).places, first)
         report = session_map.end_session()
         assert report.replaced
-        assert_equal(MapStore.open_read_only(path).committed(), session_map.places())
+        assert_tables_equal(MapStore.open_read_only(path).committed(), session_map.places())
 
 
 def fail(*_: object) -> NoReturn:
@@ -443,7 +441,7 @@ def test_clear_keeps_a_copy_of_everything(tmp_path: Path) -> None:
             session_map.undo_session()
     assert copy is not None
     assert copy.name.startswith('a.map.') and copy.name.endswith('Z.bak')
-    assert_equal(MapStore.open_read_only(copy).places, places)
+    assert_tables_equal(MapStore.open_read_only(copy).places, places)
     with open_map(path) as session_map:
         assert len(session_map) == 0
         session_map.adopt_model(OTHER)
@@ -468,4 +466,4 @@ def test_rows_round_trip_through_sqlite(places: list[Place]) -> None:
     connection = sqlite3.connect(':memory:')
     connection.execute('CREATE TABLE t (a, b, c, d REAL, e REAL, f REAL, g REAL, h REAL, i BLOB)')
     connection.executemany('INSERT INTO t VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)', table_to_rows(table))
-    assert_equal(rows_to_table(connection.execute('SELECT * FROM t ORDER BY rowid').fetchall(), 3), table)
+    assert_tables_equal(rows_to_table(connection.execute('SELECT * FROM t ORDER BY rowid').fetchall(), 3), table)

@@ -1,4 +1,4 @@
-"""One writer a map, and who only asks whether there is one keeps none out."""
+"""One writer for each map; a check whether there is one does not block a writer."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from offradar_ros.mapping import writer_lock
 from offradar_ros.mapping.writer_lock import WriterLock, has_writer
 
 
-def test_the_writer_is_seen_from_the_lock_s_first_to_its_last(tmp_path: Path) -> None:
+def test_a_writer_is_seen_while_it_holds_the_lock(tmp_path: Path) -> None:
     path = tmp_path / 'a.map'
     assert not has_writer(path)
     lock = WriterLock(path)
@@ -29,7 +29,7 @@ def test_the_writer_is_seen_from_the_lock_s_first_to_its_last(tmp_path: Path) ->
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_killed_writer_is_none(tmp_path: Path) -> None:
+def test_a_killed_writer_does_not_count(tmp_path: Path) -> None:
     path = tmp_path / 'a.map'
     code = (
         'import sys, os, signal, pathlib\n'
@@ -43,7 +43,7 @@ def test_a_killed_writer_is_none(tmp_path: Path) -> None:
     assert not has_writer(path)
 
 
-def test_a_lock_that_cannot_be_asked_may_be_held(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_lock_that_cannot_be_checked_counts_as_held(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def refuse(*_: object) -> None:
         raise PermissionError
 
@@ -51,11 +51,11 @@ def test_a_lock_that_cannot_be_asked_may_be_held(tmp_path: Path, monkeypatch: py
     assert has_writer(tmp_path / 'a.map')
 
 
-def test_the_asking_keeps_no_writer_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_check_does_not_block_a_writer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     # A busy machine may close the file late.
-    monkeypatch.setattr(writer_lock, 'ASKED_S', 60.0)
+    monkeypatch.setattr(writer_lock, 'LOCK_WAIT_S', 60.0)
     path = tmp_path / 'a.map'
-    asked = os.open(tmp_path / 'a.map.lock', os.O_RDWR | os.O_CREAT)
-    fcntl.flock(asked, fcntl.LOCK_SH)
-    threading.Timer(0.03, os.close, [asked]).start()
+    checked = os.open(tmp_path / 'a.map.lock', os.O_RDWR | os.O_CREAT)
+    fcntl.flock(checked, fcntl.LOCK_SH)
+    threading.Timer(0.03, os.close, [checked]).start()
     WriterLock(path).release()

@@ -241,7 +241,7 @@ def test_sessions_are_services(
         nodes.wait_until_ready()
         assert not trigger(observer, 'end_session').success
         assert trigger(observer, 'start_session').success
-        assert 'it goes on' in trigger(observer, 'start_session').message
+        assert 'it continues' in trigger(observer, 'start_session').message
         replay(nodes, street_bag('drive', count=8), '--lockstep')
         assert not trigger(observer, 'start_session').success
         assert trigger(observer, 'save').success
@@ -331,7 +331,7 @@ def test_a_map_that_cannot_be_written_costs_neither_the_node_nor_the_session(
 def test_a_map_too_large_for_a_message_is_read_from_its_file(
     observer: Observer, start_node: StartNode, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(map_stage, 'MESSAGE_PLACES', 2)
+    monkeypatch.setattr(map_stage, 'MAX_MESSAGE_PLACES', 2)
     path = str(tmp_path / 'map.db')
     start_node(MapServerNode, {'map.path': path, 'map.start_session': False, 'map.match_distance_m': 1.0})
     query = start_node(QueryNode, {'query.map_path': path})

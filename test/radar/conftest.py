@@ -1,4 +1,4 @@
-"""Scans to test with: made up, and recorded."""
+"""Scans for tests: random ones and recorded ones."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from offradar_ros.types import PolarScan
 
 
 def _cdr_image(raw: bytes) -> dict[str, object]:
-    """Fields of a sensor_msgs/Image at the start of little-endian CDR bytes, by hand."""
+    """Fields of a sensor_msgs/Image, parsed from little-endian CDR bytes."""
     at = 4
 
     def uint32() -> int:
@@ -50,7 +50,7 @@ def live_image(real_data: Path) -> dict[str, object]:
 
 @pytest.fixture
 def make_scan() -> Callable[..., PolarScan]:
-    """A scan of random power with even azimuths."""
+    """Makes scans of random power with equidistant azimuths."""
 
     def make(rows: int = 400, bins: int = 600, resolution_m: float = 0.175, seed: int = 0) -> PolarScan:
         power = np.random.default_rng(seed).integers(0, 256, (rows, bins)).astype(np.uint8)

@@ -18,7 +18,7 @@ from offradar_ros.types import PolarScan
 START_NS = 1_567_410_201_563_630_080
 
 
-def rows_by_hand(stamps: list[int], encoders: list[int], valid: int, power: np.ndarray) -> np.ndarray:
+def packed_rows(stamps: list[int], encoders: list[int], valid: int, power: np.ndarray) -> np.ndarray:
     rows = [
         struct.pack('<qHB', stamp, encoder, valid) + bytes(values)
         for stamp, encoder, values in zip(stamps, encoders, power.tolist(), strict=True)
@@ -36,11 +36,11 @@ def rows_by_hand(stamps: list[int], encoders: list[int], valid: int, power: np.n
 )
 @example(first=5348, rows=19, bins=1, scale=1, valid=0, seed=0)
 @settings(max_examples=60, deadline=None)
-def test_rows_packed_by_hand_are_read_back(first: int, rows: int, bins: int, scale: int, valid: int, seed: int) -> None:
+def test_packed_rows_are_read_back(first: int, rows: int, bins: int, scale: int, valid: int, seed: int) -> None:
     power = np.random.default_rng(seed).integers(0, 256, (rows, bins)).astype(np.uint8)
     stamps_ns = [START_NS // 1000 * 1000 + 620_000 * k for k in range(rows)]
     encoders = [(first + 14 * k) % 5600 for k in range(rows)]
-    image = rows_by_hand([s // scale for s in stamps_ns], encoders, valid, power)
+    image = packed_rows([s // scale for s in stamps_ns], encoders, valid, power)
     assert has_metadata(image)
     azimuths, stamps, read = split_rows(image, 5600)
     assert stamps.tolist() == stamps_ns
@@ -70,7 +70,7 @@ def test_joined_rows_are_split_again(rows: int, bins: int, size: int, seed: int)
     assert azimuths == pytest.approx(scan.azimuths_rad, abs=1e-9)
 
 
-def test_a_scan_without_row_stamps_keeps_its_own(make_scan: Callable[..., PolarScan]) -> None:
+def test_rows_of_a_scan_without_row_stamps_get_its_stamp(make_scan: Callable[..., PolarScan]) -> None:
     scan = make_scan()
     image = join_rows(scan, 5600)
     assert has_metadata(image)
@@ -80,19 +80,19 @@ def test_a_scan_without_row_stamps_keeps_its_own(make_scan: Callable[..., PolarS
 
 @given(seed=st.integers(0, 2**32 - 1), top=st.integers(1, 256))
 @settings(max_examples=60, deadline=None)
-def test_power_alone_is_never_taken_for_metadata(seed: int, top: int) -> None:
+def test_power_alone_is_not_recognised_as_metadata(seed: int, top: int) -> None:
     assert not has_metadata(np.random.default_rng(seed).integers(0, top, (40, 64)).astype(np.uint8))
 
 
 @pytest.mark.parametrize('value', [0, 5, 255])
-def test_even_images_are_not_taken_for_metadata(value: int) -> None:
+def test_constant_images_are_not_recognised_as_metadata(value: int) -> None:
     assert not has_metadata(np.full((400, 3779), value, np.uint8))
 
 
-def test_rows_that_were_never_measured_are_given_their_place() -> None:
+def test_azimuths_and_stamps_of_rows_that_were_not_measured_are_interpolated() -> None:
     power = np.ones((40, 8), np.uint8)
     stamps = [START_NS + 625_000 * k for k in range(40)]
-    image = rows_by_hand(stamps, [7 + 140 * k for k in range(40)], 255, power).copy()
+    image = packed_rows(stamps, [7 + 140 * k for k in range(40)], 255, power).copy()
     whole = split_rows(image, 5600)
     image[:15] = 0
     image[30:] = 0
@@ -111,8 +111,8 @@ def test_a_larger_encoder_is_recognised_by_its_counts() -> None:
     assert full_turn_counts(np.array([0, 65535]), 16000) == 65536
 
 
-def test_an_encoder_that_stands_still_is_refused() -> None:
-    image = rows_by_hand([START_NS + k for k in range(10)], [7] * 10, 255, np.ones((10, 4), np.uint8))
+def test_constant_encoder_counts_are_refused() -> None:
+    image = packed_rows([START_NS + k for k in range(10)], [7] * 10, 255, np.ones((10, 4), np.uint8))
     assert not has_metadata(image)
     with pytest.raises(RefusedInput, match=r'radar\.metadata_columns') as refused:
         split_rows(image, 5600)
@@ -139,7 +139,7 @@ def test_recorded_rows(real_data: Path, file: str, first_encoder: int, first_sta
     assert 0.24e9 < stamps[-1] - stamps[0] < 0.26e9
 
 
-def test_the_valid_column_of_utias_drops_nothing(real_data: Path) -> None:
+def test_the_valid_column_of_utias_is_ignored(real_data: Path) -> None:
     image = read_image(real_data / 'utias_frame' / 'test_frame.png')
     assert set(np.unique(image[:, 10])) == {0, 255}
     assert len(split_rows(image, 5600)[0]) == 400

@@ -41,7 +41,7 @@ def test_file_and_bytes_give_the_same_scan(tmp_path: Path, make_scan: Callable[.
 
 @given(cut=st.integers(0, len(WHOLE) - 1))
 @settings(max_examples=60, deadline=None)
-def test_a_file_cut_anywhere_is_an_error(cut: int) -> None:
+def test_a_truncated_file_is_an_error(cut: int) -> None:
     with pytest.raises(DataError, match=r'truncated PNG|empty file|not a PNG'):
         decode_png(WHOLE[:cut], 1, CONFIG)
 
@@ -55,15 +55,15 @@ def test_a_flipped_bit_is_an_error(at: int, bit: int) -> None:
         decode_png(bytes(damaged), 1, CONFIG)
 
 
-@given(junk=st.binary(max_size=200))
+@given(random_bytes=st.binary(max_size=200))
 @settings(max_examples=60, deadline=None)
-def test_junk_is_an_error(junk: bytes) -> None:
-    for data in (junk, WHOLE[:8] + junk):
+def test_random_bytes_are_an_error(random_bytes: bytes) -> None:
+    for data in (random_bytes, WHOLE[:8] + random_bytes):
         with pytest.raises(DataError):
             decode_png(data, 1, CONFIG)
 
 
-def test_bytes_after_the_end_are_harmless() -> None:
+def test_bytes_after_the_end_are_ignored() -> None:
     assert np.array_equal(decode_png(WHOLE + b'more', 1, CONFIG).power, IMAGE)
 
 

@@ -1,4 +1,4 @@
-"""The polar image against slow loops, one cell after the other."""
+"""The polar image against loops over cells, bins and rows."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from offradar_ros.types import PolarScan
 
 CONFIG = PolarGridConfig()
 SMALL = PolarGridConfig(azimuths=24, range_bins=16, resolution_m=4.0, min_range_m=0.0)
-# Finer and coarser sensors, as (range bins, metres a bin).
+# Finer and coarser sensors, as (range bins, metres for each bin).
 SENSORS = [(3768, 0.0432), (3360, 0.0595), (576, 0.1736), (256, 0.25)]
 STEP = 2 * math.pi / 400
 SAMPLES = 600
 
 
 def rows_of_sectors(azimuths_rad: np.ndarray, sectors: int) -> np.ndarray:
-    """(sectors, rows) share of each row, by asking `SAMPLES` directions of each sector which row is the nearest."""
+    """(sectors, rows) share of each row, found by the nearest row of `SAMPLES` directions in each sector."""
     rows = len(azimuths_rad)
     away = [sorted(math.remainder(b - a, math.tau) for b in azimuths_rad) for a in azimuths_rad]
     after = sorted(min((d for d in others if d > 1e-9), default=math.tau) for others in away)
@@ -44,7 +44,7 @@ def rows_of_sectors(azimuths_rad: np.ndarray, sectors: int) -> np.ndarray:
 
 
 def mean_power(scan: PolarScan, config: PolarGridConfig) -> np.ndarray:
-    """(azimuths, range_bins) mean power of each cell, by summing what each bin of each row has in common with it."""
+    """(azimuths, range_bins) mean power of each cell, as the sum over the overlap of each bin of each row with it."""
     shares = rows_of_sectors(scan.azimuths_rad, config.azimuths)
     image = np.zeros((config.azimuths, config.range_bins))
     for column in range(config.range_bins):
@@ -60,7 +60,7 @@ def mean_power(scan: PolarScan, config: PolarGridConfig) -> np.ndarray:
 
 
 def smooth_scan(azimuths: np.ndarray, bins: int, resolution_m: float, range_offset_m: float = 0.0) -> PolarScan:
-    """Power that varies over metres and degrees, so that half a bin more or less at the ends is not seen."""
+    """Power that varies over metres and degrees, so that rounding the range to whole bins changes little."""
     ranges = range_offset_m + (np.arange(bins) + 0.5) * resolution_m
     wave = 120 + 60 * np.sin(3 * azimuths)[:, np.newaxis] + 60 * np.cos(ranges / 9)[np.newaxis, :]
     return PolarScan(1, np.rint(wave).astype(np.uint8), azimuths, resolution_m, range_offset_m)
@@ -73,9 +73,9 @@ def even(rows: int = 60, first: float = 0.0) -> NDArray[np.float64]:
 AZIMUTHS = {
     'even': even(),
     'fewer than sectors': even(19),
-    'no multiple of sectors': even(59),
-    'from elsewhere': even(first=4.0),
-    'from within a row': even(first=0.03),
+    'not a multiple of the sectors': even(59),
+    'another first azimuth': even(first=4.0),
+    'first azimuth within a step': even(first=0.03),
     'counter-clockwise': even(first=1.0)[::-1],
     'jittered': np.mod(even() + np.random.default_rng(3).uniform(-0.04, 0.04, 60), math.tau),
     'one row lost': np.delete(even(), 17),
@@ -87,10 +87,10 @@ AZIMUTHS = {
 
 
 @pytest.mark.parametrize('name', AZIMUTHS)
-def test_rows_are_shared_out_by_the_angle_that_they_cover(name: str) -> None:
+def test_weights_of_rows_are_the_angles_that_they_cover(name: str) -> None:
     weights = sector_weights(AZIMUTHS[name], 24)
     assert weights.dtype == np.float32
-    # Of every edge between rows a sample may fall on either side.
+    # A sample at the edge between two rows may count for either.
     np.testing.assert_allclose(weights, rows_of_sectors(AZIMUTHS[name], 24), atol=0.01)
     total = weights.sum(axis=1, dtype=np.float64)
     assert (np.isclose(total, 1.0) | (total == 0.0)).all()
@@ -101,7 +101,7 @@ def test_rows_are_shared_out_by_the_angle_that_they_cover(name: str) -> None:
 def test_smooth_scans_agree_cell_by_cell(bins: int, resolution_m: float, range_offset_m: float) -> None:
     scan = smooth_scan(even(), bins, resolution_m, range_offset_m)
     image, expected = PolarToGrid(SMALL)(scan), mean_power(scan, SMALL)
-    # Where the scan begins or ends within a column, half a bin more or less is seen there.
+    # A column in which the scan begins or ends may change by half a bin.
     ends_m = np.array([range_offset_m, scan.max_range_m])
     inner = ~np.isin(np.arange(SMALL.range_bins), ends_m[ends_m % SMALL.resolution_m > 0] // SMALL.resolution_m)
     assert image.shape == (24, 16)
@@ -111,7 +111,7 @@ def test_smooth_scans_agree_cell_by_cell(bins: int, resolution_m: float, range_o
 
 
 @pytest.mark.parametrize('name', AZIMUTHS)
-def test_noise_agrees_cell_by_cell_however_the_rows_lie(name: str) -> None:
+def test_noise_agrees_cell_by_cell_for_any_azimuths(name: str) -> None:
     power = np.random.default_rng(5).integers(0, 256, (len(AZIMUTHS[name]), 256)).astype(np.uint8)
     scan = PolarScan(1, power, AZIMUTHS[name], 0.25)
     assert np.abs(PolarToGrid(SMALL)(scan) - mean_power(scan, SMALL)).max() < 2.0
@@ -128,7 +128,7 @@ def test_power_of_a_constant_scan_is_kept(bins: int, resolution_m: float) -> Non
 
 @pytest.mark.parametrize('bins, resolution_m', SENSORS)
 @pytest.mark.parametrize('rows', [200, 400, 800])
-def test_turning_by_sectors_rolls_the_rows_and_nothing_else(rows: int, bins: int, resolution_m: float) -> None:
+def test_a_turn_by_whole_sectors_is_a_roll_of_the_rows(rows: int, bins: int, resolution_m: float) -> None:
     power = np.random.default_rng(1).integers(0, 256, (rows, bins)).astype(np.uint8)
     scan = PolarScan(1, power, even(rows), resolution_m)
     to_image = PolarToGrid(CONFIG)
@@ -145,7 +145,7 @@ def test_a_point_lands_in_its_cell(azimuth_deg: float, range_m: float) -> None:
     assert np.argwhere(image).tolist() == [[int(azimuth_deg / 1.8), int(range_m / 0.5)]]
 
 
-def test_it_does_not_matter_which_row_comes_first_or_which_way_they_go(make_scan: Callable[..., PolarScan]) -> None:
+def test_the_order_of_the_rows_does_not_change_the_image(make_scan: Callable[..., PolarScan]) -> None:
     scan = make_scan()
     to_image = PolarToGrid(CONFIG)
     for order in (np.roll(np.arange(400), 143), np.arange(400)[::-1], np.random.default_rng(2).permutation(400)):
@@ -162,7 +162,7 @@ def test_near_and_far_are_zero() -> None:
 
 
 @pytest.mark.parametrize('range_offset_m', [-100.0, -70.0, 63.9, 64.1, 100.0])
-def test_offsets_that_leave_little_or_nothing_of_the_image(range_offset_m: float) -> None:
+def test_range_offsets_that_leave_few_or_no_columns(range_offset_m: float) -> None:
     scan = PolarScan(1, np.full((400, 1000), 200, np.uint8), even(400), 0.1, range_offset_m)
     image = PolarToGrid(CONFIG)(scan)
     near_m, far_m = range_offset_m, range_offset_m + 100.0
@@ -174,7 +174,7 @@ def test_offsets_that_leave_little_or_nothing_of_the_image(range_offset_m: float
 
 
 @pytest.mark.parametrize('bins, resolution_m', [(60, 1.3), (7, 10.0), (1, 10.0), (1, 0.1)])
-def test_bins_longer_than_a_column_fill_each_that_they_cover(bins: int, resolution_m: float) -> None:
+def test_bins_longer_than_a_column_fill_all_columns_that_they_cover(bins: int, resolution_m: float) -> None:
     scan = PolarScan(1, np.full((400, bins), 50, np.uint8), even(400), resolution_m)
     for config in (CONFIG, PolarGridConfig(range_bins=8, resolution_m=0.01, min_range_m=0.0)):
         image = PolarToGrid(config)(scan)
@@ -193,13 +193,13 @@ def test_a_missing_part_of_the_rotation_is_never_filled() -> None:
 
 
 @pytest.mark.parametrize('rows', [2, 3, 5])
-def test_the_first_few_rows_of_a_rotation_fill_no_more_than_theirs(rows: int) -> None:
+def test_the_first_rows_of_a_rotation_fill_only_their_sectors(rows: int) -> None:
     image = PolarToGrid(CONFIG)(PolarScan(1, np.full((rows, 3000), 200, np.uint8), even(400)[:rows], 0.05))
     filled = np.flatnonzero(image.any(axis=1))
     assert {0} <= set(filled.tolist()) <= {199, 0, 1, 2, 3}
 
 
-def test_changing_sensors_between_scans_changes_nothing(make_scan: Callable[..., PolarScan]) -> None:
+def test_images_do_not_depend_on_the_scan_before(make_scan: Callable[..., PolarScan]) -> None:
     kept = PolarToGrid(CONFIG)
     for scan in (
         make_scan(),

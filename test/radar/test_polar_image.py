@@ -38,7 +38,7 @@ def powers(rows: int = 400, bins: int = 50) -> np.ndarray:
     return np.random.default_rng(1).integers(1, 256, (rows, bins)).astype(np.uint8)
 
 
-def test_a_drivers_image_is_taken_as_it_is() -> None:
+def test_an_image_of_a_driver_is_decoded_unchanged() -> None:
     image = powers()
     scan = decode_polar_image(**fields(image))
     assert np.array_equal(scan.power, image)
@@ -63,7 +63,7 @@ def test_power_is_a_view_of_the_message() -> None:
     rows=st.integers(1, 30), bins=st.integers(1, 40), padding=st.integers(0, 9), cut=st.booleans(), mono=st.booleans()
 )
 @settings(max_examples=60, deadline=None)
-def test_padding_between_rows_is_passed_over(rows: int, bins: int, padding: int, cut: bool, mono: bool) -> None:
+def test_padding_between_rows_is_ignored(rows: int, bins: int, padding: int, cut: bool, mono: bool) -> None:
     image = powers(rows, bins)
     padded = np.full((rows, bins + padding), 77, np.uint8)
     padded[:, :bins] = image
@@ -95,24 +95,24 @@ def test_the_azimuth_axis_is_the_one_with_400(shape: tuple[int, int], turned: bo
     ('shape', 'rows'),
     [((399, 3360), 399), ((3360, 399), 399), ((120, 2856), 120), ((100, 650), 100), ((650, 100), 100)],
 )
-def test_else_the_smaller_one(shape: tuple[int, int], rows: int) -> None:
+def test_without_400_the_azimuth_axis_is_the_shorter_one(shape: tuple[int, int], rows: int) -> None:
     assert decode_polar_image(**fields(powers(*shape))).power.shape[0] == rows
 
 
 @pytest.mark.parametrize(('axis', 'rows'), [('rows', 60), ('columns', 400)])
-def test_unless_told(axis: str, rows: int) -> None:
+def test_the_azimuth_axis_can_be_configured(axis: str, rows: int) -> None:
     config = RadarConfig(range_resolution_m=0.05, azimuth_axis=axis)
     assert decode_polar_image(**fields(powers(60, 400), config=config)).power.shape[0] == rows
 
 
-def test_too_few_rows_are_the_first_of_a_rotation() -> None:
+def test_a_partial_image_holds_the_first_rows_of_a_rotation() -> None:
     scan = decode_polar_image(**fields(powers(399, 3360)))
     assert scan.azimuths_rad[-1] == pytest.approx(math.radians(0.9 * 398))
     partial = decode_polar_image(**fields(powers(100, 3360)))
     assert partial.azimuths_rad[-1] == pytest.approx(math.radians(0.9 * 99))
 
 
-def test_more_rows_than_azimuth_samples_fill_one_turn() -> None:
+def test_more_rows_than_azimuth_samples_are_one_rotation() -> None:
     assert decode_polar_image(**fields(powers(800, 3360))).azimuths_rad[1] == pytest.approx(math.radians(0.45))
 
 
@@ -143,14 +143,14 @@ def test_azimuths_are_always_within_one_turn(offset: float, sense: str) -> None:
     assert np.all((azimuths >= 0) & (azimuths < math.tau))
 
 
-def test_metadata_columns_are_found_or_not_as_told(make_scan: Callable[..., PolarScan]) -> None:
+def test_metadata_columns_are_recognised_or_configured(make_scan: Callable[..., PolarScan]) -> None:
     image = join_rows(make_scan(bins=3768), 5600)
     auto = RadarConfig()
     assert decode_polar_image(**fields(image, config=auto)).power.shape == (400, 3768)
     plain = RadarConfig(range_resolution_m=0.05, metadata_columns='0')
     assert decode_polar_image(**fields(image, config=plain)).power.shape == (400, 3779)
-    asked = RadarConfig(metadata_columns='11')
-    scan = decode_polar_image(**fields(image, config=asked))
+    required = RadarConfig(metadata_columns='11')
+    scan = decode_polar_image(**fields(image, config=required))
     assert scan.azimuth_stamps_ns is not None
 
 
@@ -176,7 +176,7 @@ def test_the_range_offset_is_passed_on() -> None:
         ({'config': RadarConfig(metadata_columns='11'), 'width': 9, 'step': 50}, 'wrong_size'),
     ],
 )
-def test_bad_images_are_refused_by_cause(changes: dict[str, Any], cause: str) -> None:
+def test_invalid_images_are_refused_with_their_cause(changes: dict[str, Any], cause: str) -> None:
     image = np.full((400, 50), 3, np.uint8)
     with pytest.raises(RefusedInput) as refused:
         decode_polar_image(**fields(image, **changes))
@@ -184,7 +184,7 @@ def test_bad_images_are_refused_by_cause(changes: dict[str, Any], cause: str) ->
     assert '\n' not in str(refused.value)
 
 
-def test_a_live_drivers_message_is_accepted_as_it_is(live_image: dict[str, Any]) -> None:
+def test_a_recorded_message_of_a_driver_is_decoded(live_image: dict[str, Any]) -> None:
     scan = decode_polar_image(**live_image, config=RadarConfig())
     assert scan.power.shape == (400, 6848)
     assert scan.max_range_m == pytest.approx(300.0, abs=0.1)

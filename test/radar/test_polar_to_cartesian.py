@@ -21,7 +21,7 @@ FINE = 16
 
 
 def supersampled_rows(scan: PolarScan, config: CartesianConfig, image_rows: range) -> np.ndarray:
-    """Mean of 16 × 16 samples a pixel of the polar image, bilinear between bin centres and azimuths; slow."""
+    """Mean of 16 × 16 samples in each pixel, interpolated bilinearly between bin centres and azimuths."""
     side, metres = config.side_px, config.resolution_m
     order = np.argsort(scan.azimuths_rad)
     azimuths = scan.azimuths_rad[order]
@@ -77,7 +77,7 @@ def test_the_live_scan_agrees_with_supersampling(live_image: dict[str, Any]) -> 
 
 
 def smooth_scan(rows: int, bins: int, resolution_m: float, azimuths: np.ndarray | None = None) -> PolarScan:
-    """Power that varies over metres and degrees, so that any right method gives the same image."""
+    """Power that varies over metres and degrees, so that every correct interpolation gives nearly the same image."""
     if azimuths is None:
         azimuths = np.linspace(0.0, 2 * np.pi, rows, endpoint=False)
     ranges = (np.arange(bins) + 0.5) * resolution_m
@@ -111,9 +111,9 @@ def test_range_offset_shifts_the_image_outwards() -> None:
         np.mod(3.0 - np.linspace(0.0, 2 * np.pi, 400, endpoint=False), 2 * np.pi),
         np.mod(np.linspace(0.0, 2 * np.pi, 400, endpoint=False) + 5.1, 2 * np.pi),
     ],
-    ids=['399 rows', 'jittered', 'counter-clockwise', 'from elsewhere'],
+    ids=['399 rows', 'jittered', 'counter-clockwise', 'another first azimuth'],
 )
-def test_uneven_azimuths_go_where_they_were_measured(azimuths: np.ndarray) -> None:
+def test_irregular_azimuths_agree_with_supersampling(azimuths: np.ndarray) -> None:
     scan = smooth_scan(len(azimuths), 1000, 0.1, azimuths)
     rows = range(2, 256, 11)
     error = np.abs(PolarToCartesian(CONFIG)(scan)[rows] - supersampled_rows(scan, CONFIG, rows))
@@ -130,7 +130,7 @@ def test_power_of_a_constant_scan_is_kept() -> None:
 @pytest.mark.parametrize(
     ('azimuth_deg', 'range_m'), [(0.0, 30.0), (90.0, 30.0), (180.0, 50.0), (270.0, 12.0), (36.0, 44.4), (359.1, 60.0)]
 )
-def test_a_point_lands_in_its_pixel(azimuth_deg: float, range_m: float) -> None:
+def test_a_point_is_in_its_pixel(azimuth_deg: float, range_m: float) -> None:
     power = np.zeros((400, 3768), np.uint8)
     centre_bin = round(range_m / 0.0432 - 0.5)
     power[round(azimuth_deg / 0.9), centre_bin - 3 : centre_bin + 4] = 255
@@ -144,11 +144,11 @@ def test_a_point_lands_in_its_pixel(azimuth_deg: float, range_m: float) -> None:
 
 
 @pytest.mark.parametrize('quarters', [1, 2, 3])
-def test_spinning_by_quarter_turns_turns_the_image(make_scan: Callable[..., PolarScan], quarters: int) -> None:
+def test_spinning_by_quarter_turns_rotates_the_image(make_scan: Callable[..., PolarScan], quarters: int) -> None:
     scan = make_scan()
     to_cartesian = PolarToCartesian(CONFIG)
     turned = to_cartesian(spin(scan, 100 * quarters)).astype(int)
-    # Everything moves clockwise, which rot90 counts as negative.
+    # The image turns clockwise, the negative direction of rot90.
     assert np.abs(turned - np.rot90(to_cartesian(scan).astype(int), -quarters)).max() <= 3
 
 
@@ -184,7 +184,7 @@ def test_a_missing_part_of_the_rotation_is_never_filled() -> None:
 
 
 @pytest.mark.parametrize('rows', [2, 3, 5])
-def test_the_first_few_rows_of_a_rotation_fill_no_more_than_theirs(rows: int) -> None:
+def test_the_first_rows_of_a_rotation_fill_only_their_sectors(rows: int) -> None:
     azimuths = np.linspace(0.0, 2 * np.pi, 400, endpoint=False)[:rows]
     image = PolarToCartesian(CONFIG)(PolarScan(1, np.full((rows, 3000), 200, np.uint8), azimuths, 0.05))
     assert image[:, :126].max() == 0
@@ -192,14 +192,14 @@ def test_the_first_few_rows_of_a_rotation_fill_no_more_than_theirs(rows: int) ->
     assert image[:100, 128].max() == 200
 
 
-def test_one_lost_row_is_bridged() -> None:
+def test_one_missing_row_is_interpolated() -> None:
     azimuths = np.delete(np.linspace(0.0, 2 * np.pi, 400, endpoint=False), 77)
     scan = PolarScan(1, np.full((399, 3000), 200, np.uint8), azimuths, 0.05)
     far = np.add.outer((np.arange(256) - 127.5) ** 2, (np.arange(256) - 127.5) ** 2) > 6**2
     assert PolarToCartesian(CONFIG)(scan)[far].min() == 200
 
 
-def test_changing_sensors_between_scans_changes_nothing(make_scan: Callable[..., PolarScan]) -> None:
+def test_images_do_not_depend_on_the_scan_before(make_scan: Callable[..., PolarScan]) -> None:
     kept = PolarToCartesian(CONFIG)
     for scan in (
         make_scan(),

@@ -11,7 +11,7 @@ from offradar_ros.types import PolarScan
 
 
 @pytest.mark.parametrize('rows', [0, 1, 7, 100, 399, 400, -3])
-def test_power_and_its_times_move_together(make_scan: Callable[..., PolarScan], rows: int) -> None:
+def test_power_and_row_stamps_move_together(make_scan: Callable[..., PolarScan], rows: int) -> None:
     scan = dataclasses.replace(make_scan(bins=20), azimuth_stamps_ns=np.arange(400, dtype=np.int64))
     turned = spin(scan, rows)
     assert turned.azimuth_stamps_ns is not None

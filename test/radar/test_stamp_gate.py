@@ -10,12 +10,12 @@ from offradar_ros.radar.stamps import StampGate
 SECOND = 10**9
 
 
-def test_growing_stamps_pass() -> None:
+def test_increasing_stamps_are_accepted() -> None:
     gate = StampGate(5 * SECOND)
     assert [gate.check(s) for s in (0, 1, 10 * SECOND, 10**18)] == [False] * 4
 
 
-def test_a_repeated_stamp_is_refused_and_the_next_passes() -> None:
+def test_a_repeated_stamp_is_refused_and_the_next_is_accepted() -> None:
     gate = StampGate(5 * SECOND)
     gate.check(100)
     with pytest.raises(RefusedInput) as refused:
@@ -43,27 +43,27 @@ def test_a_large_jump_back_is_a_restart() -> None:
 
 
 @pytest.mark.parametrize('stamp', [100 * SECOND, 99 * SECOND, 101 * SECOND])
-def test_once_told_that_a_recording_starts_any_stamp_is_its_first(stamp: int) -> None:
+def test_after_a_reset_any_stamp_is_accepted(stamp: int) -> None:
     gate = StampGate(5 * SECOND)
     gate.check(100 * SECOND)
-    gate.forget()
+    gate.reset()
     assert gate.check(stamp) is False
     with pytest.raises(RefusedInput):
         gate.check(stamp)
 
 
 @given(st.lists(st.integers(0, 20 * SECOND), max_size=30))
-def test_what_passes_grows_between_restarts(stamps: list[int]) -> None:
+def test_accepted_stamps_increase_between_restarts(stamps: list[int]) -> None:
     gate = StampGate(5 * SECOND)
-    passed: list[int] = []
+    accepted: list[int] = []
     for stamp in stamps:
         try:
             restarted = gate.check(stamp)
         except RefusedInput as refusal:
-            assert 0 <= passed[-1] - stamp <= 5 * SECOND
-            assert refusal.cause == ('repeated_stamp' if stamp == passed[-1] else 'stamp_backwards')
+            assert 0 <= accepted[-1] - stamp <= 5 * SECOND
+            assert refusal.cause == ('repeated_stamp' if stamp == accepted[-1] else 'stamp_backwards')
             continue
-        if passed:
-            assert restarted == (stamp < passed[-1])
-            assert restarted == (passed[-1] - stamp > 5 * SECOND)
-        passed.append(stamp)
+        if accepted:
+            assert restarted == (stamp < accepted[-1])
+            assert restarted == (accepted[-1] - stamp > 5 * SECOND)
+        accepted.append(stamp)

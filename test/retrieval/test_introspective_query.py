@@ -1,4 +1,4 @@
-"""Every embedding is answered once: with a match, or with the first reason that holds."""
+"""Every embedding gets one answer: a match, or the first rejection reason that applies."""
 
 import dataclasses
 import math
@@ -43,7 +43,7 @@ def ids(outcome: Outcome) -> list[int]:
     return [candidate.place_id for candidate in outcome.candidates]
 
 
-def test_a_match_holds_the_nearest_places_in_order(searched: SearchedMap) -> None:
+def test_a_match_has_the_nearest_places_in_order(searched: SearchedMap) -> None:
     outcome = answer(searched, scan())
     assert isinstance(outcome, Match)
     assert ids(outcome) == [2, 1]
@@ -52,7 +52,7 @@ def test_a_match_holds_the_nearest_places_in_order(searched: SearchedMap) -> Non
 
 
 @pytest.mark.parametrize(('uncertainty', 'accepted'), [(1.5, True), (1.5001, False), (0.0, True), (100.0, False)])
-def test_above_the_threshold_it_is_uncertain_with_the_candidates_it_would_have_returned(
+def test_a_scan_above_the_threshold_is_uncertain_and_has_candidates(
     searched: SearchedMap, uncertainty: float, accepted: bool
 ) -> None:
     outcome = answer(searched, scan(uncertainty=uncertainty))
@@ -70,7 +70,7 @@ def test_the_level_chooses_the_threshold(searched: SearchedMap) -> None:
     assert ids(answer(searched, scan(uncertainty=0.55), level=1, top_k=3)) == [2, 1, 3]
 
 
-def test_too_far_from_every_place_it_is_unknown(searched: SearchedMap) -> None:
+def test_a_scan_far_from_every_place_is_of_an_unknown_place(searched: SearchedMap) -> None:
     far = scan((500.0, 0.0))
     assert isinstance(answer(searched, far), Match)
     outcome = answer(searched, far, max_distance=20.0)
@@ -82,7 +82,7 @@ def test_too_far_from_every_place_it_is_unknown(searched: SearchedMap) -> None:
     assert isinstance(answer(searched, scan((10.0, 20.0)), max_distance=20.0), Match)
 
 
-def test_places_of_the_running_session_are_found_only_if_asked(searched: SearchedMap) -> None:
+def test_places_of_the_running_session_are_found_only_if_configured(searched: SearchedMap) -> None:
     searched.update(places((7, (0.5, 0)), session=2), MODEL, committed=False)
     assert ids(answer(searched, scan(stamp=100))) == [2, 1]
     assert ids(answer(searched, scan(stamp=100), exclude_current_session=False)) == [7, 2]
@@ -116,7 +116,7 @@ def rejected(searched: SearchedMap, embedding: Embedding, **changes: Any) -> Rej
     return outcome
 
 
-def test_another_model_or_dimension_is_never_compared(searched: SearchedMap) -> None:
+def test_embeddings_of_another_model_or_dimension_are_rejected(searched: SearchedMap) -> None:
     outcome = rejected(searched, scan(model=OTHER))
     assert outcome.reason is Reason.WRONG_MODEL
     assert outcome.candidates == ()
@@ -127,7 +127,7 @@ def test_another_model_or_dimension_is_never_compared(searched: SearchedMap) -> 
     assert 'dimension 3, the map has 2' in outcome.detail
 
 
-def test_thresholds_of_another_model_are_never_used(searched: SearchedMap) -> None:
+def test_thresholds_of_another_model_reject_every_embedding(searched: SearchedMap) -> None:
     assert isinstance(answer(searched, scan(), model=MODEL), Match)
     outcome = rejected(searched, scan(), model=OTHER)
     assert outcome.reason is Reason.WRONG_MODEL
@@ -142,7 +142,7 @@ def test_thresholds_of_another_model_are_never_used(searched: SearchedMap) -> No
     assert rejected(searched, scan(model=OTHER), model=OTHER).reason is Reason.MAP_EMPTY
 
 
-def test_the_first_reason_in_order_counts(searched: SearchedMap) -> None:
+def test_the_first_reason_that_applies_is_given(searched: SearchedMap) -> None:
     strict: dict[str, Any] = {'level': 0, 'max_distance': 1.0}
     assert rejected(searched, scan((math.nan, 9e9), model=OTHER), **strict).reason is Reason.INVALID_EMBEDDING
     assert rejected(searched, scan((0.0, 9e9), 2.0, model=OTHER), **strict).reason is Reason.WRONG_MODEL
@@ -152,10 +152,10 @@ def test_the_first_reason_in_order_counts(searched: SearchedMap) -> None:
     assert rejected(searched, scan((0.0, 9e9), 2.0), **strict).reason is Reason.MAP_EMPTY
 
 
-def test_without_a_map_there_is_nothing_to_search_until_the_first_places_come() -> None:
+def test_an_empty_map_is_searched_after_its_first_update() -> None:
     searched = SearchedMap()
     assert rejected(searched, scan()).reason is Reason.MAP_EMPTY
-    # An empty map that came as a message names no model.
+    # An empty map from a message has no model.
     searched.load(places(), '')
     assert rejected(searched, scan(model=OTHER)).reason is Reason.MAP_EMPTY
     searched.update(places((1, (0, 0))), MODEL, committed=True)

@@ -31,8 +31,10 @@ def table_of(means: ArrayLike, place_ids: ArrayLike | None = None) -> PlaceTable
     )
 
 
-def slowly(entries: Mapping[int, NDArray[np.float32]], query: NDArray[np.float32], k: int) -> list[tuple[float, int]]:
-    """(float32 distance, id) of the k nearest, every difference summed in Python."""
+def slow_search(
+    entries: Mapping[int, NDArray[np.float32]], query: NDArray[np.float32], k: int
+) -> list[tuple[float, int]]:
+    """(float32 distance, id) of the k nearest, computed in Python."""
     ranked = []
     for place_id, mean in entries.items():
         square = math.fsum((float(a) - float(b)) ** 2 for a, b in zip(mean, query, strict=True))
@@ -42,9 +44,9 @@ def slowly(entries: Mapping[int, NDArray[np.float32]], query: NDArray[np.float32
 
 
 def found(
-    index: PlaceIndex, query: ArrayLike, k: int, without: NDArray[np.int64] | None = None
+    index: PlaceIndex, query: ArrayLike, k: int, exclude: NDArray[np.int64] | None = None
 ) -> list[tuple[float, int]]:
-    return [(c.distance, c.place_id) for c in index.search(np.asarray(query, np.float32), k, without)]
+    return [(c.distance, c.place_id) for c in index.search(np.asarray(query, np.float32), k, exclude)]
 
 
 Vector = list[float]
@@ -60,16 +62,16 @@ value = st.one_of(
     st.lists(value, min_size=3, max_size=3),
     st.integers(1, 25),
 )
-def test_any_numbers_however_close_or_large(means: list[Vector], query: Vector, k: int) -> None:
+def test_search_of_any_numbers(means: list[Vector], query: Vector, k: int) -> None:
     index = PlaceIndex(3)
     index.upsert(table_of(means))
     asked = np.asarray(query, np.float32)
-    assert found(index, asked, k) == slowly(dict(enumerate(np.asarray(means, np.float32))), asked, k)
+    assert found(index, asked, k) == slow_search(dict(enumerate(np.asarray(means, np.float32))), asked, k)
 
 
 @pytest.mark.parametrize('k', [1, 25, 1024, 1025])
-def test_maps_large_enough_to_look_for_the_nearest_by_groups(k: int) -> None:
-    """Many places resemble the query, all beside one another, and the last rows belong to no group."""
+def test_search_in_a_map_that_is_large_enough_for_groups(k: int) -> None:
+    """Many neighbouring places resemble the query, and the last rows belong to no group."""
     rng = np.random.default_rng(3)
     means = rng.normal(size=(120_000, 8)).astype(np.float32)
     means[70_000:72_000] = means[0] + 0.05 * rng.normal(size=(2000, 8))
@@ -79,9 +81,9 @@ def test_maps_large_enough_to_look_for_the_nearest_by_groups(k: int) -> None:
     exact = np.sqrt(np.sum((means.astype(float) - means[0].astype(float)) ** 2, axis=1)).astype(np.float32)
     order = np.argsort(exact, kind='stable')[:k]
     assert found(index, means[0], k) == [(float(exact[i]), int(i)) for i in order]
-    all_but_some = np.arange(40, 120_000)
+    all_but_forty = np.arange(40, 120_000)
     left = [(float(exact[i]), int(i)) for i in np.argsort(exact[:40], kind='stable')[:k]]
-    assert found(index, means[0], k, without=all_but_some) == left
+    assert found(index, means[0], k, exclude=all_but_forty) == left
 
 
 def test_many_places_against_cdist() -> None:
@@ -95,14 +97,14 @@ def test_many_places_against_cdist() -> None:
 
 
 def test_near_duplicates_far_from_zero_keep_their_order() -> None:
-    """|x|² − 2 x·q alone loses every one of these differences in single precision."""
+    """|x|² − 2 x·q in single precision loses all of these differences."""
     rng = np.random.default_rng(1)
     centre = 100.0 + rng.normal(size=128)
     means = (centre + 1e-4 * rng.normal(size=(500, 128))).astype(np.float32)
     index = PlaceIndex(128)
     index.upsert(table_of(means))
     query = means[123]
-    assert found(index, query, 500) == slowly(dict(enumerate(means)), query, 500)
+    assert found(index, query, 500) == slow_search(dict(enumerate(means)), query, 500)
     assert index.search(query, 1)[0].distance == 0.0
 
 
@@ -114,10 +116,10 @@ def test_near_duplicates_far_from_zero_keep_their_order() -> None:
     st.booleans(),
     st.randoms(use_true_random=False),
 )
-def test_many_queries_find_what_each_of_them_finds(
+def test_search_many_equals_search_of_each_query(
     listed_means: list[Vector], listed_queries: list[Vector], k: int, repeat: bool, random: random.Random
 ) -> None:
-    # A place that is there twice, and a query of a place, are what ties are made of.
+    # Repeated places, and queries that equal places, give ties.
     means = np.array(listed_means + listed_means[:5] * repeat, np.float32).reshape(-1, 3)
     queries = np.concatenate([np.array(listed_queries, np.float32).reshape(-1, 3), means[:3]])
     index = PlaceIndex(3)
@@ -125,21 +127,21 @@ def test_many_queries_find_what_each_of_them_finds(
     left_out = np.array([[random.random() < 0.3 for _ in means] for _ in queries], np.bool_).reshape(
         len(queries), len(means)
     )
-    for without in (None, left_out):
-        rows, distances = index.search_many(queries, k, without)
+    for exclude in (None, left_out):
+        rows, distances = index.search_many(queries, k, exclude)
         assert rows.shape == distances.shape == (len(queries), min(k, len(means)))
         for number, query in enumerate(queries):
-            ids = None if without is None else index.place_ids[without[number]]
-            expected = found(index, query, k, without=ids)
+            ids = None if exclude is None else index.place_ids[exclude[number]]
+            expected = found(index, query, k, exclude=ids)
             listed = list(zip(distances[number].tolist(), index.place_ids[rows[number]].tolist(), strict=True))
             assert listed[: len(expected)] == expected
             # Distances beyond single precision are infinite too.
             assert all(distance == np.inf for distance, _ in listed[len(expected) :])
 
 
-def test_many_queries_at_once_against_cdist() -> None:
+def test_search_many_against_cdist() -> None:
     rng = np.random.default_rng(4)
-    # Far from the origin single precision would cancel; the last place is the first again.
+    # Far from the origin, where single precision suffers from cancellation; the last place equals the first.
     means = (rng.normal(size=(700, 16)) + 1000.0).astype(np.float32)
     means[-1] = means[0]
     queries = (means[rng.permutation(700)[:600]] + rng.normal(0.0, 0.01, (600, 16))).astype(np.float32)
@@ -154,7 +156,7 @@ def test_many_queries_at_once_against_cdist() -> None:
         np.testing.assert_array_equal(distances, np.take_along_axis(exact, order, 1).astype(np.float32))
 
 
-def test_many_equal_places_are_found_in_order_of_their_ids() -> None:
+def test_equal_places_are_found_in_order_of_their_ids() -> None:
     index = PlaceIndex(4)
     index.upsert(table_of(np.zeros((300, 4))))
     rows, distances = index.search_many(np.zeros((3, 4), np.float32), 20)
@@ -162,7 +164,7 @@ def test_many_equal_places_are_found_in_order_of_their_ids() -> None:
     assert not distances.any()
 
 
-def test_of_no_places_and_of_no_queries_nothing_is_found() -> None:
+def test_search_without_places_or_without_queries() -> None:
     index = PlaceIndex(4)
     assert [part.shape for part in index.search_many(np.zeros((3, 4), np.float32), 5)] == [(3, 0), (3, 0)]
     assert index.squared_distances(np.zeros((3, 4), np.float32)).shape == (3, 0)
@@ -170,7 +172,7 @@ def test_of_no_places_and_of_no_queries_nothing_is_found() -> None:
     assert [part.shape for part in index.search_many(np.zeros((0, 4), np.float32), 5)] == [(0, 2), (0, 2)]
 
 
-def test_ties_go_by_place_id() -> None:
+def test_ties_are_in_order_of_place_ids() -> None:
     index = PlaceIndex(2)
     index.upsert(table_of(np.ones((6, 2)), place_ids=[9, 4, 30, 2, 7, 5]))
     assert [c.place_id for c in index.search(np.zeros(2, np.float32), 4)] == [2, 4, 5, 7]
@@ -188,7 +190,7 @@ step = st.tuples(st.sampled_from(['upsert', 'remove']), st.lists(st.integers(0, 
 
 @settings(max_examples=80, deadline=None)
 @given(st.lists(step, max_size=8), st.lists(st.integers(0, 30), max_size=5))
-def test_changes_leave_no_trace_of_what_was(steps: list[tuple[str, list[int]]], without: list[int]) -> None:
+def test_search_after_changes(steps: list[tuple[str, list[int]]], exclude: list[int]) -> None:
     index = PlaceIndex(4)
     entries: dict[int, NDArray[np.float32]] = {}
     rng = np.random.default_rng(7)
@@ -203,12 +205,12 @@ def test_changes_leave_no_trace_of_what_was(steps: list[tuple[str, list[int]]], 
             entries |= dict(zip(ids, means, strict=True))
         assert len(index) == len(entries)
         query = rng.normal(size=4).astype(np.float32)
-        assert found(index, query, 5) == slowly(entries, query, 5)
-        left = {k: v for k, v in entries.items() if k not in without}
-        assert found(index, query, 5, without=np.array(without, np.int64)) == slowly(left, query, 5)
+        assert found(index, query, 5) == slow_search(entries, query, 5)
+        left = {k: v for k, v in entries.items() if k not in exclude}
+        assert found(index, query, 5, exclude=np.array(exclude, np.int64)) == slow_search(left, query, 5)
 
 
-def test_a_candidate_carries_its_place() -> None:
+def test_a_candidate_has_the_pose_and_u_of_its_place() -> None:
     index = PlaceIndex(2)
     index.upsert(table_of([[3, 4]], place_ids=[8]))
     (candidate,) = index.search(np.zeros(2, np.float32), 1)
@@ -225,7 +227,7 @@ def test_a_candidate_carries_its_place() -> None:
         (table_of([[1, math.inf]]), 'invalid_place'),
     ],
 )
-def test_unusable_places_are_refused_and_change_nothing(table: PlaceTable, cause: str) -> None:
+def test_invalid_places_are_refused_and_change_nothing(table: PlaceTable, cause: str) -> None:
     index = PlaceIndex(2)
     index.upsert(table_of([[1, 2]]))
     with pytest.raises(RefusedInput) as refused:

@@ -1,4 +1,4 @@
-"""What is searched: ended sessions always, the running one only if asked, and never a scan by itself."""
+"""Searches find ended sessions always, the running one if requested, and never the scan itself."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -41,12 +41,12 @@ def ids(candidates: tuple[Candidate, ...]) -> list[int]:
 
 
 def found(searched: SearchedMap, stamp: int, k: int = 4) -> list[tuple[int, float]]:
-    """What a scan of this stamp finds, the running session included."""
-    candidates = searched.nearest(scan(stamp=stamp), k, with_running=True)
+    """Ids and distances that a scan of this stamp finds, with the running session."""
+    candidates = searched.nearest(scan(stamp=stamp), k, include_running=True)
     return [(candidate.place_id, candidate.distance) for candidate in candidates]
 
 
-def test_the_first_places_name_the_model() -> None:
+def test_the_first_places_set_the_model() -> None:
     searched = SearchedMap()
     assert (len(searched), searched.model, searched.dimension) == (0, '', 0)
     assert searched.nearest(scan(), 3) == ()
@@ -62,42 +62,42 @@ def test_places_of_another_model_are_refused(searched: SearchedMap) -> None:
     assert ids(searched.nearest(scan(), 2)) == [2, 1]
 
 
-def test_the_running_session_s_places_are_found_only_if_asked(searched: SearchedMap) -> None:
+def test_places_of_the_running_session_are_found_only_if_requested(searched: SearchedMap) -> None:
     searched.update(places((2, (8, 0)), (7, (0.5, 0)), session=2), MODEL, committed=False)
     assert ids(searched.nearest(scan(stamp=100), 2)) == [2, 1]
-    # Place 2 counts once, as the running session left it.
+    # Place 2 is found once, with the content of the running session.
     assert found(searched, 100) == [(7, 0.5), (1, 5.0), (2, 8.0), (3, 10.0)]
     assert [c.distance for c in searched.nearest(scan(), 4)] == [1.0, 5.0, 10.0]
 
 
 def test_a_scan_never_finds_itself(searched: SearchedMap) -> None:
     searched.update(places((2, (8, 0)), (7, (0.5, 0)), session=2), MODEL, committed=False)
-    # Place 2 holds the scan of stamp 2 and place 7 that of stamp 7: a scan finds what was mapped before it, whether
-    # its own row came before it or comes after.
+    # Place 2 holds the scan of stamp 2 and place 7 that of stamp 7: a scan finds what was mapped before it, whether the
+    # update with its own row arrives before or after the query.
     for stamp in (2, 7):
         assert found(searched, stamp) == [(2, 1.0), (1, 5.0), (3, 10.0)]
     assert [place_id for place_id, _ in found(searched, 8)] == [7, 1, 2, 3]
-    # The recording again, in the same session: the places that hold this very scan are as they were.
+    # The same recording again, in the same session: places that hold this scan count with their committed content.
     assert [place_id for place_id, _ in found(searched, 7)] == [1, 2, 3]
 
 
-def test_updates_of_the_running_session_do_not_wait_for_ever(searched: SearchedMap) -> None:
+def test_the_number_of_waiting_updates_is_bounded(searched: SearchedMap) -> None:
     for i in range(200):
         searched.update(places((1000 + i, (0.5, 0)), session=2), MODEL, committed=False)
     # All of them are newer than this scan.
     held = len(found(searched, 1, k=1000)) - len(searched)
-    assert held == 200 - searched_map.HELD_UPDATES
+    assert held == 200 - searched_map.MAX_WAITING_UPDATES
 
 
-def test_once_committed_they_are_found_always(searched: SearchedMap) -> None:
+def test_committed_places_are_always_found(searched: SearchedMap) -> None:
     searched.update(places((2, (8, 0)), (7, (0.5, 0)), session=2), MODEL, committed=False)
     searched.update(places((2, (8, 0)), (7, (0.5, 0)), session=2), MODEL, committed=True)
     assert len(searched) == 4
-    for with_running in (False, True):
-        assert ids(searched.nearest(scan(), 4, with_running=with_running)) == [7, 1, 2, 3]
+    for include_running in (False, True):
+        assert ids(searched.nearest(scan(), 4, include_running=include_running)) == [7, 1, 2, 3]
 
 
-def test_a_session_s_first_places_are_found_in_an_empty_map_if_asked() -> None:
+def test_places_of_the_first_session_are_found_if_requested() -> None:
     searched = SearchedMap()
     searched.load(places(), MODEL)
     searched.update(places((1, (0, 0))), MODEL, committed=False)
@@ -112,7 +112,7 @@ def test_loading_replaces_everything(searched: SearchedMap) -> None:
     assert [place_id for place_id, _ in found(searched, 100)] == [4]
 
 
-def test_refused_places_leave_the_map_as_it_was(searched: SearchedMap) -> None:
+def test_refused_places_leave_the_map_unchanged(searched: SearchedMap) -> None:
     for committed in (True, False):
         with pytest.raises(RefusedInput):
             searched.update(places((2, (np.nan, 0))), MODEL, committed=committed)
@@ -122,7 +122,7 @@ def test_refused_places_leave_the_map_as_it_was(searched: SearchedMap) -> None:
 
 
 def stored_map(path: Path, count: int = 3000, running: bool = True) -> SessionMap:
-    """A map of more than a batch of places; a session that goes on has replaced some and added others."""
+    """A map with more places than a batch; with `running`, a session that replaced some and added others."""
     session_map = SessionMap(MapConfig(path=str(path)))
     session_map.adopt_model(ModelInfo('ring_key', MODEL, 2, {}))
     session_map.start_session('first', 1)
@@ -138,7 +138,7 @@ def stored_map(path: Path, count: int = 3000, running: bool = True) -> SessionMa
 
 
 @pytest.mark.parametrize('running', [False, True])
-def test_a_file_is_searched_as_the_table_of_its_ended_sessions(tmp_path: Path, running: bool) -> None:
+def test_a_file_and_the_table_of_its_ended_sessions_give_the_same_answers(tmp_path: Path, running: bool) -> None:
     path = tmp_path / 'a.map'
     from_file, from_table = SearchedMap(), SearchedMap()
     with stored_map(path, running=running) as session_map:
@@ -150,7 +150,7 @@ def test_a_file_is_searched_as_the_table_of_its_ended_sessions(tmp_path: Path, r
         assert from_file.nearest(scan(mean), 7) == from_table.nearest(scan(mean), 7)
 
 
-def test_a_file_is_read_again_only_if_it_was_written_or_is_not_what_is_searched(
+def test_a_file_is_read_again_only_if_it_changed_or_another_map_is_searched(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path = tmp_path / 'a.map'
@@ -170,14 +170,14 @@ def test_a_file_is_read_again_only_if_it_was_written_or_is_not_what_is_searched(
         return len(reads)
 
     def nearest() -> int:
-        return searched.nearest(scan((100, 100), stamp=8), 1, with_running=True)[0].place_id
+        return searched.nearest(scan((100, 100), stamp=8), 1, include_running=True)[0].place_id
 
     assert times_read() == 1
     with SessionMap(MapConfig(path=str(path))) as session_map:
         searched.update(places((7, (100, 100)), session=2), MODEL, committed=False)
         assert nearest() == 7
         assert times_read() == 0
-        # The server says so when a session is over: what it had changed is none of the map's.
+        # load_file also discards the changes of the running session.
         assert nearest() == 2
         session_map.start_session('second', 2)
         session_map.merge(scan((1.0, 1.0), stamp=9), Pose(500.0, 0.0))
@@ -192,7 +192,7 @@ def test_a_file_is_read_again_only_if_it_was_written_or_is_not_what_is_searched(
     assert (times_read(), len(searched)) == (1, 3)
 
 
-def test_an_unreadable_file_leaves_what_is_searched(tmp_path: Path, searched: SearchedMap) -> None:
+def test_an_unreadable_file_leaves_the_map_unchanged(tmp_path: Path, searched: SearchedMap) -> None:
     (tmp_path / 'a.map').write_text('no map')
     with pytest.raises(MapError, match=r'a\.map'):
         searched.load_file(tmp_path / 'a.map')

@@ -7,7 +7,7 @@ from offradar_ros.retrieval.thresholds import static_thresholds, threshold_at
 
 
 @pytest.mark.parametrize(('delta', 'levels'), [(0.5, 10), (0.1, 1), (1.0, 7), (0.0, 3), (2.5, 100)])
-def test_as_the_equation_term_by_term(delta: float, levels: int) -> None:
+def test_thresholds_are_those_of_the_equation(delta: float, levels: int) -> None:
     thresholds = static_thresholds(delta, levels)
     assert len(thresholds) == levels + 1
     for n in range(levels + 1):

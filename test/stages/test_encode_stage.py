@@ -1,4 +1,4 @@
-"""The encode stage: each scan is answered once, whatever is wrong with it."""
+"""The encode stage: each scan gets one answer, also an invalid one."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ MODEL = ModelInfo('stub', 'ab' * 32, 2, {})
 
 
 class StubEncoder:
-    """Two numbers of the power; refuses a black scan."""
+    """Mean and deviation of the power; refuses a scan without power."""
 
     info = MODEL
     runs_on = 'cpu'
@@ -40,7 +40,7 @@ Sent = list[tuple[int, str]]
 
 @given(st.lists(st.tuples(st.integers(0, 40), st.sampled_from(['good', 'black', 'unreadable'])), max_size=30))
 @settings(max_examples=150, deadline=None)
-def test_every_scan_but_the_last_again_has_one_answer(sent: Sent) -> None:
+def test_every_scan_except_a_repeated_one_has_one_answer(sent: Sent) -> None:
     """Stamps in steps of 0.1 s; a jump back of over 1 s starts again."""
     stage = EncodeStage(StubEncoder(), restart_after_s=1.0)
     newest: int | None = None
@@ -68,7 +68,7 @@ def test_every_scan_but_the_last_again_has_one_answer(sent: Sent) -> None:
         newest = tenths
 
 
-def test_what_is_not_the_scans_fault_is_not_hidden() -> None:
+def test_other_exceptions_pass_through() -> None:
     def decode() -> PolarScan:
         raise ZeroDivisionError
 

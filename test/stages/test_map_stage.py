@@ -1,4 +1,4 @@
-"""The map stage: each embedding is mapped or refused once, whatever comes in between, by a clock of the test's own."""
+"""The map stage: each embedding is mapped or refused exactly once. The test sets the clock."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def at(seconds: float) -> tuple[int, Pose]:
 
 
 def brief(updates: Sequence[MapUpdate]) -> list[tuple[float, float | str]]:
-    """Stamp of each update, and x of the place that it changed or why it was refused."""
+    """Stamp (s) of each update, and x (m) of the place that it changed or the cause of its refusal."""
     return [
         (u.stamp_ns / SECOND, u.problem.cause if u.problem else float(u.changed.positions_m[0, 0])) for u in updates
     ]
@@ -68,7 +68,7 @@ def test_a_scan_waits_for_the_position_after_it(stage: MapStage) -> None:
 
 @given(st.lists(st.integers(1, 60), min_size=1, max_size=12, unique=True), st.randoms(use_true_random=False))
 @settings(max_examples=60, deadline=None)
-def test_each_scan_is_resolved_once_and_in_order_however_positions_come(tenths: list[int], random: Any) -> None:
+def test_each_scan_is_resolved_once_and_in_order(tenths: list[int], random: Any) -> None:
     with SessionMap(MapConfig(match_distance_m=0.01)) as session_map:
         session_map.adopt_model(MODEL)
         session_map.start_session('test', 0)
@@ -85,7 +85,7 @@ def test_each_scan_is_resolved_once_and_in_order_however_positions_come(tenths: 
     assert [x for _, x in found] == pytest.approx([float(t) for t in sorted(tenths)])
 
 
-def test_a_small_step_back_of_positions_is_refused_and_forgotten(stage: MapStage) -> None:
+def test_a_small_jump_back_of_positions_is_refused(stage: MapStage) -> None:
     stage.add_pose(*at(1.0))
     for seconds, cause in ((1.0, 'repeated_position_stamp'), (0.5, 'position_stamp_backwards')):
         with pytest.raises(RefusedInput) as refused:
@@ -98,22 +98,22 @@ def test_a_small_step_back_of_positions_is_refused_and_forgotten(stage: MapStage
 def test_a_jump_back_of_positions_starts_again(stage: MapStage) -> None:
     stage.add_pose(*at(100.0))
     stage.add_embedding(embedding(100.25))
-    # The scan that still waited cannot be placed any more, and no line joins the two recordings.
+    # The waiting scan gets no position, and nothing is interpolated between the two recordings.
     assert brief(stage.add_pose(*at(50.0))) == [(100.25, 'no_position')]
     assert brief(stage.add_embedding(embedding(50.25))) == []
     assert brief(stage.add_pose(*at(50.5))) == [(50.25, 502.5)]
 
 
-def test_a_jump_back_of_scans_gives_up_those_that_wait(stage: MapStage) -> None:
+def test_a_jump_back_of_scans_drops_waiting_ones(stage: MapStage) -> None:
     stage.add_pose(*at(100.0))
     stage.add_embedding(embedding(100.25))
     assert brief(stage.add_embedding(embedding(50.0))) == [(100.25, 'no_position')]
-    # Its own positions may still come: those of the earlier run say nothing of it.
+    # Its positions may still arrive; those of the earlier run are not used.
     stage.add_pose(*at(49.75))
     assert brief(stage.add_pose(*at(50.25))) == [(50.0, 500.0)]
 
 
-def test_no_line_joins_positions_across_a_gap(stage: MapStage) -> None:
+def test_positions_are_not_interpolated_across_a_gap(stage: MapStage) -> None:
     for seconds in (1.0, 1.5, 9.5, 10.0):
         stage.add_pose(*at(seconds))
     found = [brief(stage.add_embedding(embedding(seconds))) for seconds in (0.5, 1.25, 5.0, 9.5, 9.75)]
@@ -126,7 +126,7 @@ def test_no_line_joins_positions_across_a_gap(stage: MapStage) -> None:
     ]
 
 
-def test_a_scan_whose_position_never_comes_is_dropped_in_time(stage: MapStage) -> None:
+def test_a_scan_without_a_position_is_dropped_after_the_wait(stage: MapStage) -> None:
     stage.add_embedding(embedding(1.0))
     assert brief(stage.add_embedding(embedding(11.0))) == []
     assert brief(stage.add_embedding(embedding(11.5))) == [(1.0, 'no_position')]
@@ -134,7 +134,7 @@ def test_a_scan_whose_position_never_comes_is_dropped_in_time(stage: MapStage) -
     assert brief(stage.flush()) == []
 
 
-def test_positions_of_the_earth_start_at_the_first_one_ever(session_map: SessionMap) -> None:
+def test_the_origin_is_the_first_geodetic_position(session_map: SessionMap) -> None:
     origin = GeoPoint(51.75, -1.25, 70.0)
     east = LocalFrame(origin).to_geodetic(np.array([[0.0, 0.0, 0.0], [50.0, 0.0, 0.0]]))
     stage = MapStage(Config(), session_map)
@@ -146,14 +146,14 @@ def test_positions_of_the_earth_start_at_the_first_one_ever(session_map: Session
     # A later drive starts elsewhere, in the same frame.
     later = MapStage(Config(), session_map)
     later.add_point(5 * SECOND, GeoPoint(*east[1]))
-    surer = dataclasses.replace(embedding(5.0), variance=np.full(2, 0.5, np.float32))
-    ((stamp_s, x_m),) = brief(later.add_embedding(surer))
+    more_certain = dataclasses.replace(embedding(5.0), variance=np.full(2, 0.5, np.float32))
+    ((stamp_s, x_m),) = brief(later.add_embedding(more_certain))
     assert stamp_s == 5.0
     assert x_m == pytest.approx(50.0, abs=1e-6)
     assert session_map.origin == GeoPoint(*east[0])
 
 
-def test_a_report_accounts_for_every_embedding(stage: MapStage, session_map: SessionMap) -> None:
+def test_a_report_counts_every_embedding(stage: MapStage, session_map: SessionMap) -> None:
     for seconds in np.arange(0.0, 3.0, 0.5):
         stage.add_pose(*at(float(seconds)))
     sent = [
@@ -188,8 +188,8 @@ def test_without_a_session_nothing_is_mapped() -> None:
         assert len(session_map) == 0
 
 
-def test_the_frame_starts_where_the_first_mapped_drive_is() -> None:
-    """A receiver that starts at 0°, 0° with a fix, as some do, neither fixes the origin nor is ever mapped at."""
+def test_the_origin_is_that_of_the_first_mapped_drive() -> None:
+    """A first position at 0°, 0°, which some receivers report, becomes neither the origin nor a place."""
     stage = MapStage(Config(), SessionMap(MapConfig()))
     stage.map.adopt_model(MODEL)
     here = GeoPoint(51.75, -1.25, 70.0)
@@ -206,7 +206,7 @@ def test_the_frame_starts_where_the_first_mapped_drive_is() -> None:
     assert refusal.value.cause == 'far_position'
 
 
-def test_what_waits_is_undone_with_its_session(stage: MapStage) -> None:
+def test_waiting_scans_are_dropped_with_their_session(stage: MapStage) -> None:
     stage.add_pose(*at(1.0))
     stage.add_embedding(embedding(1.5))
     stage.undo_session()
@@ -216,7 +216,7 @@ def test_what_waits_is_undone_with_its_session(stage: MapStage) -> None:
 
 
 class Clock:
-    """A steady clock that goes on when the test says so."""
+    """A monotonic clock that the test sets."""
 
     def __init__(self) -> None:
         self.seconds = 1000.0
@@ -232,7 +232,7 @@ def clock() -> Clock:
 
 @pytest.fixture
 def stored(tmp_path: Path, clock: Clock) -> Iterator[MapStage]:
-    """A stage on a map in a file, whose model is not known yet, with a session."""
+    """A stage on a map in a file, without a model yet and with a running session."""
     config = Config(map=MapConfig(path=str(tmp_path / 'map.db'), match_distance_m=1.0, autosave_s=10.0))
     with SessionMap(config.map) as session_map:
         session_map.start_session('test', 0)
@@ -248,10 +248,10 @@ def test_scans_wait_for_their_model(stored: MapStage) -> None:
     assert stored.adopt_model(MODEL) == []
 
 
-def test_no_more_scans_wait_for_a_model_than_there_is_room_for(
+def test_the_number_of_scans_that_wait_for_a_model_is_bounded(
     stored: MapStage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(map_stage, 'BEFORE_MODEL', 2)
+    monkeypatch.setattr(map_stage, 'MAX_WAITING_FOR_MODEL', 2)
     updates = [update for s in (1.0, 2.0, 3.0, 4.0) for update in stored.add_embedding(embedding(s))]
     assert brief(updates) == [(1.0, 'no_model'), (2.0, 'no_model')]
     last, report = stored.end_session()
@@ -262,7 +262,7 @@ def test_no_more_scans_wait_for_a_model_than_there_is_room_for(
 
 
 @pytest.mark.parametrize('forget', [MapStage.undo_session, MapStage.clear])
-def test_scans_that_wait_for_a_model_are_forgotten_with_their_session(
+def test_scans_that_wait_for_a_model_are_dropped_with_their_session(
     stored: MapStage, forget: Callable[[MapStage], object]
 ) -> None:
     stored.add_pose(*at(1.0))
@@ -271,7 +271,7 @@ def test_scans_that_wait_for_a_model_are_forgotten_with_their_session(
     assert stored.adopt_model(MODEL) == []
 
 
-def test_a_model_that_is_not_the_maps_is_refused(stage: MapStage) -> None:
+def test_another_model_than_the_map_s_is_refused(stage: MapStage) -> None:
     stage.add_pose(*at(1.0))
     stage.add_embedding(embedding(1.0))
     with pytest.raises(RefusedInput) as refused:
@@ -280,7 +280,7 @@ def test_a_model_that_is_not_the_maps_is_refused(stage: MapStage) -> None:
     assert stage.map.model == MODEL
 
 
-def test_positions_are_expected_while_they_come_and_a_scan_waits(session_map: SessionMap, clock: Clock) -> None:
+def test_positions_are_expected_while_they_arrive_and_a_scan_waits(session_map: SessionMap, clock: Clock) -> None:
     stage = MapStage(Config(), session_map, clock)
     stage.add_pose(*at(1.0))
     assert not stage.expects_positions
@@ -296,7 +296,7 @@ def test_positions_are_expected_while_they_come_and_a_scan_waits(session_map: Se
     assert not stage.expects_positions
 
 
-def test_a_running_session_is_saved_now_and_then(stored: MapStage, clock: Clock, tmp_path: Path) -> None:
+def test_a_running_session_is_saved_periodically(stored: MapStage, clock: Clock, tmp_path: Path) -> None:
     def on_disk() -> int:
         return len(MapStore.open_read_only(tmp_path / 'map.db').places)
 
@@ -317,7 +317,7 @@ def test_a_running_session_is_saved_now_and_then(stored: MapStage, clock: Clock,
     assert on_disk() == 2
 
 
-def test_a_file_that_cannot_be_written_is_reported_once_in_the_period(
+def test_a_failed_autosave_is_reported_once_per_period(
     stored: MapStage, clock: Clock, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def locked() -> None:
@@ -338,8 +338,8 @@ def test_a_map_in_memory_is_not_saved(stage: MapStage) -> None:
         stage.save()
 
 
-def test_a_session_without_scans_goes_on(stage: MapStage) -> None:
-    assert stage.start_session(0) == 'session 1 runs and is empty: it goes on'
+def test_a_session_without_scans_continues(stage: MapStage) -> None:
+    assert stage.start_session(0) == 'session 1 runs already and is empty: it continues'
     stage.add_pose(*at(1.0))
     stage.add_embedding(embedding(1.0))
     with pytest.raises(MapError, match='runs: end it or undo it first'):
@@ -349,7 +349,7 @@ def test_a_session_without_scans_goes_on(stage: MapStage) -> None:
 
 
 def mapped(stage: MapStage, *seconds: float) -> None:
-    """One session of scans where the vehicle was at these times."""
+    """Map one session of scans at these times."""
     stage.start_session(0)
     for each in seconds:
         stage.add_pose(*at(each))
@@ -365,10 +365,10 @@ def test_a_map_without_a_model_is_not_published(stored: MapStage) -> None:
     assert (committed.form, len(committed.table)) == (Form.WHOLE, 0)
 
 
-def test_a_large_map_is_read_from_its_file_once_and_followed_by_changes(
+def test_a_large_map_is_read_from_its_file_once_and_then_updated(
     stage: MapStage, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(map_stage, 'MESSAGE_PLACES', 3)
+    monkeypatch.setattr(map_stage, 'MAX_MESSAGE_PLACES', 3)
 
     def published() -> tuple[Form, int]:
         committed = stage.committed()
@@ -383,7 +383,7 @@ def test_a_large_map_is_read_from_its_file_once_and_followed_by_changes(
     assert published() == (Form.CHANGES, 1)
     mapped(stage, 6.0, 7.0)
     assert published() == (Form.CHANGES, 2)
-    # What was undone is not among the changes: the file is read again.
+    # An undo is not sent as changes: the file is read again.
     stage.undo_session()
     assert published() == (Form.FILE, 0)
     stage.clear()
@@ -392,7 +392,7 @@ def test_a_large_map_is_read_from_its_file_once_and_followed_by_changes(
     assert published() == (Form.FILE, 0)
 
 
-def test_the_view_is_taken_when_places_changed(stage: MapStage, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_view_is_returned_only_after_changes(stage: MapStage, monkeypatch: pytest.MonkeyPatch) -> None:
     assert stage.changed_view() is None
     stage.add_pose(*at(1.0))
     stage.add_embedding(embedding(1.0))
@@ -404,7 +404,7 @@ def test_the_view_is_taken_when_places_changed(stage: MapStage, monkeypatch: pyt
     stage.add_pose(*at(1.01))
     stage.add_embedding(embedding(1.01))
     assert stage.changed_view() is None
-    monkeypatch.setattr(map_stage, 'MESSAGE_PLACES', 1)
+    monkeypatch.setattr(map_stage, 'MAX_MESSAGE_PLACES', 1)
     stage.add_pose(*at(5.0))
     stage.add_embedding(embedding(5.0))
     assert stage.changed_view() is None

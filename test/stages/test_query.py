@@ -1,4 +1,4 @@
-"""The query stage: a map from messages or a file, thresholds that change, and what it reports of itself."""
+"""The query stage: a map from messages or a file, thresholds that change, and its warnings."""
 
 import dataclasses
 import math
@@ -53,7 +53,7 @@ def test_updates_reach_the_map() -> None:
         stage.update(table((0, 0)), 'b' * 64, committed=True)
 
 
-def test_it_warns_of_no_map_and_of_u_that_is_not_near_one() -> None:
+def test_it_warns_of_a_missing_map_and_of_a_mean_u_far_from_1() -> None:
     stage = QueryStage(QueryConfig())
     assert stage.warning == 'no map to search'
     assert math.isnan(stage.mean_uncertainty)
@@ -70,7 +70,7 @@ def test_it_warns_of_no_map_and_of_u_that_is_not_near_one() -> None:
     assert (stage.mean_uncertainty, stage.warning) == (1.0, '')
 
 
-def test_a_map_file_is_opened_at_start_or_waited_for(tmp_path: Path) -> None:
+def test_a_map_file_is_read_at_start_or_later(tmp_path: Path) -> None:
     path = tmp_path / 'a.map'
     stage = QueryStage(QueryConfig(map_path=str(path)))
     assert stage.open_file()
