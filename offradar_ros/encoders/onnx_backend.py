@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import onnxruntime  # type: ignore[import-untyped]
+import onnxruntime
 from numpy.typing import NDArray
 
 from offradar_ros.encoders.device import CPU_PROVIDER, CUDA_PROVIDER, no_cuda, onnx_providers, used_device
