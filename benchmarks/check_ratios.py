@@ -1,7 +1,7 @@
-"""Whether newly measured ratios are still those that are committed: exit status 1 where one has grown or is gone.
+"""Compare newly measured ratios with the committed ones: exit status 1 if one has grown or is missing.
 
-Times differ from machine to machine, ratios within one run hardly: every figure whose name starts with `ratio` is
-compared, lower being better.
+Times differ from machine to machine, ratios within one run hardly do: every figure whose name starts with `ratio` is
+compared; lower is better.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from typing import Any
 COMMITTED = Path(__file__).parent / 'results'
 PREFIX = 'ratio'
 LARGEST = 3.0
-"""A committed ratio above this is one of fixed costs to next to nothing, or of very different things: it varies."""
+"""Committed ratios above this are not compared: they relate a fixed cost to almost none, and vary."""
 
 
 def ratios(record: Any, path: str = '', inside: bool = False) -> Iterator[tuple[str, float]]:
-    """Every ratio in a results file under its dotted name, those inside something called a ratio too."""
+    """Every ratio in a results file under its dotted name, also those nested in a ratio."""
     if isinstance(record, dict):
         for key, value in record.items():
             yield from ratios(value, f'{path}.{key}' if path else key, inside or key.startswith(PREFIX))
@@ -29,12 +29,12 @@ def ratios(record: Any, path: str = '', inside: bool = False) -> Iterator[tuple[
 
 
 def compare(fresh: dict[str, Any], committed: dict[str, Any], slack: float) -> tuple[list[str], int]:
-    """A line for each committed ratio of note, and how many are missing now, or have grown by more than `slack`."""
+    """A line for each committed ratio, and the number that are missing or have grown by more than `slack`."""
     now, lines, wrong = dict(ratios(fresh)), [], 0
     for name, before in ratios(committed):
         if before > LARGEST:
             continue
-        # Written so that a NaN is not all right.
+        # The comparison is false for NaN.
         fine = name in now and now[name] <= before * (1.0 + slack)
         wrong += not fine
         found = f'{now[name]:.3g}' if name in now else 'missing'
@@ -47,7 +47,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('fresh', type=Path, help='folder of newly measured results')
     parser.add_argument('--committed', type=Path, default=COMMITTED)
-    parser.add_argument('--slack', type=float, default=0.35, help='growth that is no news (default 0.35)')
+    parser.add_argument('--slack', type=float, default=0.35, help='growth that is accepted (default 0.35)')
     arguments = parser.parse_args()
     compared = total = 0
     for path in sorted(arguments.fresh.glob('*.json')):
@@ -57,9 +57,7 @@ def main() -> int:
             continue
         fresh, before = (json.loads(file.read_text(encoding='utf-8')) for file in (path, committed))
         if (fresh.get('machine'), fresh.get('versions')) != (before.get('machine'), before.get('versions')):
-            print(
-                f'{path.name}: the committed ones are of another machine or other versions: ratios may differ a little'
-            )
+            print(f'{path.name}: the committed results are of another machine or other versions: ratios may differ')
         lines, wrong = compare(fresh, before, arguments.slack)
         print(path.name, *lines, sep='\n  ')
         compared, total = compared + len(lines), total + wrong

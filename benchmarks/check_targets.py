@@ -1,4 +1,4 @@
-"""Whether results reach the targets of the weights that ship, as README.md beside this file explains."""
+"""Check whether results reach the targets of the weights that ship: see README.md."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ TARGETS = Path(__file__).with_name('targets.yaml')
 
 @dataclasses.dataclass(frozen=True)
 class Targets:
-    """The figures of targets.yaml, which explains them."""
+    """The content of targets.yaml, which explains it."""
 
     method: str
     recall_at_1_clean: float
@@ -34,7 +34,7 @@ class Targets:
 
 @dataclasses.dataclass(frozen=True)
 class Outcome:
-    """One target in one group and map spacing: `found` has to reach `wanted`, or to exceed it where that is strict."""
+    """One target in one group and map spacing: `found` must reach `wanted`, or exceed it if `strict`."""
 
     target: int
     text: str
@@ -46,7 +46,7 @@ class Outcome:
 
     @property
     def reached(self) -> bool:
-        """Whether it is; what could not be measured is not."""
+        """Whether the target is reached; NaN does not reach it."""
         return self.found > self.wanted if self.strict else self.found >= self.wanted
 
     def cells(self) -> list[str]:
@@ -88,7 +88,7 @@ def _rejection(results: Results, targets: Targets) -> Iterator[Outcome]:
             yield Outcome(2, 'AUROC of U for wrong answers', group, spacing, targets.auroc_wrong, found)
             curve = {round(rejected, 6): recall for rejected, recall in own.recall_at_rejection}
             steps = [curve[share] for share in targets.rejected_shares if share in curve]
-            # Nothing can rise above 1.
+            # Recall cannot rise above 1.
             gains = [math.inf if high == 1.0 else high - low for low, high in itertools.pairwise(steps)]
             text = f'Recall@RR rises at every step up to {max(targets.rejected_shares):g}'
             yield Outcome(2, text, group, spacing, 0.0, min(gains, default=math.nan), strict=True)
@@ -126,7 +126,7 @@ def _recorded(results: Results, targets: Targets) -> Iterator[Outcome]:
 
 
 def main(words: Sequence[str] | None = None) -> int:
-    """Print a Markdown table; the exit status, 1 where a target is missed or there is none."""
+    """Print a Markdown table; exit status 1 if a target is missed or there is none."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('results', type=Path, help='results.json of offradar evaluate')
     parser.add_argument('--targets', type=Path, default=TARGETS)

@@ -1,4 +1,4 @@
-"""What the benchmarks of running nodes are fed with: a simulated drive, and a map to search."""
+"""The input of the benchmarks of running nodes: a simulated drive, and a map to search."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ SEED = 1
 SCANS = 80
 SENSOR = 'cts350x'
 SPREAD_M = 50.0
-"""Places of the map to search are further apart than any match distance, and so stay apart."""
+"""Spacing of the places of that map, more than any match distance."""
 
 
 def offradar(*words: object) -> None:
-    """Run a command of the package in a process of its own; SystemExit where it fails."""
+    """Run a command of the package in a new process; SystemExit if it fails."""
     command = [sys.executable, '-m', 'offradar_ros.cli.main', *map(str, words)]
     done = subprocess.run(command, stdout=subprocess.DEVNULL, check=False)
     if done.returncode:
@@ -52,13 +52,13 @@ def decoded_scans(bag_path: Path, most: int) -> list[PolarScan]:
 
 
 def origin_of(bag_path: Path) -> GeoPoint:
-    """Where the drive's first position is."""
+    """The first position of the drive."""
     with Bag(bag_path) as bag:
         return point_from_fix(bag.decode(next(bag.messages(bag.topics_of(FIX_TYPE)))))
 
 
 def write_map(path: Path, info: ModelInfo, origin: GeoPoint, places: int) -> Path:
-    """A map of so many places, an ended session, with random unit descriptors of this model: made anew."""
+    """Write a map with one ended session of `places` places, with random L2-normalised descriptors of this model."""
     path.unlink(missing_ok=True)
     rng = np.random.default_rng(SEED)
     side = int(np.ceil(places**0.5))
@@ -72,7 +72,7 @@ def write_map(path: Path, info: ModelInfo, origin: GeoPoint, places: int) -> Pat
             embedding = Embedding(
                 number + 1, mean / np.linalg.norm(mean), np.ones(info.dimension, np.float32), info.fingerprint
             )
-            # Away from the drive, whose scans become places of their own.
+            # Far from the drive, whose scans are inserted as new places.
             session_map.merge(embedding, Pose(5_000.0 + row * SPREAD_M, 5_000.0 + column * SPREAD_M))
         session_map.end_session()
     return path

@@ -1,4 +1,4 @@
-"""What a scan costs with each encoder, and with the size of the image: see README.md beside this file."""
+"""The cost of a scan with each encoder, and by the size of the image: see README.md."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import numpy as np
 import onnx
 from drives import SEED, decoded_scans, simulated_drive
 from machine_peaks import gigabytes_per_s, gigaflops
-from measuring import interleaved, machine, made_by_this_code, rounded, single_threaded, write_results
+from measuring import cache_folder, interleaved, machine, rounded, single_threaded, write_results
 from numpy.typing import NDArray
-from sample_networks import drawn, exported, in_integers
+from sample_networks import exported, quantised, random_weights
 
 from offradar_ros.config import EncoderConfig
 from offradar_ros.encoders.network_config import NetworkConfig
@@ -38,17 +38,17 @@ Encode = Callable[[PolarScan], object]
 
 
 def full_passes(path: Path, device: str) -> Encode:
-    """MC Dropout in every layer: the whole network runs for each of the T = 20 passes, here as one batch."""
+    """MC Dropout in every layer: the whole network runs T = 20 times, here as one batch."""
     encoder = OnnxEncoder(path, device=device)
     return lambda scan: encoder.infer(np.repeat(encoder.image(scan)[np.newaxis], PASSES, axis=0))
 
 
 def encoders(folder: Path, drive: Path, scans: Sequence[PolarScan], device: str) -> dict[str, Encode]:
-    """Ours, and what a user would pick instead. Weights that do not ship are drawn at random: they take as long."""
-    weights = drawn(folder, 'vgg16', NetworkConfig(backbone='vgg16'))
-    vgg16, int8 = exported(weights, folder), in_integers(weights, folder, drive)
-    stun = exported(drawn(folder, 'stun_resnet50', NetworkConfig(method='stun', backbone='resnet50')), folder)
-    dropout = drawn(folder, 'mc_dropout_vgg16', NetworkConfig(method='mc_dropout', backbone='vgg16'))
+    """Ours and alternatives to it. Weights that do not ship are random, which takes as long."""
+    weights = random_weights(folder, 'vgg16', NetworkConfig(backbone='vgg16'))
+    vgg16, int8 = exported(weights, folder), quantised(weights, folder, drive)
+    stun = exported(random_weights(folder, 'stun_resnet50', NetworkConfig(method='stun', backbone='resnet50')), folder)
+    dropout = random_weights(folder, 'mc_dropout_vgg16', NetworkConfig(method='mc_dropout', backbone='vgg16'))
     return {
         'vgg16': OnnxEncoder(vgg16, device=device).encode,
         'vgg16_int8': OnnxEncoder(int8, device=device).encode,
@@ -64,20 +64,20 @@ def encoders(folder: Path, drive: Path, scans: Sequence[PolarScan], device: str)
     }
 
 
-class InTurn:
-    """Calls a function with the next of the scans each time."""
+class RoundRobin:
+    """Calls a function with the next scan each time."""
 
     def __init__(self, encode: Encode, scans: Sequence[PolarScan]) -> None:
         self._encode, self._scans, self._next = encode, scans, 0
 
     def __call__(self) -> object:
-        """Of that scan."""
+        """The function's result for the next scan."""
         self._next += 1
         return self._encode(self._scans[self._next % len(self._scans)])
 
 
 def multiplications(path: Path) -> int:
-    """Multiply-adds of one image: those of convolutions and matrix products, which are nearly all there are."""
+    """Multiply-adds of one image in convolutions and matrix products, which are nearly all."""
     model = onnx.load(path)
     model.graph.input[0].type.tensor_type.shape.dim[0].dim_value = 1
     graph = onnx.shape_inference.infer_shapes(model, data_prop=True).graph
@@ -96,11 +96,11 @@ def multiplications(path: Path) -> int:
 
 
 def in_batches(folder: Path, drive: Path, device: str) -> dict[str, dict[str, Any]]:
-    """Images a second where several are encoded at once, as evaluations do."""
-    weights = drawn(folder, 'vgg16', NetworkConfig(backbone='vgg16'))
+    """Images per second in batches, as evaluations encode them."""
+    weights = random_weights(folder, 'vgg16', NetworkConfig(backbone='vgg16'))
     networks = {
         'vgg16': OnnxEncoder(exported(weights, folder), device=device),
-        'vgg16_int8': OnnxEncoder(in_integers(weights, folder, drive), device=device),
+        'vgg16_int8': OnnxEncoder(quantised(weights, folder, drive), device=device),
         'compact': OnnxEncoder(find_weights('compact', ('.onnx',)), device=device),
     }
     rng = np.random.default_rng(SEED)
@@ -116,15 +116,15 @@ def in_batches(folder: Path, drive: Path, device: str) -> dict[str, dict[str, An
 
 
 def image_sizes(folder: Path, drive: Path, device: str) -> dict[str, dict[str, Any]]:
-    """The network alone against the size of its image."""
+    """Time of the network alone by the size of its image."""
     files: dict[str, tuple[Path, tuple[int, int]]] = {}
     for side in SIDES:
-        weights = drawn(folder, f'vgg16_{side}', NetworkConfig(backbone='vgg16', side_px=side))
+        weights = random_weights(folder, f'vgg16_{side}', NetworkConfig(backbone='vgg16', side_px=side))
         files[f'vgg16 {side}'] = exported(weights, folder), (side, side)
-        files[f'vgg16_int8 {side}'] = in_integers(weights, folder, drive), (side, side)
+        files[f'vgg16_int8 {side}'] = quantised(weights, folder, drive), (side, side)
     for rows, columns in POLAR:
         config = NetworkConfig(backbone='compact', azimuths=rows, range_bins=columns)
-        files[f'compact {rows}'] = exported(drawn(folder, f'compact_{rows}', config), folder), (rows, columns)
+        files[f'compact {rows}'] = exported(random_weights(folder, f'compact_{rows}', config), folder), (rows, columns)
     rng = np.random.default_rng(SEED)
     calls: dict[str, Callable[[], object]] = {}
     for name, (path, shape) in files.items():
@@ -148,7 +148,7 @@ def _infer(encoder: OnnxEncoder, image: NDArray[np.uint8]) -> Callable[[], objec
 
 
 def draw(sizes: Mapping[str, Mapping[str, Any]], peak_gflops: float, bandwidth_gb_s: float, picture: Path) -> None:
-    """Milliseconds against pixels, with what the machine could do at best."""
+    """Draw milliseconds against pixels, with the lower bounds of the machine."""
     import matplotlib  # noqa: PLC0415
 
     matplotlib.use('Agg')
@@ -182,7 +182,7 @@ def draw(sizes: Mapping[str, Mapping[str, Any]], peak_gflops: float, bandwidth_g
         xscale='log',
         yscale='log',
         xlabel='pixels of the image',
-        ylabel=f'ms a scan, {cores} cores',
+        ylabel=f'ms per scan, {cores} cores',
         title='The network alone',
     )
     axes.grid(alpha=0.3, which='both')
@@ -191,18 +191,18 @@ def draw(sizes: Mapping[str, Mapping[str, Any]], peak_gflops: float, bandwidth_g
 
 
 def main() -> None:
-    """Print the table, write results and picture."""
+    """Print a table, and write results and picture."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--folder', type=Path, default=Path('build/bench'), help='where drives and networks are kept')
     parser.add_argument('--device', default='cpu', choices=('cpu', 'cuda'), help='where networks run (default cpu)')
     parser.add_argument('--out', type=Path, default=RESULTS, help='default: the results in the repository')
     parser.add_argument('--picture', type=Path, default=PICTURE, help='default: the one in docs')
     arguments = parser.parse_args()
-    folder = made_by_this_code(arguments.folder)
+    folder = cache_folder(arguments.folder)
     drive = simulated_drive(folder)
     scans = decoded_scans(drive, SCANS)
     timings = interleaved(
-        {name: InTurn(encode, scans) for name, encode in encoders(folder, drive, scans, arguments.device).items()},
+        {name: RoundRobin(encode, scans) for name, encode in encoders(folder, drive, scans, arguments.device).items()},
         REPEATS,
         seconds=SECONDS,
     )

@@ -1,7 +1,7 @@
-"""How long an evaluation takes whose embeddings are there: 20 ordered pairs of drives of 1,500 scans each.
+"""Time of an evaluation with cached embeddings: 20 ordered pairs of drives of 1,500 scans each.
 
-The drives are rendered and encoded first (the ring key, 128 numbers a scan), which is not timed. Then the whole command
-is run several times in a process of its own, every figure, interval and maintained map included, pictures left out.
+The drives are first rendered and encoded (with the ring key, d = 128), which is not timed. Then the whole command is
+run several times in new processes, with every figure, interval and maintained map, but without pictures.
 """
 
 from __future__ import annotations
@@ -40,14 +40,14 @@ RUNS = 3
 
 
 class Ran(NamedTuple):
-    """What a command took: seconds, and its greatest memory."""
+    """Wall clock time and peak memory of a command."""
 
     seconds: float
     peak_mb: float
 
 
 def offradar(*words: object) -> Ran:
-    """Run a command in a process of its own."""
+    """Run a command in a new process."""
     start_s = time.perf_counter()
     command = [sys.executable, '-m', 'offradar_ros.cli.main', *map(str, words)]
     process = subprocess.Popen(command, stdout=subprocess.DEVNULL)
@@ -58,7 +58,7 @@ def offradar(*words: object) -> Ran:
 
 
 def distances_s() -> float:
-    """Seconds of the 20 distance matrices alone, in double precision: what nothing exact goes below."""
+    """Seconds of the 20 distance matrices alone, in double precision: a lower bound of exact search."""
     rng = np.random.default_rng(0)
     queries, places = rng.normal(size=(2, 1500, 128))
     start_s = time.perf_counter()
@@ -68,7 +68,7 @@ def distances_s() -> float:
 
 
 def main() -> None:
-    """Prints one JSON record."""
+    """Print one JSON record."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--folder', type=Path, default=Path('build/evaluation_speed'), help='for scans and results')
     folder = parser.parse_args().folder
@@ -78,16 +78,16 @@ def main() -> None:
     offradar('encode', *shared)
     runs = [offradar('evaluate', *shared, '--out', folder / 'out', '--no-pictures') for _ in range(RUNS)]
     median_s = statistics.median(run.seconds for run in runs)
-    told = json.loads((folder / 'out' / 'results.json').read_text())
-    figures = told['groups']['city']['0']['ring_key']
-    bare = statistics.median(distances_s() for _ in range(RUNS))
+    results = json.loads((folder / 'out' / 'results.json').read_text())
+    figures = results['groups']['city']['0']['ring_key']
+    matrices_s = statistics.median(distances_s() for _ in range(RUNS))
     record = {
         'pairs': figures['pairs'],
         'queries': figures['queries'],
         'places_a_map': figures['places'],
         'seconds': [round(run.seconds, 2) for run in runs],
         'median_s': round(median_s, 2),
-        'ratio_to_the_distance_matrices': round(median_s / bare, 1),
+        'ratio_to_the_distance_matrices': round(median_s / matrices_s, 1),
         'peak_memory_mb': round(max(run.peak_mb for run in runs)),
         'cores': len(os.sched_getaffinity(0)),
         'machine': platform.processor() or platform.machine(),

@@ -1,4 +1,4 @@
-"""Scans published into running nodes as a radar would, and when each was answered."""
+"""Publish scans to running nodes as a radar does, and record when each is answered."""
 
 from __future__ import annotations
 
@@ -22,9 +22,13 @@ from offradar_ros.recordings.bags.reader import Bag, scan_topic
 from offradar_ros.recordings.bags.topics import FIX, FIX_TYPE
 from offradar_ros.ros import qos
 
-MEET_S = 20.0
-SETTLE_S = 3.0
+WARM_UP_S = 20.0
+"""Longest warm-up."""
+
 WARM_UP_HZ = 10.0
+
+QUIET_S = 3.0
+"""Without a new answer for this long, the remaining scans count as not answered."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -45,17 +49,17 @@ def read_recording(path: Path) -> Recording:
 
 
 @dataclasses.dataclass(frozen=True)
-class Driven:
-    """How many scans were sent, and seconds until the answer of each that was answered, in order."""
+class DriveTiming:
+    """Number of scans that were sent, and the latency of each answered one, in the order of the scans."""
 
     sent: int
     latencies_s: tuple[float, ...]
 
 
 class LiveScans:
-    """A node of the benchmark's own: a radar's driver, and whoever waits for the answers.
+    """A node that publishes scans as the driver of a radar, and receives the answers.
 
-    The process's environment must name the domain of the nodes before this is made.
+    Set ROS_DOMAIN_ID of this process to the domain of the nodes first.
     """
 
     def __init__(self, recording: Recording) -> None:
@@ -69,7 +73,7 @@ class LiveScans:
         self._latency_s: dict[int, float] = {}
         self._next = 0
         self.first_embedding_s = 0.0
-        self.told: dict[str, dict[str, str]] = {}
+        self.diagnostics: dict[str, dict[str, str]] = {}
         self._node.create_subscription(PointCloud2, 'embedding', self._on_embedding, qos.RESULTS, raw=True)
         for kind, topic in ((PointCloud2, 'matches'), (DiagnosticArray, 'rejections')):
             self._node.create_subscription(kind, topic, self._on_answer, qos.UPDATES, raw=True)
@@ -89,26 +93,26 @@ class LiveScans:
         rclpy.shutdown(context=self._context)
 
     def warm_up(self, scans: int) -> None:
-        """Send until so many have been answered, so that everybody has met; SystemExit if that takes too long."""
-        deadline_s = time.monotonic() + MEET_S
+        """Send scans until `scans` of them were answered, so that all nodes are connected; SystemExit after 20 s."""
+        deadline_s = time.monotonic() + WARM_UP_S
         while len(self._latency_s) < scans:
             if time.monotonic() > deadline_s:
-                raise SystemExit(f'error: {len(self._latency_s)} of {scans} warm-up scans answered in {MEET_S:g} s')
+                raise SystemExit(f'error: {len(self._latency_s)} of {scans} warm-up scans answered in {WARM_UP_S:g} s')
             self._send()
             time.sleep(1.0 / WARM_UP_HZ)
-        self._settle()
+        self._wait_for_answers()
 
-    def drive(self, seconds: float, rate_hz: float) -> Driven:
-        """Send a scan every 1 / `rate_hz` seconds, the drive again and again, and wait for the last answers."""
+    def drive(self, seconds: float, rate_hz: float) -> DriveTiming:
+        """Send a scan every 1 / `rate_hz` seconds, repeating the drive, and wait for the last answers."""
         self._sent_s, self._latency_s = {}, {}
         started_s = time.monotonic()
         for k in range(round(seconds * rate_hz)):
             while (left_s := started_s + k / rate_hz - time.monotonic()) > 0.0:
                 time.sleep(left_s)
             self._send()
-        self._settle()
+        self._wait_for_answers()
         latencies_s = dict(self._latency_s)
-        return Driven(len(self._sent_s), tuple(latencies_s[stamp] for stamp in sorted(latencies_s)))
+        return DriveTiming(len(self._sent_s), tuple(latencies_s[stamp] for stamp in sorted(latencies_s)))
 
     def _send(self) -> None:
         index = self._next % len(self._recording.scans)
@@ -119,10 +123,10 @@ class LiveScans:
         self._scans.publish(scan)
         self._fixes.publish(fix)
 
-    def _settle(self) -> None:
-        """Wait until all is answered, or nothing more has come for a while."""
+    def _wait_for_answers(self) -> None:
+        """Wait until every scan is answered, or no answer has come for `QUIET_S`."""
         last, quiet_s = -1, time.monotonic()
-        while len(self._latency_s) < len(self._sent_s) and time.monotonic() - quiet_s < SETTLE_S:
+        while len(self._latency_s) < len(self._sent_s) and time.monotonic() - quiet_s < QUIET_S:
             if len(self._latency_s) != last:
                 last, quiet_s = len(self._latency_s), time.monotonic()
             time.sleep(0.01)
@@ -137,7 +141,7 @@ class LiveScans:
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            self.told[status.name.partition(':')[0]] = {item.key: item.value for item in status.values}
+            self.diagnostics[status.name.partition(':')[0]] = {item.key: item.value for item in status.values}
 
 
 def _stamped(cdr: bytes, stamp_ns: int) -> bytes:

@@ -1,7 +1,7 @@
-"""What the benchmarks share: the machine, functions timed in turn, results as JSON.
+"""Timings, the description of the machine, and results as JSON.
 
-Times are wall clock. Functions to compare are timed alternately in one run, so that whatever else the machine does
-meets all of them alike.
+Times are wall clock. Functions that are compared are called in turn in one run, so that other load on the machine
+affects all of them alike.
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ PACKAGES = (
     'faiss-cpu',
 )
 INTEGERS = ('avx512_vnni', 'avx_vnni', 'amx_int8')
-"""What processors call instructions that multiply 8-bit integers and add."""
+"""CPU flags of instructions that multiply and add 8-bit integers."""
 THREADS = ('OPENBLAS_NUM_THREADS', 'OMP_NUM_THREADS', 'MKL_NUM_THREADS')
 
 
 @dataclasses.dataclass(frozen=True)
 class Timing:
-    """Of one function, wall clock in milliseconds: the median, both quartiles and the 99th percentile."""
+    """Wall clock times of one function in milliseconds: median, quartiles and 99th percentile."""
 
     median_ms: float
     quartiles_ms: tuple[float, float]
@@ -52,14 +52,14 @@ class Timing:
 
     @classmethod
     def of(cls, seconds: list[float]) -> Timing:
-        """Of single calls; ValueError without any."""
+        """The timing of single calls, from their seconds; ValueError without calls."""
         if not seconds:
             raise ValueError('a timing of no calls')
         low, median, high, p99 = (float(v) for v in np.quantile(seconds, (0.25, 0.5, 0.75, 0.99)) * 1e3)
         return cls(median, (low, high), p99, len(seconds))
 
     def as_dict(self) -> dict[str, Any]:
-        """Under the attributes' names, to four significant digits: fit for JSON."""
+        """The attributes for JSON, with four significant digits."""
         low, high = self.quartiles_ms
         return {
             'median_ms': rounded(self.median_ms),
@@ -72,9 +72,9 @@ class Timing:
 def interleaved(
     functions: Mapping[str, Callable[[], object]], repeats: int = 50, warm_up: int = 3, seconds: float = 60.0
 ) -> dict[str, Timing]:
-    """Time each function `repeats` times, one call of each in turn; no round is begun after `seconds`.
+    """Time each function `repeats` times, calling all of them in turn; no round starts after `seconds`.
 
-    The first `warm_up` rounds are not counted. At least one round is.
+    `warm_up` rounds before are not counted. At least one round is timed.
     """
     for _ in range(warm_up):
         for function in functions.values():
@@ -105,19 +105,19 @@ def machine() -> dict[str, Any]:
     }
 
 
-def earlier(path: Path) -> dict[str, Any]:
-    """The results at `path`, where this very machine and the same versions made them: what to keep of them."""
+def previous_results(path: Path) -> dict[str, Any]:
+    """The results in the file `path` if this machine and these versions made them; otherwise nothing."""
     if not path.is_file():
         return {}
     record: dict[str, Any] = json.loads(path.read_text(encoding='utf-8'))
     if (record.get('machine'), record.get('versions')) != (machine(), versions(PACKAGES)):
-        print(f'{path}: of another machine or other versions: nothing of it is kept')
+        print(f'{path}: of another machine or other versions: its results are not kept')
         return {}
     return record
 
 
-def made_by_this_code(folder: Path) -> Path:
-    """A folder in `folder` for drives, networks and maps that this very code makes; what other code made is removed."""
+def cache_folder(folder: Path) -> Path:
+    """A folder in `folder` for drives, networks and maps made by the present code; those of other code are removed."""
     sources = sorted([*(ROOT / 'offradar_ros').rglob('*.py'), *(ROOT / 'benchmarks' / name for name in MAKERS)])
     digest = hashlib.sha256(b''.join(path.read_bytes() for path in sources)).hexdigest()[:12]
     made = folder.resolve() / f'made_by_{digest}'
@@ -128,7 +128,7 @@ def made_by_this_code(folder: Path) -> Path:
 
 
 def single_threaded() -> None:
-    """Run this script again with one BLAS thread, as the nodes have it, unless it does: NumPy is loaded by now."""
+    """Start this script again with one BLAS thread, as the nodes have, because NumPy is already loaded."""
     if any(os.environ.get(name) != '1' for name in THREADS):
         os.execve(sys.executable, [sys.executable, *sys.argv], os.environ | dict.fromkeys(THREADS, '1'))
 
@@ -139,9 +139,9 @@ def write_results(
     seeds: Mapping[str, int] | None = None,
     kept: Mapping[str, Any] | None = None,
 ) -> None:
-    """Write `results` as JSON, with what they were measured on and by which commands, those that made `kept` first."""
+    """Write `results` as JSON, with the machine, the versions and the commands, those of `kept` first."""
     record = {
-        'commands': [*(kept or {}).get('commands', []), as_typed(['python', *sys.argv])],
+        'commands': [*(kept or {}).get('commands', []), portable_command(['python', *sys.argv])],
         'machine': machine(),
         'versions': versions(PACKAGES),
         'threads': {name: os.environ[name] for name in THREADS if name in os.environ},
@@ -153,12 +153,12 @@ def write_results(
 
 
 def rounded(value: float, digits: int = 4) -> float:
-    """To so many significant digits."""
+    """The value with `digits` significant digits."""
     return float(f'{value:.{digits}g}')
 
 
-def as_typed(words: Sequence[str]) -> str:
-    """A command, `NAME=PATH` among its words or not: of paths outside the project the name alone, not where it lies."""
+def portable_command(words: Sequence[str]) -> str:
+    """A command line in which paths, also those in `NAME=PATH`, are relative to the project, or a bare file name."""
     return shlex.join(map(_relative, words))
 
 

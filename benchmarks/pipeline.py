@@ -1,4 +1,4 @@
-"""A scan published → its match or rejection received, through the nodes over DDS: see README.md beside this file."""
+"""Latency from a published scan to its match or rejection, through the nodes over DDS: see README.md."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 from drives import SEED, decoded_scans, origin_of, simulated_drive, write_map
-from live_scans import Driven, LiveScans, Recording, read_recording
-from measuring import Timing, earlier, made_by_this_code, rounded, single_threaded, write_results
-from sample_networks import drawn, exported, in_integers
+from live_scans import DriveTiming, LiveScans, Recording, read_recording
+from measuring import Timing, cache_folder, previous_results, rounded, single_threaded, write_results
+from sample_networks import exported, quantised, random_weights
 
 from offradar_ros.config import EncoderConfig
 from offradar_ros.encoders.image_encoder import ImageEncoder
@@ -30,19 +30,19 @@ PLACES = 10_000
 DOMAIN_ID = 91
 WARM_UP = 12
 PACED_WARM_UP = 2
-BARE_S = 15.0
+ALONE_S = 15.0
 OVERLOAD, OVERLOADED = 'overload', 'vgg16'
 OVERLOAD_HZ = 8.0
 OVERLOAD_S = 60.0
 REPORTED_S = 1.5
-"""By then the nodes' diagnostics, once a second, count all of it."""
+"""After this time the nodes' diagnostics, which come once a second, count every scan."""
 ANY_U = {'query.delta': 1e6}
-"""Nothing is rejected as uncertain: weights drawn at random give any U."""
+"""No scan is rejected as uncertain: random weights give an arbitrary U."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Candidate:
-    """An encoder to measure: the name in the results, and what a node is told."""
+    """An encoder to measure: its name in the results, and its parameters."""
 
     name: str
     encoder: str
@@ -50,11 +50,11 @@ class Candidate:
     drawn_at_random: bool = False
 
     def config(self, threads: int) -> EncoderConfig:
-        """As this process would use it."""
+        """Its configuration in this process."""
         return EncoderConfig(name=self.encoder, weights=self.weights, threads=threads)
 
     def parameters(self, threads: int) -> dict[str, object]:
-        """As the encoder node is told."""
+        """Its parameters for the encoder node."""
         values: dict[str, object] = {'encoder.name': self.encoder, 'encoder.threads': threads}
         return values | ({'encoder.weights': self.weights} if self.weights else {})
 
@@ -63,18 +63,18 @@ NAMES = ('vgg16', 'vgg16_int8', 'compact', 'ring_key')
 
 
 def candidate(name: str, folder: Path, drive: Path, vgg16: str = '') -> Candidate:
-    """The paper's network in single precision or in integers, the compact one, or the ring key, its files made."""
+    """The paper's network in single precision or 8-bit integers, the compact one, or the ring key; makes its files."""
     if name == 'ring_key':
         return Candidate(name, 'ring_key')
     if name == 'compact':
         return Candidate(name, 'variational', 'compact')
-    weights = Path(vgg16) if vgg16 else drawn(folder, 'vgg16', NetworkConfig(backbone='vgg16'))
-    path = exported(weights, folder) if name == 'vgg16' else in_integers(weights, folder, drive)
+    weights = Path(vgg16) if vgg16 else random_weights(folder, 'vgg16', NetworkConfig(backbone='vgg16'))
+    path = exported(weights, folder) if name == 'vgg16' else quantised(weights, folder, drive)
     return Candidate(name, 'variational', str(path), not vgg16)
 
 
 def paced(function: Callable[[PolarScan], object], scans: Sequence[PolarScan], seconds: float) -> list[float]:
-    """Seconds of each call, one every quarter of a second as scans come: caches and clocks are as cold then."""
+    """Seconds of each call, one every quarter of a second, so that caches and clocks are as cold as with live scans."""
     taken, started_s = [], time.perf_counter()
     for k in range(PACED_WARM_UP + round(seconds * RATE_HZ)):
         time.sleep(max(0.0, started_s + k / RATE_HZ - time.perf_counter()))
@@ -84,8 +84,8 @@ def paced(function: Callable[[PolarScan], object], scans: Sequence[PolarScan], s
     return taken[PACED_WARM_UP:]
 
 
-class Bare:
-    """The encoder alone in this process, before and after the nodes run."""
+class EncoderAlone:
+    """Times the encoder alone in this process, before and after the nodes run."""
 
     def __init__(self, config: EncoderConfig, scans: Sequence[PolarScan]) -> None:
         self._encoder: Encoder = make_encoder(config)
@@ -95,7 +95,7 @@ class Bare:
         self.image_s: list[float] = []
 
     def measure(self, seconds: float) -> None:
-        """Time the network, and apart from it what makes its image."""
+        """Time the network, and separately the making of its image."""
         encoder = self._encoder
         if isinstance(encoder, ImageEncoder):
             images = {id(scan): encoder.image(scan)[np.newaxis] for scan in self._scans}
@@ -107,7 +107,7 @@ class Bare:
 
 @dataclasses.dataclass(frozen=True)
 class Setting:
-    """Where and how the nodes run."""
+    """The data, duration and ROS domain of a run."""
 
     folder: Path
     drive: Path
@@ -118,10 +118,10 @@ class Setting:
 
 
 def at_four_hertz(encoder: Candidate, setting: Setting) -> dict[str, Any]:
-    """What the whole way takes at 4 Hz, and what of it the network does."""
-    bare = Bare(encoder.config(threads=0), setting.scans)
-    bare.measure(min(BARE_S, setting.seconds))
-    map_path = write_map(setting.folder / 'search.db', bare.info, origin_of(setting.drive), PLACES)
+    """Latency of the pipeline at 4 Hz, and the part of the network in it."""
+    alone = EncoderAlone(encoder.config(threads=0), setting.scans)
+    alone.measure(min(ALONE_S, setting.seconds))
+    map_path = write_map(setting.folder / 'search.db', alone.info, origin_of(setting.drive), PLACES)
     parameters = {**encoder.parameters(threads=0), **ANY_U, 'map.path': map_path, 'map.autosave_s': 0.0}
     started_s = time.monotonic()
     nodes = Stack(setting.folder / 'logs' / encoder.name, setting.domain_id, parameters)
@@ -131,18 +131,18 @@ def at_four_hertz(encoder: Candidate, setting: Setting) -> dict[str, Any]:
         before = nodes.usage()
         driven = live.drive(setting.seconds, RATE_HZ)
         after = nodes.usage()
-        told = dict(live.told)
-    bare.measure(min(BARE_S, setting.seconds))
-    whole, network = Timing.of(list(driven.latencies_s)), Timing.of(bare.network_s)
+        diagnostics = dict(live.diagnostics)
+    alone.measure(min(ALONE_S, setting.seconds))
+    whole, network = Timing.of(list(driven.latencies_s)), Timing.of(alone.network_s)
     return {
         **_figures(driven, whole),
         'seconds': setting.seconds,
         'network_ms': rounded(network.median_ms),
         'ratio_to_network': rounded(whole.median_ms / network.median_ms),
         'rest_ms': rounded(whole.median_ms - network.median_ms),
-        'image_ms': rounded(Timing.of(bare.image_s).median_ms) if bare.image_s else 0.0,
-        'encoder_node_ms': float(told.get('encoder', {}).get('latency_p50_ms', 'nan')),
-        'query_node_ms': float(told.get('query', {}).get('latency_p50_ms', 'nan')),
+        'image_ms': rounded(Timing.of(alone.image_s).median_ms) if alone.image_s else 0.0,
+        'encoder_node_ms': float(diagnostics.get('encoder', {}).get('latency_p50_ms', 'nan')),
+        'query_node_ms': float(diagnostics.get('query', {}).get('latency_p50_ms', 'nan')),
         'start_to_first_embedding_s': rounded(first_s),
         'nodes': {
             name: {
@@ -157,15 +157,15 @@ def at_four_hertz(encoder: Candidate, setting: Setting) -> dict[str, Any]:
 
 
 def overloaded(encoder: Candidate, setting: Setting) -> dict[str, Any]:
-    """Twice as many scans as come, on one core that cannot keep up: what is answered, and how late."""
+    """Scans at twice the rate, on one core that is too slow for it: number and latency of the answers."""
     core = min(os.sched_getaffinity(0))
     others = os.sched_getaffinity(0) - {core} or {core}
     own = os.sched_getaffinity(0)
     os.sched_setaffinity(0, {core})
-    bare = Bare(encoder.config(threads=1), setting.scans)
-    bare.measure(min(BARE_S, setting.seconds))
+    alone = EncoderAlone(encoder.config(threads=1), setting.scans)
+    alone.measure(min(ALONE_S, setting.seconds))
     os.sched_setaffinity(0, others)
-    map_path = write_map(setting.folder / 'search.db', bare.info, origin_of(setting.drive), PLACES)
+    map_path = write_map(setting.folder / 'search.db', alone.info, origin_of(setting.drive), PLACES)
     parameters = {**encoder.parameters(threads=1), **ANY_U, 'map.path': map_path, 'map.autosave_s': 0.0}
     seconds = min(OVERLOAD_S, setting.seconds)
     try:
@@ -178,7 +178,7 @@ def overloaded(encoder: Candidate, setting: Setting) -> dict[str, Any]:
             after, overtaken_after = nodes.usage(), overtaken(live)
     finally:
         os.sched_setaffinity(0, own)
-    whole, network = Timing.of(list(driven.latencies_s)), Timing.of(bare.network_s)
+    whole, network = Timing.of(list(driven.latencies_s)), Timing.of(alone.network_s)
     return {
         'encoder': encoder.name,
         'rate_hz': OVERLOAD_HZ,
@@ -192,12 +192,12 @@ def overloaded(encoder: Candidate, setting: Setting) -> dict[str, Any]:
 
 
 def overtaken(live: LiveScans) -> int:
-    """Scans that the encoder says it has dropped for newer ones, once it has had time to say so."""
+    """Number of scans that the encoder reports as dropped for newer ones."""
     time.sleep(REPORTED_S)
-    return int(live.told.get('encoder', {}).get('dropped.overtaken', 0))
+    return int(live.diagnostics.get('encoder', {}).get('dropped.overtaken', 0))
 
 
-def _figures(driven: Driven, whole: Timing) -> dict[str, Any]:
+def _figures(driven: DriveTiming, whole: Timing) -> dict[str, Any]:
     figures = {key: value for key, value in whole.as_dict().items() if key != 'repeats'}
     return {**figures, 'scans': driven.sent, 'dropped': driven.sent - len(driven.latencies_s)}
 
@@ -209,7 +209,7 @@ HEADING = (
 
 
 def line(name: str, row: Mapping[str, Any]) -> str:
-    """Of the printed table."""
+    """A line of the printed table."""
     memory = ', '.join(f'{node.removesuffix("_node")} {use["rss_mb"]:.0f}' for node, use in row['nodes'].items())
     return (
         f'{name:12} {row["median_ms"]:5.1f} ms {row["p99_ms"]:5.1f} ms {row["network_ms"]:5.1f} ms '
@@ -219,7 +219,7 @@ def line(name: str, row: Mapping[str, Any]) -> str:
 
 
 def overload_line(row: Mapping[str, Any]) -> str:
-    """What is printed of the overload."""
+    """The printed line of the overload."""
     return (
         f'overload: {row["encoder"]} at {row["rate_hz"]:g} Hz on one core: {row["scans"]} scans, {row["dropped"]} '
         f'overtaken ({row["counted_overtaken"]} counted by the node), latency median {row["median_ms"]:.0f} ms, p99 '
@@ -232,25 +232,25 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--seconds', type=float, default=60.0, help='of driving with each encoder (default 60)')
     parser.add_argument('--folder', type=Path, default=Path('build/bench'), help='where drives and networks are kept')
-    parser.add_argument('--vgg16', default='', metavar='FILE', help='trained weights (.safetensors); default: drawn')
+    parser.add_argument('--vgg16', default='', metavar='FILE', help='trained weights (.safetensors); default: random')
     parser.add_argument(
         '--only',
         nargs='+',
         default=[],
         metavar='NAME',
         choices=(*NAMES, OVERLOAD),
-        help='some of all: the others keep their figures',
+        help='measure only these; the others keep their figures',
     )
     parser.add_argument('--domain', type=int, default=DOMAIN_ID, help=f'ROS domain (default {DOMAIN_ID})')
     parser.add_argument('--out', type=Path, default=RESULTS, help='default: the results in the repository')
     arguments = parser.parse_args()
     os.environ.update(isolated_environment(arguments.domain))
-    folder = made_by_this_code(arguments.folder)
+    folder = cache_folder(arguments.folder)
     drive = simulated_drive(folder)
     setting = Setting(
         folder, drive, read_recording(drive), decoded_scans(drive, 20), arguments.seconds, arguments.domain
     )
-    kept = earlier(arguments.out) if arguments.only else {}
+    kept = previous_results(arguments.out) if arguments.only else {}
     results: dict[str, dict[str, Any]] = kept.get('encoders', {})
     print(HEADING, flush=True)
     for name in (name for name in arguments.only or NAMES if name in NAMES):

@@ -1,4 +1,4 @@
-"""How true the Cartesian image is, and what it costs: see README.md beside this file."""
+"""Accuracy and cost of the Cartesian image: see README.md."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ WARM_UP, REPEATS = 5, 40
 
 
 def supersampled(scan: PolarScan) -> NDArray[np.float64]:
-    """(S, S) mean of 16 × 16 bilinear samples of the polar power a pixel, by the module's conventions."""
+    """(S, S) mean of 16 × 16 bilinear samples of the polar power in each pixel: the reference image."""
     side, bins = CONFIG.side_px, scan.power.shape[1]
     order = np.argsort(scan.azimuths_rad)
     angles = scan.azimuths_rad[order]
@@ -65,7 +65,7 @@ def main() -> None:
         convert = PolarToCartesian(CONFIG)
         image = convert(scan)
         correlation = np.corrcoef(image.ravel(), supersampled(scan).ravel())[0, 1]
-        # No two rotations of a real sensor start at exactly the same angle.
+        # Two rotations of a real sensor never start at exactly the same angle.
         turned = [
             dataclasses.replace(scan, azimuths_rad=np.mod(scan.azimuths_rad + shift, 2 * np.pi))
             for shift in (0.0, 1e-4)

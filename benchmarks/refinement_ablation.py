@@ -1,4 +1,4 @@
-"""What the second stage makes of U: one line a variant of it, as README.md beside this file explains."""
+"""The effect of the second stage of training on U, one line per variant: see README.md."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ WEIGHTS = {
     'all': (0.5, 0.5, 0.5),
     'all, twice the severity': (0.5, 0.5, 1.0),
 }
-"""Of ranking U by wrong answers, by margins and by severity."""
+"""Weights of ranking U by wrong answers, by margins and by severity."""
 
 
 def main() -> None:
@@ -55,23 +55,23 @@ def main() -> None:
     arguments = parser.parse_args()
     config = read_config(arguments.config)
     network = cast(VariationalNetwork, load_network(arguments.weights)[0])
-    judged = _Judged(network, _drives(config, config.validation, arguments.cache, 'validation scans'))
+    validation = _Validation(network, _drives(config, config.validation, arguments.cache, 'validation scans'))
     searched = config.refinement.data
     trained_on = dataclasses.replace(searched, first_seed=config.data.first_seed)
     fresh, seen = (_drives(config, data, arguments.cache, 'scans to search for') for data in (searched, trained_on))
     heads = [f'AUROC, {spacing_m:g} m' for spacing_m in MAP_SPACINGS_M]
     print('| second stage | ' + ' | '.join([*heads, 'Spearman U–severity', 'least within a kind', 'U']) + ' |')
     print('|---' * (len(heads) + 4) + '|')
-    print(judged.row('none', network))
+    print(validation.row('none', network))
     taught = _lessons(network, fresh)
     for name, (wrong, margin, severity) in WEIGHTS.items():
         changed = dataclasses.replace(
             config.refinement, wrong_weight=wrong, margin_weight=margin, severity_weight=severity
         )
-        print(judged.row(name, _refined(network, taught, changed, config.seed)))
-    print(judged.row('as configured', _refined(network, taught, config.refinement, config.seed)))
+        print(validation.row(name, _refined(network, taught, changed, config.seed)))
+    print(validation.row('as configured', _refined(network, taught, config.refinement, config.seed)))
     same = _refined(network, _lessons(network, seen), config.refinement, config.seed)
-    print(judged.row('as configured, over worlds that the network was trained on', same))
+    print(validation.row('as configured, over worlds that the network was trained on', same))
 
 
 def _drives(config: TrainingConfig, data: DataConfig | ValidationConfig, cache: Path, text: str) -> list[Drive]:
@@ -97,8 +97,8 @@ def _refined(network: VariationalNetwork, taught: Lessons, config: RefinementCon
     return changed
 
 
-class _Judged:
-    """Drives that nothing was trained on, searched for once: no second stage changes what is found."""
+class _Validation:
+    """Validation drives, searched for once: the second stage does not change the answers."""
 
     def __init__(self, network: VariationalNetwork, drives: Sequence[Drive]) -> None:
         self._features = _features(network, drives)
@@ -109,7 +109,7 @@ class _Judged:
         self._searches = [searches(drives, descriptors, spacing_m) for spacing_m in MAP_SPACINGS_M]
 
     def row(self, name: str, network: VariationalNetwork) -> str:
-        """A line of Markdown for this network's U."""
+        """A line of Markdown for the U of this network."""
         with torch.inference_mode():
             parts = [uncertainty(network.log_variance_of(flat.float())) for flat in self._features]
         u = torch.cat(parts).double().numpy()
@@ -122,8 +122,8 @@ class _Judged:
         return f'| {name} | ' + ' | '.join(cells) + ' |'
 
     def _auroc(self, u: NDArray[np.float64], searched: Sequence[Search]) -> float:
-        asked = np.concatenate([u[self._first[search.driven] + search.queries] for search in searched])
-        return auroc(asked, np.concatenate([search.margins <= 0.0 for search in searched]))
+        of_queries = np.concatenate([u[self._first[search.driven] + search.queries] for search in searched])
+        return auroc(of_queries, np.concatenate([search.margins <= 0.0 for search in searched]))
 
 
 if __name__ == '__main__':

@@ -1,4 +1,4 @@
-"""How the ring key's U answers to spoiled scans: see README.md beside this file."""
+"""The U of the ring key for degraded scans: see README.md."""
 
 from __future__ import annotations
 
@@ -19,18 +19,18 @@ SCANS = 6
 
 
 def blocked(power: Power, share: float, rng: np.random.Generator) -> Power:
-    """A share of neighbouring azimuths receives nothing but a little noise."""
-    spoiled: Power = power.copy()
+    """A share of the azimuths, all neighbours, holds weak noise."""
+    degraded: Power = power.copy()
     rows = round(share * len(power))
-    spoiled[:rows] = np.minimum(power[:rows], rng.integers(0, 20, (rows, power.shape[1])))
-    return spoiled
+    degraded[:rows] = np.minimum(power[:rows], rng.integers(0, 20, (rows, power.shape[1])))
+    return degraded
 
 
 def muddy(power: Power, share: float, rng: np.random.Generator) -> Power:
-    """As blocked, and the dirt shows as strong returns over the nearest thirtieth of the range."""
-    spoiled, rows, near = blocked(power, share, rng), round(share * len(power)), power.shape[1] // 30
-    spoiled[:rows, :near] = np.maximum(spoiled[:rows, :near], rng.integers(80, 160, (rows, near)))
-    return spoiled
+    """As blocked, with strong returns of the dirt in the nearest thirtieth of the range."""
+    degraded, rows, near = blocked(power, share, rng), round(share * len(power)), power.shape[1] // 30
+    degraded[:rows, :near] = np.maximum(degraded[:rows, :near], rng.integers(80, 160, (rows, near)))
+    return degraded
 
 
 def flooded(power: Power, level: float, rng: np.random.Generator) -> Power:
@@ -39,23 +39,23 @@ def flooded(power: Power, level: float, rng: np.random.Generator) -> Power:
 
 
 def streaked(power: Power, share: float, rng: np.random.Generator) -> Power:
-    """A share of the azimuths, here and there, is saturated from some range outwards."""
-    spoiled: Power = power.copy()
+    """A random share of the azimuths is saturated beyond a random range."""
+    degraded: Power = power.copy()
     for row in rng.choice(len(power), round(share * len(power)), replace=False):
         start = int(rng.integers(0, power.shape[1] // 4))
-        spoiled[row, start:] = np.maximum(power[row, start:], rng.integers(180, 256))
-    return spoiled
+        degraded[row, start:] = np.maximum(power[row, start:], rng.integers(180, 256))
+    return degraded
 
 
 def rained(power: Power, steps: float, rng: np.random.Generator) -> Power:
-    """Power falls by this much more at the far end, down to the noise that the scan has there."""
+    """Power falls linearly with range, by `steps` at the far end, but not below the noise there."""
     far = power[:, round(0.85 * power.shape[1]) :].reshape(-1)
     fall = steps * np.arange(power.shape[1]) / power.shape[1]
     return _clipped(np.maximum(power - fall, rng.choice(far, power.shape)))
 
 
 def overdriven(power: Power, gain: float, rng: np.random.Generator) -> Power:
-    """Every reading times this gain, up to what the sensor can say."""
+    """Power times a gain, clipped to a byte."""
     del rng
     return _clipped(power * gain)
 
@@ -91,8 +91,8 @@ def main() -> None:
             cells = []
             for severity in severities:
                 rng = np.random.default_rng(1)
-                spoiled = [dataclasses.replace(s, power=fault(s.power, severity, rng)) for s in scans]
-                found = uncertainties(spoiled) / clean
+                degraded = [dataclasses.replace(s, power=fault(s.power, severity, rng)) for s in scans]
+                found = uncertainties(degraded) / clean
                 cells.append(f'{severity:g}: {found.mean():.2f}{"" if (found > 1.0).all() else "!"}')
             print(f'  {fault.__name__:10} ' + '  '.join(f'{cell:10}' for cell in cells).rstrip(), flush=True)
 

@@ -1,4 +1,4 @@
-"""Networks to time, in files that are made once: weights drawn at random take as long as learnt ones."""
+"""Networks for timings, in files that are made once: random weights take as long as trained ones."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from offradar_ros.encoders.network_config import NetworkConfig
 SEED = 1
 
 
-def drawn(folder: Path, name: str, config: NetworkConfig) -> Path:
-    """Weights of the network of `config`, drawn at random."""
+def random_weights(folder: Path, name: str, config: NetworkConfig) -> Path:
+    """A weights file for the network of `config`, with random weights."""
     weights = folder / f'{name}.safetensors'
     if not weights.is_file():
         import torch  # noqa: PLC0415
@@ -26,15 +26,15 @@ def drawn(folder: Path, name: str, config: NetworkConfig) -> Path:
 
 
 def exported(weights: Path, folder: Path) -> Path:
-    """A weights file as ONNX."""
+    """An ONNX file made from a weights file."""
     path = folder / f'{_named(weights, folder)}.onnx'
     if not path.is_file():
         offradar('export', weights, path)
     return path
 
 
-def in_integers(weights: Path, folder: Path, drive: Path) -> Path:
-    """A weights file as ONNX in integers, calibrated on a drive."""
+def quantised(weights: Path, folder: Path, drive: Path) -> Path:
+    """An ONNX file in 8-bit integers made from a weights file, calibrated on a drive."""
     path = folder / f'{_named(weights, folder)}_int8.onnx'
     if not path.is_file():
         offradar('export', weights, path, '--int8', '--calibrate', drive)
@@ -42,6 +42,6 @@ def in_integers(weights: Path, folder: Path, drive: Path) -> Path:
 
 
 def _named(weights: Path, folder: Path) -> str:
-    """Runs of training all call their weights alike: the folder tells them apart."""
+    """A name with the folder in it: the weights of all training runs have the same file name."""
     inside = weights.parent.resolve() == folder.resolve()
     return weights.stem if inside else f'{weights.resolve().parent.name}_{weights.stem}'

@@ -1,4 +1,4 @@
-"""Pictures of simulated scans, alone and beside recorded ones."""
+"""Pictures of simulated scans, alone and next to recorded ones."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ SEVERITIES = (0.2, 0.5, 1.0)
 
 
 def draw_statistics(pairs: Pairs, path: Path) -> None:
-    """Curves only: mean byte against range, quantiles and autocorrelations of each pair of sources."""
+    """Draw curves of each pair of sources: mean byte against range, quantiles, autocorrelations."""
     figure, rows = plt.subplots(len(pairs), 4, figsize=(15, 3.1 * len(pairs)), squeeze=False)
     for axes, (name, simulated, recorded) in zip(rows, pairs, strict=True):
         for source, scans in {name: simulated, **recorded}.items():
@@ -60,7 +60,7 @@ def draw_statistics(pairs: Pairs, path: Path) -> None:
 
 
 def draw_side_by_side(pairs: Pairs, path: Path) -> None:
-    """Recorded scans beside simulated ones of the same kind, from above and as polar images."""
+    """Draw recorded scans next to simulated ones of the same kind, from above and as polar images."""
     shown = [(name, simulated, source, scans) for name, simulated, of in pairs for source, scans in of.items()]
     figure, rows = plt.subplots(len(shown), 4, figsize=(16, 4.2 * len(shown)), squeeze=False)
     for k, (axes, (name, simulated, source, scans)) in enumerate(zip(rows, shown, strict=True)):
@@ -74,7 +74,7 @@ def draw_side_by_side(pairs: Pairs, path: Path) -> None:
 
 
 def draw_simulated(path: Path) -> None:
-    """One place, clean and spoiled: each fault at three severities, in weather, by other radars."""
+    """Draw one place: clean, by other radars, in weather, and with each fault at three severities."""
     world = make_city(CityPlan(seed=1))
     panels: list[list[tuple[str, Image]]] = []
     clean = _scan_of(world)
@@ -110,14 +110,14 @@ def draw_simulated(path: Path) -> None:
     figure.tight_layout()
     figure.canvas.draw()
     gray = cv2.cvtColor(np.asarray(figure.canvas.buffer_rgba()), cv2.COLOR_RGBA2GRAY)  # type: ignore[attr-defined]
-    # 32 shades of grey: a third of the size, and no difference to the eye.
+    # 32 shades of grey: a third of the size, without a visible difference.
     cv2.imwrite(str(path), np.asarray(gray, np.uint8) & 0xF8, [cv2.IMWRITE_PNG_COMPRESSION, 9])
     plt.close(figure)
     print(f'{path}: written')
 
 
 def from_above(scan: PolarScan) -> Image:
-    """The image that learned encoders see: 128 m across, forward up."""
+    """The image of learned encoders: 128 m across, forward up."""
     return PolarToCartesian(CartesianConfig())(scan).astype(np.float32)
 
 

@@ -1,4 +1,4 @@
-"""The scans that the benchmarks run on: simulated ones, and recorded ones where they are."""
+"""The scans of the benchmarks: simulated ones, and recorded ones if they are available."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ REAL = Path(os.environ.get('OFFRADAR_REAL_DATA', Path(__file__).resolve().parent
 
 
 def read_arguments(description: str) -> argparse.Namespace:
-    """The options that the benchmarks share."""
+    """Parse the options of a benchmark, and print a line about the machine."""
     parser = argparse.ArgumentParser(description=description)
     parser.add_argument('--real', type=Path, default=REAL, metavar='FOLDER', help=f'recorded scans (default {REAL})')
     arguments = parser.parse_args()
@@ -43,7 +43,7 @@ def read_arguments(description: str) -> argparse.Namespace:
 
 
 def announce_machine() -> None:
-    """One line that says what the figures were measured with."""
+    """Print the versions and the machine."""
     print(
         f'offradar_ros {__version__}, Python {platform.python_version()}, NumPy {np.__version__}, '
         f'OpenCV {cv2.__version__}, {platform.machine()}, {os.cpu_count()} cores'
@@ -51,7 +51,7 @@ def announce_machine() -> None:
 
 
 def scan_sources(real: Path, most: int) -> Iterator[tuple[str, list[PolarScan]]]:
-    """Each source's name and up to `most` of its scans, evenly spread; recorded ones only where they are."""
+    """The name of each source and up to `most` of its scans at equal steps; recorded ones if available."""
     town = make_city(CityPlan(seed=1))
     for name, sensor in SENSORS.items():
         # 20 s of driving, whatever the number of scans.
@@ -61,7 +61,7 @@ def scan_sources(real: Path, most: int) -> Iterator[tuple[str, list[PolarScan]]]
 
 
 def recorded_sources(real: Path, most: int) -> Iterator[tuple[str, list[PolarScan]]]:
-    """Each recorded source's name and up to `most` of its scans, evenly spread; those that are there."""
+    """The name of each available recorded source and up to `most` of its scans at equal steps."""
     for name in RECORDED:
         if (real / name).is_dir():
             yield name, _spread(open_source(real / name), most)

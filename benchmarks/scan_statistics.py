@@ -1,4 +1,4 @@
-"""Statistics that show how alike simulated and recorded scans are."""
+"""Statistics to compare simulated with recorded scans."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ QUANTILES = (0.5, 0.75, 0.9, 0.95, 0.99, 0.999)
 BANDS_M = ((5, 15), (15, 30), (30, 60), (60, 100), (100, 160))
 LAGS_M = (0.175, 0.35, 0.7, 1.4, 2.8, 5.6)
 LAGS_ROWS = (1, 2, 3, 5, 10, 20)
-# Nearer, scans show the vehicle and not the world.
+# Nearer returns are of the vehicle.
 _NEAREST_M = 3.0
 
 
 @dataclasses.dataclass(frozen=True)
 class Statistics:
-    """Of several scans of one sensor; bytes throughout.
+    """Statistics of several scans of one sensor, in bytes.
 
     Attributes:
         quantiles: of all bytes beyond 3 m, at `QUANTILES`.
@@ -37,7 +37,7 @@ class Statistics:
 
 
 def statistics(scans: list[PolarScan]) -> Statistics:
-    """Means over `scans`, which are alike in size."""
+    """Means over `scans`, which have one size."""
     resolution_m = scans[0].range_resolution_m
     power = np.stack([scan.power for scan in scans]).astype(np.float32)
     seen = power[:, :, round(_NEAREST_M / resolution_m) :]

@@ -1,6 +1,6 @@
-"""What searching, merging, holding and opening a map costs, from a thousand places to a million.
+"""Time and memory of searching, merging into and opening a map of a thousand to a million places.
 
-README.md beside this file says what each figure is. Every part may be run by itself: what the others found is kept.
+README.md explains each figure. Each part can be run alone: the results of the others are kept.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 from machine_peaks import gigaflops, readings
-from measuring import ROOT, Timing, earlier, interleaved, made_by_this_code, rounded, single_threaded, write_results
+from measuring import ROOT, Timing, cache_folder, interleaved, previous_results, rounded, single_threaded, write_results
 from numpy.typing import NDArray
 from search_plot import draw
 from synthetic_maps import DIMENSION, MODEL, SPACING_M, map_file, near_some, synthetic_table
@@ -40,7 +40,7 @@ MERGES = 1000
 
 
 def main() -> None:
-    """Measure the parts asked for, then draw all."""
+    """Measure the given parts, then draw all."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('parts', nargs='*', help=f'some of {", ".join(PARTS)} (default: all)')
     parser.add_argument('--folder', type=Path, default=ROOT / 'build' / 'bench', help='for map files, 0.7 GB')
@@ -56,17 +56,17 @@ def main() -> None:
     arguments = parser.parse_args()
     if unknown := set(arguments.parts) - set(PARTS):
         parser.error(f'no such part: {", ".join(sorted(unknown))}')
-    kept = earlier(arguments.out) if arguments.parts else {}
+    kept = previous_results(arguments.out) if arguments.parts else {}
     results = dict(kept)
     for part in arguments.parts or PARTS:
-        results[part] = PARTS[part](made_by_this_code(arguments.folder))
+        results[part] = PARTS[part](cache_folder(arguments.folder))
     write_results(arguments.out, {part: results[part] for part in PARTS if part in results}, {'maps': SEED}, kept)
     if len(set(PARTS) & set(results)) == len(PARTS):
         draw(results, arguments.picture)
 
 
 def measure_search(_: Path) -> dict[str, Any]:
-    """Queries of every top-k, in turn with reading the matrix."""
+    """Time of queries for every top-k, called in turn with reading the matrix."""
     peak = gigaflops()
     found: dict[str, Any] = {'dimension': DIMENSION, 'peak_gflops': rounded(peak), 'sizes': {}}
     for places in SIZES:
@@ -80,15 +80,15 @@ def _searched(table: PlaceTable, peak: float) -> dict[str, Any]:
     index = PlaceIndex(DIMENSION, len(table))
     index.upsert(table)
     functions: dict[str, Callable[[], object]] = {f'query, {k}': _searching(index, queries, k) for k in TOP_K}
-    functions |= {f'reading, {way}': read for way, read in readings(table.means).items()}
+    functions |= {f'reading, {name}': read for name, read in readings(table.means).items()}
     functions |= _peers(table.means, queries)
     taken = interleaved(functions, repeats=200, warm_up=3, seconds=30.0)
-    ways = {name.removeprefix('reading, '): t for name, t in taken.items() if name.startswith('reading, ')}
-    way = min(ways, key=lambda name: ways[name].median_ms)
-    read_ms, size = ways[way].median_ms, table.means.nbytes
+    reads = {name.removeprefix('reading, '): t for name, t in taken.items() if name.startswith('reading, ')}
+    fastest = min(reads, key=lambda name: reads[name].median_ms)
+    read_ms, size = reads[fastest].median_ms, table.means.nbytes
     return {
         'matrix_bytes': size,
-        'reading': {'way': way, 'gb_s': rounded(size / read_ms / 1e6), **ways[way].as_dict()},
+        'reading': {'way': fastest, 'gb_s': rounded(size / read_ms / 1e6), **reads[fastest].as_dict()},
         'queries': {str(k): taken[f'query, {k}'].as_dict() for k in TOP_K},
         'ratio_to_reading': {str(k): rounded(taken[f'query, {k}'].median_ms / read_ms, 3) for k in TOP_K},
         'peers': {name: t.as_dict() for name, t in taken.items() if name.startswith('faiss')},
@@ -107,7 +107,7 @@ def _in_turn(queries: NDArray[np.float32]) -> Iterator[NDArray[np.float32]]:
 
 
 def _peers(means: NDArray[np.float32], queries: NDArray[np.float32]) -> dict[str, Callable[[], object]]:
-    """The same of faiss, where it is installed."""
+    """Queries of faiss, if it is installed."""
     try:
         faiss = importlib.import_module('faiss')
     except ImportError:
@@ -120,12 +120,12 @@ def _peers(means: NDArray[np.float32], queries: NDArray[np.float32]) -> dict[str
 
 
 def measure_merge(folder: Path) -> dict[str, Any]:
-    """One scan into the session map of a file, and the rows for the message about it, as the map server does."""
+    """Time of merging one scan into a session map and of collecting the changed rows, as in the map server."""
     record: dict[str, Any] = {}
     for places in SIZES:
         print(f'merge: {places} places', flush=True)
         path = map_file(folder, places, SEED)
-        # The session is never ended, so that the file stays as it is.
+        # The session is never ended, so that the file does not change.
         with SessionMap(MapConfig(path=str(path))) as session_map:
             session_map.start_session('merges', 1)
             record[str(places)] = _merged(session_map, synthetic_table(places, SEED))
@@ -134,7 +134,7 @@ def measure_merge(folder: Path) -> dict[str, Any]:
 
 def _merged(session_map: SessionMap, table: PlaceTable) -> dict[str, Any]:
     rng = np.random.default_rng(SEED + 2)
-    # Each place once, as far as there are so many; a replaced one is not as uncertain as it was.
+    # No place is used twice; its U is 1.
     rows = rng.permutation(len(table))
     half = min(MERGES, len(table) // 2)
     beside = table.positions_m[:, :2] + 1.0
@@ -155,13 +155,13 @@ def _merged(session_map: SessionMap, table: PlaceTable) -> dict[str, Any]:
             wall_s.append(time.perf_counter() - start_s)
             cpu_s.append(time.thread_time() - start_cpu_s)
             if merge.kind.value != kind:
-                raise SystemExit(f'a scan was {merge.kind.value} that should have been {kind}')
+                raise SystemExit(f'expected a scan to be {kind}, it was {merge.kind.value}')
         record[kind] = Timing.of(wall_s).as_dict() | {'cpu_p99_ms': Timing.of(cpu_s).as_dict()['p99_ms']}
     return record
 
 
 def measure_opening(folder: Path) -> dict[str, Any]:
-    """Seconds and memory of a process that opens a map, against one that opens an empty map."""
+    """Time and memory of a process that opens a map, compared with one that opens an empty map."""
     record: dict[str, Any] = {}
     empty = {who: _opened(map_file(folder, 0, SEED), who) for who in OPENERS}
     for places in SIZES:
@@ -187,7 +187,7 @@ def measure_opening(folder: Path) -> dict[str, Any]:
 
 
 def _read(path: Path) -> None:
-    """Into the page cache."""
+    """Read a file, so that it is in the page cache."""
     with path.open('rb') as file:
         while file.read(2**24):
             pass
@@ -205,7 +205,7 @@ def _opened(path: Path, who: str, cold: bool = False) -> dict[str, float]:
 
 
 def open_and_print(who: str, path: Path) -> None:
-    """In a process of its own: open a map, use it once, and print what that took."""
+    """Open a map in this new process, use it once, and print the time and memory."""
     start_s, start_cpu_s = time.perf_counter(), time.process_time()
     held = OPENERS[who](path)
     seconds, cpu_seconds = time.perf_counter() - start_s, time.process_time() - start_cpu_s

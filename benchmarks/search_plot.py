@@ -1,4 +1,4 @@
-"""Draws what search.py measured: cost against the size of the map, and against top-k."""
+"""Plot the results of search.py: cost against the size of the map and against top-k."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ K = '5'
 
 
 def draw(results: dict[str, Any], path: Path) -> None:
-    """Two panels into a PNG."""
+    """Draw two panels into a PNG file."""
     figure, (by_size, by_k) = plt.subplots(1, 2, figsize=(11.5, 4.6), width_ratios=(1.35, 1))
     _against_size(by_size, results)
     _against_k(by_k, results)

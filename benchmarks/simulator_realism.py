@@ -1,4 +1,4 @@
-"""How alike simulated and recorded scans are: see README.md beside this file."""
+"""Compare simulated with recorded scans: see README.md."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SCANS = 4
 
 # RADIATE's sensor records some 9 dB higher than Oxford's and MulRan's, and its bins are means of four.
 RADIATE = dataclasses.replace(NOMINAL_PHYSICS, gain_db=NOMINAL_PHYSICS.gain_db + 9.0, whole_powers=False)
-# The newest sensors' noise falls over the whole range.
+# The noise of the newest sensors falls over the whole range.
 NEWEST = dataclasses.replace(NOMINAL_PHYSICS, gain_db=NOMINAL_PHYSICS.gain_db + 7.0, noise_near_m=80.0)
 SIMULATED: dict[str, tuple[SimulatedSensor, RadarPhysics, tuple[str, ...]]] = {
     'simulated, 0.0432 m': (
@@ -48,7 +48,7 @@ SIMULATED: dict[str, tuple[SimulatedSensor, RadarPhysics, tuple[str, ...]]] = {
 
 
 def simulated_scans(sensor: SimulatedSensor, physics: RadarPhysics) -> list[PolarScan]:
-    """A few scans, far apart, of each of some cities."""
+    """Scans at large steps through several cities."""
     scans = []
     for seed in CITIES:
         plan = SessionPlan(seed=seed, scans=600, physics=physics)
@@ -58,7 +58,7 @@ def simulated_scans(sensor: SimulatedSensor, physics: RadarPhysics) -> list[Pola
 
 
 def print_speed(sensor: SimulatedSensor) -> None:
-    """Scans that one core renders in a second: median of 40, a city's nearest walls and traffic chosen for each."""
+    """Print the scans per second that one core renders in a city: the median of 40."""
     cv2.setNumThreads(1)
     sequence = SimulatedSequence(make_city(CityPlan(seed=1)), SessionPlan(seed=1, scans=400), sensor)
     seconds = []
@@ -71,7 +71,7 @@ def print_speed(sensor: SimulatedSensor) -> None:
 
 
 def print_row(name: str, found: Statistics) -> None:
-    """One line of the table."""
+    """Print a line of the table."""
     print(
         f'{name:28}'
         + ''.join(f'{v:5.0f}' for v in found.quantiles)
@@ -86,16 +86,18 @@ def print_row(name: str, found: Statistics) -> None:
 
 
 def main() -> None:
-    """Print the table, save the statistics' curves and the pictures."""
+    """Print the table, and draw the curves and the pictures."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--real', type=Path, default=REAL, metavar='FOLDER', help=f'recorded scans (default {REAL})')
-    parser.add_argument('--docs', type=Path, default=DOCS, metavar='FOLDER', help='for pictures without recorded scans')
+    parser.add_argument(
+        '--docs', type=Path, default=DOCS, metavar='FOLDER', help='folder of the pictures without recorded scans'
+    )
     parser.add_argument(
         '--side-by-side',
         type=Path,
         default=Path('build/simulated_and_recorded.png'),
         metavar='PNG',
-        help='picture with recorded scans in it: not to be published where their licence forbids',
+        help='picture with recorded scans, whose licence may forbid publishing it',
     )
     arguments = parser.parse_args()
     announce_machine()

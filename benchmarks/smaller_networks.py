@@ -1,4 +1,4 @@
-"""What a network loses and gains in 8-bit integers and of low rank, as README.md beside this file explains."""
+"""Speed and recall of networks in 8-bit integers and of low rank: see README.md."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from measuring import earlier, interleaved, single_threaded, write_results
+from measuring import interleaved, previous_results, single_threaded, write_results
 
 from offradar_ros.cli.progress import progress_bar
 from offradar_ros.config import RadarConfig
@@ -45,7 +45,7 @@ SCANS_TIMED = 20
 FLOAT = 'float32'
 OTHER_RANGES = ('int8 percentile', 'int8 entropy')
 LEAST_SPAN = 1.0
-"""Points of recall to either side of the picture's middle: differences of a few scans shall look like it."""
+"""Least half-height of the plot in points of recall, so that a difference of a few scans looks small."""
 
 VARIANTS: dict[str, Callable[[CalibrationScans], Smaller | None]] = {
     FLOAT: lambda _: None,
@@ -62,7 +62,7 @@ VARIANTS: dict[str, Callable[[CalibrationScans], Smaller | None]] = {
 
 
 class Answered(NamedTuple):
-    """What one variant of a network made of the drives."""
+    """The embeddings and recall of one variant of a network."""
 
     made: list[EmbeddedDrive]
     recall_at_1: float
@@ -80,15 +80,17 @@ class Answered(NamedTuple):
 
 
 def main() -> None:
-    """Print a table for each network, write them all as JSON, and draw that."""
+    """Print a table for each network, and write and draw all results."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('networks', nargs='*', metavar='NAME=WEIGHTS', help='.safetensors; without any only draw')
-    parser.add_argument('--drive', type=Path, action='append', help='fit to these instead of two simulated drives')
+    parser.add_argument('networks', nargs='*', metavar='NAME=WEIGHTS', help='.safetensors; only draw if not given')
+    parser.add_argument('--drive', type=Path, action='append', help='fit to these drives instead of two simulated ones')
     parser.add_argument('--protocol', type=Path, default=PROJECT / 'params' / 'protocols' / 'quick.yaml')
-    parser.add_argument('--cache', type=Path, default=PROJECT / 'build' / 'smaller_networks', help='kept')
-    parser.add_argument('--scans', type=int, default=SCANS, help='that a variant is fitted to')
+    parser.add_argument(
+        '--cache', type=Path, default=PROJECT / 'build' / 'smaller_networks', help='folder of files that are kept'
+    )
+    parser.add_argument('--scans', type=int, default=SCANS, help='number of scans that a variant is fitted to')
     parser.add_argument('--variants', nargs='+', choices=tuple(VARIANTS), default=tuple(VARIANTS))
-    parser.add_argument('--rounds', type=int, default=30, help='timed encodings of each; 0 for none')
+    parser.add_argument('--rounds', type=int, default=30, help='timed encodings of each variant; 0 for none')
     parser.add_argument('--out', type=Path, default=RESULTS, help='default: the results in the repository')
     arguments = parser.parse_args()
     if arguments.networks:
@@ -96,7 +98,7 @@ def main() -> None:
         for text in arguments.networks:
             read_header(text.partition('=')[2])
         drives, calibration = _drives(protocol, arguments.cache, arguments.drive)
-        kept = earlier(arguments.out)
+        kept = previous_results(arguments.out)
         networks: dict[str, Any] = dict(kept.get('networks', {}))
         for text in arguments.networks:
             name, _, weights = text.partition('=')
@@ -120,7 +122,7 @@ def main() -> None:
 def _drives(
     protocol: Protocol, cache: Path, recorded: Sequence[Path] | None
 ) -> tuple[list[Drive], list[RadarSequence]]:
-    """The drives to measure on, and those to fit to, of other cities."""
+    """The drives to measure on, and drives of other cities to fit to."""
     measured = [drive.source for drive in simulated_drives(protocol, None) if drive.group != VALIDATION]
     lane, spacing_m, degraded = protocol.lanes[0], protocol.drive_spacing_m, protocol.degraded
     fitted = [
@@ -146,26 +148,26 @@ def _measured(
         answered[variant] = _answered(OnnxEncoder(files[variant]), drives, protocol, arguments.cache, variant)
     timed = _timed(files, [drives[0].scan(row) for row in range(SCANS_TIMED)], arguments.rounds)
     exact, figures = answered[FLOAT], {}
-    for variant, told in answered.items():
-        lengths = np.linalg.norm(told.means, axis=1) * np.linalg.norm(exact.means, axis=1)
+    for variant, result in answered.items():
+        lengths = np.linalg.norm(result.means, axis=1) * np.linalg.norm(exact.means, axis=1)
         figures[variant] = {
-            'recall_at_1': told.recall_at_1,
-            'recall_difference_points': 100.0 * (told.recall_at_1 - exact.recall_at_1),
-            'queries': told.queries,
-            'spearman_u': spearman(told.uncertainties, exact.uncertainties),
-            'mean_u': float(told.uncertainties.mean()),
-            'mean_cosine': float(((told.means * exact.means).sum(axis=1) / lengths).mean()),
+            'recall_at_1': result.recall_at_1,
+            'recall_difference_points': 100.0 * (result.recall_at_1 - exact.recall_at_1),
+            'queries': result.queries,
+            'spearman_u': spearman(result.uncertainties, exact.uncertainties),
+            'mean_u': float(result.uncertainties.mean()),
+            'mean_cosine': float(((result.means * exact.means).sum(axis=1) / lengths).mean()),
             'megabytes': files[variant].stat().st_size / 1e6,
             'threads': {
-                threads: told_ms | {'ratio_to_float32': told_ms['median_ms'] / timed[FLOAT][threads]['median_ms']}
-                for threads, told_ms in timed[variant].items()
+                threads: timing | {'ratio_to_float32': timing['median_ms'] / timed[FLOAT][threads]['median_ms']}
+                for threads, timing in timed[variant].items()
             },
         }
     return figures
 
 
 def _exported(weights: Path, variant: str, scans: CalibrationScans, cache: Path) -> Path:
-    """The variant's file, made now or earlier from the same weights and scans."""
+    """The file of a variant, exported now or earlier from the same weights and scans."""
     folder = (
         cache
         / 'networks'
@@ -203,7 +205,7 @@ def _answered(encoder: OnnxEncoder, drives: list[Drive], protocol: Protocol, cac
 
 
 def _timed(files: dict[str, Path], scans: list[PolarScan], rounds: int) -> dict[str, dict[str, dict[str, Any]]]:
-    """Encoding one scan after another, by variant and threads; the variants take turns."""
+    """Timings of encoding a scan, by variant and threads; the variants are called in turn."""
     found: dict[str, dict[str, dict[str, Any]]] = {variant: {} for variant in files}
     for threads in THREADS if rounds else ():
         calls = {variant: _encoding(OnnxEncoder(path, threads), scans) for variant, path in files.items()}
@@ -221,20 +223,20 @@ def _table(figures: dict[str, dict[str, Any]]) -> list[str]:
     heads = ['Recall@1', 'points', 'Spearman U', 'mean U', 'cosine', 'MB']
     heads += [f'ms, {threads} thread{"s" * (threads > 1)} (of float32)' for threads in THREADS]
     lines = ['| variant | ' + ' | '.join(heads) + ' |', '|---' * (len(heads) + 1) + '|']
-    for variant, told in figures.items():
-        cells = [f'{told["recall_at_1"]:.4f}', f'{told["recall_difference_points"]:+.2f}', f'{told["spearman_u"]:.4f}']
-        cells += [f'{told["mean_u"]:.3f}', f'{told["mean_cosine"]:.5f}', f'{told["megabytes"]:.1f}']
-        cells += [f'{taken["median_ms"]:.1f} ({taken["ratio_to_float32"]:.2f})' for taken in told['threads'].values()]
+    for variant, row in figures.items():
+        cells = [f'{row["recall_at_1"]:.4f}', f'{row["recall_difference_points"]:+.2f}', f'{row["spearman_u"]:.4f}']
+        cells += [f'{row["mean_u"]:.3f}', f'{row["mean_cosine"]:.5f}', f'{row["megabytes"]:.1f}']
+        cells += [f'{taken["median_ms"]:.1f} ({taken["ratio_to_float32"]:.2f})' for taken in row['threads'].values()]
         lines.append(f'| {variant} | ' + ' | '.join(cells) + ' |')
     return lines
 
 
-def _told(machine: dict[str, Any]) -> str:
+def _machine_label(machine: dict[str, Any]) -> str:
     return f'{machine["processor"]} ({", ".join(machine["integers"]) or "no VNNI"})'
 
 
 def _draw(report: dict[str, Any], path: Path) -> None:
-    """Recall@1 over the time of a scan, a panel a network; beside each point the rank correlation of U."""
+    """Draw Recall@1 against the time of a scan, a panel for each network; the legend has the rank correlation of U."""
     from matplotlib.figure import Figure  # noqa: PLC0415
 
     networks = {
@@ -243,30 +245,31 @@ def _draw(report: dict[str, Any], path: Path) -> None:
         if figures['variants'][FLOAT]['threads']
     }
     if not networks:
-        print('nothing was timed: no picture')
+        print('no timings: no picture is drawn')
         return
     figure = Figure(figsize=(6.5 * len(networks), 4.8), layout='constrained')
     threads = str(THREADS[0])
     for panel, (name, figures) in zip(
         figure.subplots(1, len(networks), squeeze=False)[0], networks.items(), strict=True
     ):
-        drawn = {variant: told for variant, told in figures.items() if variant not in OTHER_RANGES}
+        drawn = {variant: row for variant, row in figures.items() if variant not in OTHER_RANGES}
         colours = {kind: f'C{number}' for number, kind in enumerate(v for v in VARIANTS if 'int8' not in v)}
-        for variant, told in drawn.items():
-            at = told['threads'][threads]['median_ms'], 100.0 * told['recall_at_1']
+        for variant, row in drawn.items():
+            at = row['threads'][threads]['median_ms'], 100.0 * row['recall_at_1']
             colour = colours.get(variant.removesuffix('int8').strip() or FLOAT, 'black')
-            text = f'{variant}, {told["spearman_u"]:.3f}'
+            text = f'{variant}, {row["spearman_u"]:.3f}'
             panel.plot(*at, 's' if 'int8' in variant else 'o', color=colour, label=text)
         panel.legend(title='rank correlation of U', fontsize=8, title_fontsize=8)
-        panel.set(title=name, xlabel='milliseconds a scan, one thread', ylabel='Recall@1, %')
-        recalls = [100.0 * told['recall_at_1'] for told in drawn.values()]
+        panel.set(title=name, xlabel='milliseconds per scan, one thread', ylabel='Recall@1, %')
+        recalls = [100.0 * row['recall_at_1'] for row in drawn.values()]
         middle, half = (max(recalls) + min(recalls)) / 2, max(LEAST_SPAN, max(recalls) - min(recalls))
         panel.set_ylim(middle - half, middle + half)
         panel.margins(x=0.25)
         panel.set_xlim(left=0.0)
         panel.grid(alpha=0.3)
     figure.suptitle(
-        f'Speed against recall, and the rank correlation of U with that of {FLOAT}\n{_told(report["machine"])}',
+        f'Speed against recall, and the rank correlation of U with that of {FLOAT}\n'
+        f'{_machine_label(report["machine"])}',
         fontsize=9,
     )
     figure.savefig(path, dpi=110)

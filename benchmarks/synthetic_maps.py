@@ -1,4 +1,4 @@
-"""Maps of any size, made of nothing: places on a square grid, with random means of length one."""
+"""Synthetic maps of any size: places on a square grid, with random L2-normalised means."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _CHUNK = 65536
 
 
 def unit_means(places: int, seed: int) -> NDArray[np.float32]:
-    """(N, 128) random directions."""
+    """(N, 128) random L2-normalised means."""
     rng = np.random.default_rng(seed)
     means = np.empty((places, DIMENSION), np.float32)
     for start in range(0, places, _CHUNK):
@@ -29,7 +29,7 @@ def unit_means(places: int, seed: int) -> NDArray[np.float32]:
 
 
 def synthetic_table(places: int, seed: int) -> PlaceTable:
-    """Places 10 m apart, each with U = 1."""
+    """A table of places 10 m apart, each with U = 1."""
     side = max(1, int(np.ceil(np.sqrt(places))))
     ids = np.arange(places)
     positions_m = np.stack([ids // side * SPACING_M, ids % side * SPACING_M, np.zeros(places)], axis=1)
@@ -45,7 +45,7 @@ def synthetic_table(places: int, seed: int) -> PlaceTable:
 
 
 def near_some(means: NDArray[np.float32], count: int, seed: int) -> NDArray[np.float32]:
-    """(count, 128) queries: means of some places, each with noise half as long as itself."""
+    """(count, 128) queries: means of random places plus noise of half their length."""
     rng = np.random.default_rng(seed)
     noise = rng.standard_normal((count, DIMENSION), dtype=np.float32) * np.float32(0.5 / np.sqrt(DIMENSION))
     near: NDArray[np.float32] = means[rng.integers(0, len(means), count)] + noise
@@ -53,7 +53,7 @@ def near_some(means: NDArray[np.float32], count: int, seed: int) -> NDArray[np.f
 
 
 def map_file(folder: Path, places: int, seed: int) -> Path:
-    """A map of so many places, written once."""
+    """The file of a map of `places` places, written once."""
     path = folder / f'synthetic_{places}_{seed}.map'
     if not path.exists():
         folder.mkdir(parents=True, exist_ok=True)

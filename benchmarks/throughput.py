@@ -1,4 +1,4 @@
-"""How much faster than the radar: bags replayed in lockstep, Oxford scans converted: see README.md beside this file."""
+"""Scans per second of bags replayed in lockstep and of Oxford folders converted: see README.md."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from drives import SCANS, SEED, offradar, origin_of, simulated_drive, write_map
-from measuring import made_by_this_code, rounded, single_threaded, write_results
+from measuring import cache_folder, rounded, single_threaded, write_results
 from pipeline import ANY_U, DOMAIN_ID, NAMES, PLACES, RATE_HZ, Candidate, candidate
 
 from offradar_ros.encoders.registry import make_encoder
@@ -24,7 +24,7 @@ REPLAY_S = 300.0
 
 
 def replayed(encoder: Candidate, folder: Path, drive: Path) -> dict[str, Any]:
-    """Scans a second of `replay_node --lockstep`, with the nodes mapping and searching 10,000 places."""
+    """Scans per second of `replay_node --lockstep`, with nodes that map, and search 10,000 places."""
     info = make_encoder(encoder.config(threads=0)).info
     map_path = write_map(folder / 'search.db', info, origin_of(drive), PLACES)
     parameters = {**encoder.parameters(threads=0), **ANY_U, 'map.path': map_path, 'map.autosave_s': 0.0}
@@ -32,7 +32,7 @@ def replayed(encoder: Candidate, folder: Path, drive: Path) -> dict[str, Any]:
     with Stack(folder / 'logs' / f'replay_{encoder.name}', DOMAIN_ID, parameters) as nodes:
         nodes.wait_until_ready()
         for loops in (1, LOOPS):
-            # The first time over, the nodes warm up.
+            # The first loop warms the nodes up.
             words = [str(drive), '--lockstep', '--loop', str(loops), '--report', str(report)]
             replay = nodes.start('replay_node', words, 'replay')
             try:
@@ -40,19 +40,19 @@ def replayed(encoder: Candidate, folder: Path, drive: Path) -> dict[str, Any]:
                     raise SystemExit(f'error: replay failed: {replay.last_line()}')
             finally:
                 replay.stop()
-    told = json.loads(report.read_text(encoding='utf-8'))
-    rate = told['scans'] / told['seconds']
+    replay_report = json.loads(report.read_text(encoding='utf-8'))
+    rate = replay_report['scans'] / replay_report['seconds']
     return {
-        'scans': told['scans'],
-        'unanswered': told['unanswered'],
+        'scans': replay_report['scans'],
+        'unanswered': replay_report['unanswered'],
         'scans_per_s': rounded(rate),
         'times_real_time': rounded(rate / RATE_HZ),
-        'median_ms': rounded(float(np.median(told['latencies_s'])) * 1e3),
+        'median_ms': rounded(float(np.median(replay_report['latencies_s'])) * 1e3),
     }
 
 
 def converted(folder: Path) -> dict[str, Any]:
-    """Scans a second of `offradar convert`, an Oxford folder to a bag, the start of the interpreter included."""
+    """Scans per second of `offradar convert`, an Oxford folder to a bag, including the start of the interpreter."""
     source, taken_s = simulated_drive(folder, 'oxford'), []
     for _ in range(CONVERSIONS):
         started_s = time.perf_counter()
@@ -62,14 +62,14 @@ def converted(folder: Path) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Print and write both."""
+    """Measure both; print and write the results."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--folder', type=Path, default=Path('build/bench'), help='where drives and networks are kept')
-    parser.add_argument('--vgg16', default='', metavar='FILE', help='trained weights (.safetensors); default: drawn')
+    parser.add_argument('--vgg16', default='', metavar='FILE', help='trained weights (.safetensors); default: random')
     parser.add_argument('--out', type=Path, default=RESULTS, help='default: the results in the repository')
     arguments = parser.parse_args()
     os.environ.update(isolated_environment(DOMAIN_ID))
-    folder = made_by_this_code(arguments.folder)
+    folder = cache_folder(arguments.folder)
     drive = simulated_drive(folder)
     replays = {}
     for name in NAMES:

@@ -1,4 +1,4 @@
-"""What makes U informative: one line a variant of the training, as README.md beside this file explains."""
+"""Figures of U for variants of the training, one line each: see README.md."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def main() -> None:
     """Print a Markdown table for each group of the protocol, and for all."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('protocol', type=Path)
-    parser.add_argument('variants', nargs='+', metavar='NAME=WEIGHTS', help='weights, or the folder of a training run')
+    parser.add_argument('variants', nargs='+', metavar='METHOD', help='as --method of offradar evaluate')
     parser.add_argument('--cache', type=Path, required=True, help='folder of simulated scans and embeddings, kept')
     parser.add_argument('--streets', type=Path, help='folder of the maps and traversals that the protocol names')
     parser.add_argument('--threads', type=int, default=0)
@@ -39,7 +39,7 @@ def main() -> None:
 
 
 def table(results: Results, group: str) -> list[str]:
-    """Lines of Markdown; Recall@RR, AUROC and correlations with the first map spacing."""
+    """Lines of Markdown; Recall@RR, AUROC and correlations are of the first map spacing."""
     spacings = results.groups[group]
     first = next(iter(spacings.values()))
     heads = [f'Recall@1, {spacing} m (clean)' for spacing in spacings]

@@ -1,4 +1,4 @@
-"""Ratios of a new run against those that are committed."""
+"""Ratios of a new run compared with the committed ones."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ def test_a_ratio_that_has_grown_is_found(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run(tmp_path, monkeypatch, changed(ratio_to_network=2.5)) == 1
-    said = capsys.readouterr().out
-    assert 'WRONG encoders.compact.ratio_to_network: 2.5, committed 2' in said
-    assert '4 ratios compared, 1 missing, or grown' in said
+    output = capsys.readouterr().out
+    assert 'WRONG encoders.compact.ratio_to_network: 2.5, committed 2' in output
+    assert '4 ratios compared, 1 missing, or grown' in output
 
 
 def test_a_ratio_inside_a_table_of_ratios_is_compared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -51,22 +51,22 @@ def test_a_ratio_inside_a_table_of_ratios_is_compared(tmp_path: Path, monkeypatc
 
 
 @pytest.mark.parametrize('search', [{}, {'ratio_to_reading': {'5': float('nan'), '25': 1.1}}])
-def test_a_ratio_that_is_gone_or_no_number_is_no_success(
+def test_a_ratio_that_is_missing_or_nan_fails(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, search: dict[str, Any]
 ) -> None:
     assert run(tmp_path, monkeypatch, {**COMMITTED, 'search': search}) == 1
 
 
-def test_a_ratio_to_next_to_nothing_may_vary(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_large_committed_ratio_is_not_compared(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(COMMITTED, 'search', {'ratio_to_reading': {'5': 15.0}})
     assert run(tmp_path, monkeypatch, {**COMMITTED, 'search': {'ratio_to_reading': {'5': 30.0}}}) == 0
 
 
-def test_a_smaller_ratio_is_welcome(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_smaller_ratio_passes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert run(tmp_path, monkeypatch, changed(ratio_to_network=0.5)) == 0
 
 
-def test_nothing_to_compare_is_no_success(
+def test_no_common_results_is_an_error(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert run(tmp_path, monkeypatch, COMMITTED, name='other.json') == 2
@@ -74,5 +74,5 @@ def test_nothing_to_compare_is_no_success(
 
 
 @pytest.mark.parametrize('name', ['pipeline', 'encoders', 'search'])
-def test_what_is_committed_holds_ratios(name: str) -> None:
+def test_committed_results_hold_ratios(name: str) -> None:
     assert list(check_ratios.ratios(json.loads((check_ratios.COMMITTED / f'{name}.json').read_text())))

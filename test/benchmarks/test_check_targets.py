@@ -1,4 +1,4 @@
-"""Targets of the weights that ship, by the results of a small evaluation."""
+"""The targets of the weights that ship, checked on a small evaluation."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def evaluation() -> StreetEvaluation:
     return evaluate_street()
 
 
-def test_targets_name_what_is_reached_and_what_is_not(evaluation: StreetEvaluation) -> None:
+def test_targets_are_reached_or_missed(evaluation: StreetEvaluation) -> None:
     results, targets = evaluation.results, read_record(Targets, TARGETS)
     found = {(t.text, t.group, t.spacing): t for t in outcomes(results, targets)}
     assert found['AUROC of U for wrong answers', 'streets', '5'].found > 0.6
@@ -36,13 +36,13 @@ def test_targets_name_what_is_reached_and_what_is_not(evaluation: StreetEvaluati
     assert not list(outcomes(results, dataclasses.replace(targets, method='other')))
 
 
-def test_what_could_not_be_measured_is_not_reached() -> None:
+def test_a_figure_that_could_not_be_measured_is_not_reached() -> None:
     assert not Outcome(1, 'Recall@1', 'all', '5', 0.9, float('nan')).reached
     assert Outcome(1, 'Recall@1', 'all', '5', 0.9, 0.9).reached
     assert not Outcome(1, 'Recall@1', 'all', '5', 0.9, 0.9, strict=True).reached
 
 
-def test_the_script_fails_where_a_target_is_missed(
+def test_the_script_fails_if_a_target_is_missed(
     evaluation: StreetEvaluation, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / 'results.json'

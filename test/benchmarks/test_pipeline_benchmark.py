@@ -1,4 +1,4 @@
-"""That the benchmark of the whole way measures what it says, over DDS."""
+"""The benchmark of the pipeline, with nodes over DDS."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def test_every_scan_at_four_hertz_is_answered_and_timed(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     row = json.loads(out.read_text())['encoders']['ring_key']
     assert row['scans'] == 12
-    # A busy machine may drop some, or take longer for the encoder alone than it did on the whole way.
+    # On a busy machine scans may be dropped, and the encoder alone may take longer than the pipeline did.
     assert 0 <= row['dropped'] < 12
     assert row['median_ms'] > 0.0 < row['network_ms']
     assert row['ratio_to_network'] == pytest.approx(row['median_ms'] / row['network_ms'], rel=1e-2)
