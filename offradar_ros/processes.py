@@ -29,6 +29,8 @@ _CLOSED = 'handle is closed'
 
 _ending = threading.Event()
 """In a worker: it was asked to end. The task that is then in its queue already cannot be cancelled."""
+_exit_raised = threading.Event()
+"""In a worker: its exit was raised, and not dropped. Another would interrupt the removal of partial files."""
 
 
 def parallel_map(
@@ -101,15 +103,23 @@ def _unless_ending(function: Callable[..., ResultT], task: tuple[Any, ...]) -> R
 
 def _end(_number: int, _frame: FrameType | None) -> None:
     _ending.set()
+    _exit_raised.set()
     sys.exit(128 + signal.SIGTERM)
 
 
 def _end_after_all(ignored: Any) -> None:
     """Python drops an exception that is raised within a finaliser, and prints it: the exit is asked for once more."""
     if ignored.exc_type is SystemExit:
-        threading.Timer(_AGAIN_S, signal.pthread_kill, (threading.main_thread().ident, signal.SIGTERM)).start()
+        _exit_raised.clear()
+        threading.Timer(_AGAIN_S, _end_again).start()
     else:
         sys.__unraisablehook__(ignored)
+
+
+def _end_again() -> None:
+    ident = threading.main_thread().ident
+    if not _exit_raised.is_set() and ident is not None:
+        signal.pthread_kill(ident, signal.SIGTERM)
 
 
 def _start(start: Callable[..., None] | None, *arguments: Any) -> None:

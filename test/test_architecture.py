@@ -61,6 +61,7 @@ LAZY = {
     ('lab.cli.train', 'lab.training.config_file'),
     ('lab.cli.train', 'lab.training.recorded_drives'),
     ('lab.cli.train', 'lab.training.run'),
+    ('recordings.source', 'recordings.bags.sequence'),
 }
 BACKENDS = {'encoders.onnx_backend', 'encoders.torch_backend'}
 """The modules that import a runtime of learned encoders when they are imported."""

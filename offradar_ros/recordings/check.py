@@ -7,9 +7,9 @@ from pathlib import Path
 
 from offradar_ros.config import PositionConfig, RadarConfig
 from offradar_ros.recordings.bags.check import check_bag
-from offradar_ros.recordings.bags.reader import is_bag
 from offradar_ros.recordings.datasets.check.findings import Findings
 from offradar_ros.recordings.datasets.check.folder import check_folder
+from offradar_ros.recordings.source import is_bag
 
 
 def check_recording(

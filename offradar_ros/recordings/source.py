@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
+import importlib.util
 from pathlib import Path
 
 from offradar_ros.config import RadarConfig
 from offradar_ros.errors import DataError
-from offradar_ros.recordings.bags.reader import is_bag
-from offradar_ros.recordings.bags.sequence import BagSequence
 from offradar_ros.recordings.datasets.registry import LAYOUTS, open_sequence, recognised
 from offradar_ros.sequence import RadarSequence
 
@@ -18,7 +17,20 @@ _MOST_NAMED = 3
 def open_source(path: Path, layout: str = 'auto', radar: RadarConfig | None = None) -> RadarSequence:
     """The scans at `path`, a bag or a data-set folder of `layout`, as `radar` says; DataError for anything else."""
     require_recording(path, layout)
-    return BagSequence(path, radar) if is_bag(path) else open_sequence(path, layout, radar)
+    if not is_bag(path):
+        return open_sequence(path, layout, radar)
+    if importlib.util.find_spec('rosbags') is None:
+        raise DataError(f"{path}: a bag is read with the Python package rosbags: pip install 'rosbags>=0.11'")
+    # Here, because machines that train on folders and on simulated scans need no rosbags.
+    from offradar_ros.recordings.bags.sequence import BagSequence  # noqa: PLC0415
+
+    return BagSequence(path, radar)
+
+
+def is_bag(path: str | Path) -> bool:
+    """Whether `path` is a rosbag2 folder or MCAP file, be it unfinished: reading it reports what is wrong."""
+    path = Path(path)
+    return (path / 'metadata.yaml').exists() or path.suffix == '.mcap' or any(path.glob('*.mcap'))
 
 
 def is_recording(path: Path, layout: str = 'auto') -> bool:

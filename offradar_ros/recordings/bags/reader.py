@@ -28,12 +28,6 @@ class RawMessage:
     cdr: bytes
 
 
-def is_bag(path: str | Path) -> bool:
-    """Whether `path` is a rosbag2 folder or MCAP file, be it unfinished: reading it reports what is wrong."""
-    path = Path(path)
-    return (path / 'metadata.yaml').exists() or path.suffix == '.mcap' or any(path.glob('*.mcap'))
-
-
 class Bag:
     """An open rosbag2 folder; every failure of reading is a DataError that names it."""
 

@@ -18,11 +18,12 @@ from offradar_ros.errors import DataError
 from offradar_ros.geometry import LocalFrame
 from offradar_ros.messages import header_stamp_ns
 from offradar_ros.recordings.bags.positions import position_topics, read_positions
-from offradar_ros.recordings.bags.reader import TYPES, Bag, is_bag
+from offradar_ros.recordings.bags.reader import TYPES, Bag
 from offradar_ros.recordings.bags.sequence import BagSequence
 from offradar_ros.recordings.bags.topics import IMAGE_TYPE
 from offradar_ros.recordings.bags.writer import BagOptions, write_bag
 from offradar_ros.recordings.datasets.registry import open_sequence
+from offradar_ros.recordings.source import is_bag
 
 
 def test_scans_stamps_and_positions_survive(street: Callable[..., Any], tmp_path: Path) -> None:
