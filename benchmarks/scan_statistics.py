@@ -15,8 +15,10 @@ QUANTILES = (0.5, 0.75, 0.9, 0.95, 0.99, 0.999)
 BANDS_M = ((5, 15), (15, 30), (30, 60), (60, 100), (100, 160))
 LAGS_M = (0.175, 0.35, 0.7, 1.4, 2.8, 5.6)
 LAGS_ROWS = (1, 2, 3, 5, 10, 20)
-# Nearer returns are of the vehicle.
+STEP_M = 2.0
+"""Step in range of the mean byte against range."""
 _NEAREST_M = 3.0
+"""Nearer returns are of the vehicle."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,13 +54,13 @@ def statistics(scans: list[PolarScan]) -> Statistics:
     )
 
 
-def mean_against_range(scans: list[PolarScan], step_m: float = 2.0) -> tuple[Array, Array]:
+def mean_against_range(scans: list[PolarScan]) -> tuple[Array, Array]:
     """Ranges in metres and the mean byte about each."""
-    count = int(scans[0].max_range_m / step_m)
-    bins = step_m / scans[0].range_resolution_m
+    count = int(scans[0].max_range_m / STEP_M)
+    bins = STEP_M / scans[0].range_resolution_m
     power = np.stack([scan.power for scan in scans]).mean(axis=(0, 1), dtype=np.float64)
     means = [power[round(k * bins) : round((k + 1) * bins)].mean() for k in range(count)]
-    return (np.arange(count, dtype=np.float64) + 0.5) * step_m, np.array(means, np.float64)
+    return (np.arange(count, dtype=np.float64) + 0.5) * STEP_M, np.array(means, np.float64)
 
 
 def _mean(power: NDArray[np.float32], start: int, stop: int) -> float:

@@ -89,7 +89,7 @@ class Group:
         cities: seeds of procedural worlds, of their physics and sessions.
         streets: worlds of real streets.
         recorded: recorded roads.
-        paper: number of the paper's table that reports show beside its figures, 0 for none.
+        paper: number of the paper's table that reports show next to its figures, 0 for none.
     """
 
     name: str

@@ -33,9 +33,9 @@ def reported_groups(groups: ByMap[FiguresT]) -> ByMap[FiguresT]:
     return groups if len(groups) > 2 else {name: figures for name, figures in groups.items() if name != ALL}
 
 
-def number(value: float | None) -> str:
-    """Three decimals; a dash for None and NaN."""
-    return '-' if value is None or math.isnan(value) else f'{value:.3f}'
+def number(value: float) -> str:
+    """Three decimals; a dash for NaN."""
+    return '-' if math.isnan(value) else f'{value:.3f}'
 
 
 def with_interval(figure: Interval) -> str:

@@ -17,9 +17,9 @@ def method_label(method: str) -> str:
     return METHOD_NAMES.get(method, method).replace('(O)', '')
 
 
-def percent(value: float | None) -> str:
-    """A share in percent with two decimals; a dash for None and NaN."""
-    return '-' if value is None or math.isnan(value) else f'{100.0 * value:.2f}'
+def percent(value: float) -> str:
+    """A share in percent with two decimals; a dash for NaN."""
+    return '-' if math.isnan(value) else f'{100.0 * value:.2f}'
 
 
 def spacing_label(spacing: str) -> str:

@@ -66,7 +66,7 @@ def test_batches_have_the_embeddings_of_single_scans(
     torch.manual_seed(1)
     network = make_network(NetworkConfig(backbone='compact', side_px=32, resolution_m=4.0))
     network_files.save_network(tmp_path / 'best.safetensors', network)
-    # The folder of a training run, under a label of its own.
+    # The folder of a training run, as a variant.
     method = open_method(f'variant=ours:{tmp_path}', tmp_path, seed=0, spacing_m=5.0, threads=1)
     assert (method.name, Path(method.weights).name) == ('variant', 'best.safetensors')
     drive = embedded_street(0, 20).drive

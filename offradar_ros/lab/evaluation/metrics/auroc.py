@@ -10,22 +10,21 @@ from numpy.typing import ArrayLike
 from offradar_ros.lab.evaluation.metrics.score_counts import ScoreCounter, ScoreCounts
 
 
-def auroc(scores: ArrayLike, positive: ArrayLike, weights: ArrayLike | None = None) -> float:
+def auroc(scores: ArrayLike, positive: ArrayLike) -> float:
     """P(score of a positive > score of a negative) + ½ P(they are equal), each drawn at random.
 
     Args:
         scores: (N,) numbers, infinite ones allowed.
         positive: (N,) booleans.
-        weights: (N,) weights ≥ 0 of the draws; all are 1 by default.
 
     Returns:
-        0 to 1; NaN where one of the classes has no weight.
+        0 to 1; NaN if one of the classes is empty. ValueError for a score that is NaN.
     """
-    return auroc_of(ScoreCounter(scores, positive).counts(weights))
+    return auroc_of(ScoreCounter(scores, positive).counts())
 
 
 def auroc_of(counts: ScoreCounts) -> float:
-    """`auroc` of counted scores."""
+    """`auroc` of counted scores, each drawn by its weight."""
     positives, negatives = counts.positives, counts.samples - counts.positives
     total = float(positives.sum()) * float(negatives.sum())
     if not total > 0.0:

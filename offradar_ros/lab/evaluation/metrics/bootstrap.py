@@ -8,6 +8,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+LEVEL = 0.95
+"""Share of the draws that an interval holds."""
+
 
 def bootstrap_interval(
     groups: ArrayLike,
@@ -15,7 +18,6 @@ def bootstrap_interval(
     *,
     resamples: int,
     seed: int,
-    level: float = 0.95,
 ) -> tuple[float, float]:
     """Percentile interval of a statistic when whole groups (pairs of drives) are drawn with replacement.
 
@@ -26,7 +28,6 @@ def bootstrap_interval(
         statistic: takes (N,) float64 weights of the rows, how often each row's group was drawn.
         resamples: number of draws; a draw whose statistic is NaN is left out.
         seed: of the draws.
-        level: share of the draws that the interval holds.
 
     Returns:
         (low, high); NaN if no draw gives a finite number, or for less than two groups.
@@ -40,5 +41,5 @@ def bootstrap_interval(
     found = found[np.isfinite(found)]
     if not len(found):
         return math.nan, math.nan
-    low, high = np.quantile(found, [(1.0 - level) / 2.0, (1.0 + level) / 2.0])
+    low, high = np.quantile(found, [(1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0])
     return float(low), float(high)

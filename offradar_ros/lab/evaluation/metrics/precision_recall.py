@@ -72,21 +72,18 @@ class PrecisionRecallCurve:
         return float(self.f_beta(beta)[last]) if last >= 0 else 0.0
 
 
-def precision_recall(
-    scores: ArrayLike, correct: ArrayLike, relevant: float | None = None, weights: ArrayLike | None = None
-) -> PrecisionRecallCurve:
+def precision_recall(scores: ArrayLike, correct: ArrayLike, relevant: float | None = None) -> PrecisionRecallCurve:
     """The curve of N answers, of which those with low scores are accepted first.
 
     Args:
         scores: (N,) distances in embedding space or uncertainties; an infinite one is never accepted.
         correct: (N,) booleans.
-        relevant: weight of what should be accepted: that of all queries with a positive, found or not. By default that
-            of the correct answers, as in scikit-learn and in STUN's evaluation, where recall ends at 1.
-        weights: (N,) weights ≥ 0; all are 1 by default.
+        relevant: number of answers that should be accepted: that of all queries with a positive, found or not. By
+            default that of the correct answers, as in scikit-learn and in STUN's evaluation, where recall ends at 1.
 
     ValueError for a score that is NaN.
     """
-    counts = ScoreCounter(scores, correct).counts(weights)
+    counts = ScoreCounter(scores, correct).counts()
     return precision_recall_of(counts, float(counts.positives.sum()) if relevant is None else relevant)
 
 

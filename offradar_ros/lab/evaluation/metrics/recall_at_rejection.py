@@ -53,9 +53,9 @@ class RejectionCurve:
         return float(np.sum(bent + slope * np.diff(kept))) / (up_to * total)
 
 
-def rejection_curve(uncertainties: ArrayLike, correct: ArrayLike, weights: ArrayLike | None = None) -> RejectionCurve:
-    """The curve of (Q,) uncertainties (infinite ones are rejected first) and (Q,) booleans, weighted by (Q,) ≥ 0."""
-    return rejection_curve_of(ScoreCounter(uncertainties, correct).counts(weights))
+def rejection_curve(uncertainties: ArrayLike, correct: ArrayLike) -> RejectionCurve:
+    """The curve of (Q,) uncertainties (infinite ones are rejected first) and (Q,) booleans."""
+    return rejection_curve_of(ScoreCounter(uncertainties, correct).counts())
 
 
 def rejection_curve_of(counts: ScoreCounts) -> RejectionCurve:

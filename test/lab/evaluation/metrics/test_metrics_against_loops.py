@@ -12,10 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.metrics import roc_auc_score
 
-from offradar_ros.lab.evaluation.metrics.auroc import auroc
+from offradar_ros.lab.evaluation.metrics.auroc import auroc, auroc_of
 from offradar_ros.lab.evaluation.metrics.bootstrap import bootstrap_interval
 from offradar_ros.lab.evaluation.metrics.recall_at_n import recall_at_n
-from offradar_ros.lab.evaluation.metrics.recall_at_rejection import rejection_curve
+from offradar_ros.lab.evaluation.metrics.recall_at_rejection import rejection_curve, rejection_curve_of
+from offradar_ros.lab.evaluation.metrics.score_counts import ScoreCounter
 from offradar_ros.lab.evaluation.metrics.spearman import spearman
 
 # Few different values, so that many are equal.
@@ -59,9 +60,10 @@ def test_auroc_against_a_loop_over_pairs(rows: list[tuple[float, bool]]) -> None
 def test_a_weight_acts_as_a_number_of_copies(rows: list[tuple[float, bool, int]]) -> None:
     scores, labels, weights = (np.array(column) for column in zip(*rows, strict=True))
     many, many_labels = np.repeat(scores, weights), np.repeat(labels, weights)
-    np.testing.assert_allclose(auroc(scores, labels, weights), auroc(many, many_labels))
+    np.testing.assert_allclose(auroc_of(ScoreCounter(scores, labels).counts(weights)), auroc(many, many_labels))
     np.testing.assert_allclose(recall_at_n(~labels * 1, 1, weights), recall_at_n(~many_labels * 1, 1))
-    weighted, repeated = rejection_curve(scores, labels, weights), rejection_curve(many, many_labels)
+    weighted = rejection_curve_of(ScoreCounter(scores, labels).counts(weights))
+    repeated = rejection_curve(many, many_labels)
     np.testing.assert_allclose(weighted.recall_at(0.3), repeated.recall_at(0.3))
     np.testing.assert_allclose(weighted.mean_recall(0.5), repeated.mean_recall(0.5))
 
