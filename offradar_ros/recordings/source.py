@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 from pathlib import Path
 
 from offradar_ros.config import RadarConfig
@@ -19,11 +18,13 @@ def open_source(path: Path, layout: str = 'auto', radar: RadarConfig | None = No
     require_recording(path, layout)
     if not is_bag(path):
         return open_sequence(path, layout, radar)
-    if importlib.util.find_spec('rosbags') is None:
-        raise DataError(f"{path}: a bag is read with the Python package rosbags: pip install 'rosbags>=0.11'")
-    # Here, because machines that train on folders and on simulated scans need no rosbags.
-    from offradar_ros.recordings.bags.sequence import BagSequence  # noqa: PLC0415
-
+    try:
+        # Here, because machines that train on folders and on simulated scans need no rosbags.
+        from offradar_ros.recordings.bags.sequence import BagSequence  # noqa: PLC0415
+    except ModuleNotFoundError as error:
+        raise DataError(
+            f"{path}: a bag is read with the Python package rosbags: pip install 'rosbags>=0.11' ({error})"
+        ) from error
     return BagSequence(path, radar)
 
 
