@@ -1,7 +1,7 @@
 """Radar place recognition that knows when it does not know.
 
-What the package exports is here (docs/python_api.md). A name's module is imported when the name is first used, so that
-`import offradar_ros` loads nothing, and a node no more than it needs.
+The stable names of the package are exported here (docs/python_api.md). The module of a name is imported at the name's
+first use, so that `import offradar_ros` loads nothing, and a node loads only what it needs.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ EXPORTS = {
         'Rejection',
     ),
 }
-"""Names that are stable, by the module that holds them."""
+"""The stable names, by module."""
 
 __all__ = [name for names in EXPORTS.values() for name in names]
 __version__: str
@@ -88,7 +88,7 @@ if not TYPE_CHECKING:
 
 
 def _version() -> str:
-    """That of package.xml, which a checkout has beside the package; installed, the one that it was built with."""
+    """The version in package.xml, which a checkout has next to the package; else that of the installed package."""
     import importlib.metadata  # noqa: PLC0415
     from pathlib import Path  # noqa: PLC0415
     from xml.etree import ElementTree  # noqa: PLC0415

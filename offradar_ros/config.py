@@ -1,4 +1,4 @@
-"""Configuration: one frozen dataclass a stage, with the same dotted names in Python, YAML and ROS parameters.
+"""Configuration: a frozen dataclass for each stage, with the same dotted names in Python, YAML and ROS parameters.
 
 Each field carries its description, unit and bounds. `load_config` reads the YAML that ROS nodes read
 (``/**: ros__parameters:``) or the same names without that wrapping.
@@ -17,16 +17,16 @@ from offradar_ros.errors import ConfigError
 from offradar_ros.records import flatten, read_tree, replace, to_yaml
 
 Value = bool | int | float | str
-NODES_OWN = frozenset({'use_sim_time', 'autostart', 'start_type_description_service'})
-NODES_OWN_PREFIX = 'qos_overrides.'
-REMOVED = {'query.storage': 'maps are searched in float32, as by default before'}
-"""Parameters of earlier versions, and what holds instead."""
+NODE_PARAMETERS = frozenset({'use_sim_time', 'autostart', 'start_type_description_service'})
+NODE_PARAMETER_PREFIX = 'qos_overrides.'
+REMOVED = {'query.storage': 'maps are always searched in float32, the former default'}
+"""Parameters of earlier versions that no longer exist, and why."""
 ConfigT = TypeVar('ConfigT')
 
 
 @dataclasses.dataclass(frozen=True)
 class Bounds:
-    """What a parameter may be, and what it means."""
+    """Description, unit and allowed values of a parameter; `read_only` ones cannot change while a node runs."""
 
     description: str
     unit: str = ''
@@ -38,7 +38,7 @@ class Bounds:
     def problem(self, value: Value) -> str | None:
         """Why `value` is not allowed, or None."""
         if isinstance(value, int) and value.bit_length() > 63:
-            return 'expected a number of 64 bits, as ROS parameters are'
+            return 'expected a number of 64 bits, as in ROS parameters'
         if self.choices and value not in self.choices:
             return f'expected one of {", ".join(self.choices)}, got {value!r}'
         if isinstance(value, float) and not math.isfinite(value):
@@ -68,7 +68,7 @@ def parameter(
 
 @dataclasses.dataclass(frozen=True)
 class RadarConfig:
-    """How a polar image is read."""
+    """How polar images are decoded."""
 
     profile: str = parameter(
         'auto',
@@ -101,14 +101,16 @@ class RadarConfig:
         maximum=math.tau,
     )
     azimuth_direction: str = parameter(
-        'clockwise', 'sense in which rows turn, seen from above', choices=('clockwise', 'counterclockwise')
+        'clockwise',
+        'direction in which azimuths increase with rows, seen from above',
+        choices=('clockwise', 'counterclockwise'),
     )
     max_image_bytes: int = parameter(
-        64 * 2**20, 'a larger image is refused', unit='bytes', minimum=1024, maximum=2**31 - 1
+        64 * 2**20, 'larger images are refused', unit='bytes', minimum=1024, maximum=2**31 - 1
     )
     restart_after_s: float = parameter(
         1.0,
-        'a stamp that jumps back by more than this is a recording that starts again, by less is an error',
+        'a stamp that jumps back by more than this means that the recording starts again; a smaller jump is an error',
         unit='s',
         minimum=0.0,
         maximum=1e6,
@@ -122,7 +124,7 @@ class CartesianConfig:
     side_px: int = parameter(256, 'side of the square image', unit='px', minimum=16, maximum=2048)
     resolution_m: float = parameter(0.5, 'side of a pixel', unit='m', minimum=0.01, maximum=10.0)
     min_range_m: float = parameter(
-        2.5, 'nearer returns are the vehicle itself and are blanked', unit='m', minimum=0.0, maximum=50.0
+        2.5, 'nearer returns are of the vehicle itself and are blanked', unit='m', minimum=0.0, maximum=50.0
     )
 
 
@@ -130,11 +132,11 @@ class CartesianConfig:
 class PolarGridConfig:
     """The polar image that the compact encoder sees."""
 
-    azimuths: int = parameter(200, 'rows, equal sectors of a turn', minimum=8, maximum=4096)
+    azimuths: int = parameter(200, 'rows: equal sectors of a full turn', minimum=8, maximum=4096)
     range_bins: int = parameter(128, 'columns', minimum=8, maximum=4096)
-    resolution_m: float = parameter(0.5, 'depth of a column', unit='m', minimum=0.01, maximum=10.0)
+    resolution_m: float = parameter(0.5, 'range interval of a column', unit='m', minimum=0.01, maximum=10.0)
     min_range_m: float = parameter(
-        2.5, 'nearer returns are the vehicle itself and are blanked', unit='m', minimum=0.0, maximum=50.0
+        2.5, 'nearer returns are of the vehicle itself and are blanked', unit='m', minimum=0.0, maximum=50.0
     )
 
 
@@ -145,13 +147,15 @@ class RingKeyConfig:
     rings: int = parameter(128, 'dimension of the embedding', minimum=8, maximum=4096)
     max_range_m: float = parameter(128.0, 'outer edge of the last ring', unit='m', minimum=1.0, maximum=1000.0)
     min_range_m: float = parameter(
-        2.5, 'nearer returns are the vehicle itself and are blanked', unit='m', minimum=0.0, maximum=50.0
+        2.5, 'nearer returns are of the vehicle itself and are blanked', unit='m', minimum=0.0, maximum=50.0
     )
-    sectors: int = parameter(20, 'azimuth sectors whose spread gives the variance', minimum=2, maximum=400)
-    # 2.55 is what `offradar calibrate` gives on a clean drive of `offradar simulate`.
+    sectors: int = parameter(
+        20, 'number of azimuth sectors, whose differences give the variance', minimum=2, maximum=400
+    )
+    # The result of `offradar calibrate` on a clean drive of `offradar simulate`.
     variance_scale: float = parameter(
         2.55,
-        'factor that makes U 1 on average over a calibration run (offradar calibrate)',
+        'factor that makes U 1 on average over a calibration drive (offradar calibrate)',
         minimum=1e-12,
         maximum=1e12,
     )
@@ -159,31 +163,31 @@ class RingKeyConfig:
 
 @dataclasses.dataclass(frozen=True)
 class EncoderConfig:
-    """Which encoder, and where it runs."""
+    """Which encoder is used, and what it runs on."""
 
     name: str = parameter(
         'variational',
-        'what makes an embedding of a scan: an encoder by its name (docs/encoders.md); variational is our own',
+        'name of the encoder, which makes an embedding of each scan (docs/encoders.md)',
     )
     weights: str = parameter(
         'compact',
-        'weights of a learned encoder: a .onnx or .safetensors file, or the name of weights that come with us',
+        'weights of a learned encoder: a .onnx or .safetensors file, or the name of weights that the package includes',
     )
     backend: str = parameter(
         'auto',
-        'what runs a learned encoder; auto takes the first of ONNX Runtime, OpenCV and torch that is installed and '
+        'runtime of a learned encoder; auto takes the first of ONNX Runtime, OpenCV and torch that is installed and '
         'reads the weights file',
         choices=('auto', 'onnx', 'opencv', 'torch'),
     )
     device: str = parameter(
         'auto',
-        'what a learned encoder runs on; auto takes a GPU that its backend finds, cuda insists on one',
+        'device of a learned encoder; auto takes a GPU if its backend finds one, cuda requires one',
         choices=('auto', 'cpu', 'cuda'),
     )
     threads: int = parameter(0, 'inference threads; 0 uses every core', minimum=0, maximum=1024)
     backlog: int = parameter(
         1,
-        'scans that wait while one is encoded: when another comes, the oldest that waits is dropped',
+        'number of scans that may wait while one is encoded; when another arrives, the oldest waiting one is dropped',
         minimum=1,
         maximum=1000,
     )
@@ -192,22 +196,23 @@ class EncoderConfig:
 
 @dataclasses.dataclass(frozen=True)
 class PositionConfig:
-    """Where positions come from, and when they count (the map server only: a query never needs one)."""
+    """Source of positions, and how long they are valid. Only the map server uses positions; queries need none."""
 
     source: str = parameter('fix', 'type of the position topic: NavSatFix or Odometry', choices=('fix', 'odometry'))
     max_gap_s: float = parameter(
-        1.5, 'two positions further apart in time are not interpolated between', unit='s', minimum=0.01, maximum=60.0
+        1.5, 'largest time between two positions between which is interpolated', unit='s', minimum=0.01, maximum=60.0
     )
     wait_s: float = parameter(
         10.0,
-        'how much newer the newest scan may be before one still without a position is dropped',
+        'a scan without a position is dropped when another scan is newer by more than this',
         unit='s',
         minimum=0.0,
         maximum=600.0,
     )
     restart_after_s: float = parameter(
         1.0,
-        'a position that jumps back in time by more than this starts the recording again, by less is an error',
+        'a position stamp that jumps back by more than this means that the recording starts again; a smaller jump is '
+        'an error',
         unit='s',
         minimum=0.0,
         maximum=1e6,
@@ -220,7 +225,7 @@ class MapConfig:
 
     path: str = parameter('', 'SQLite file of the map; empty keeps the map in memory only')
     match_distance_m: float = parameter(
-        5.0, 'D_t: a scan nearer than this to a mapped place is of that place', unit='m', minimum=0.01, maximum=1000.0
+        5.0, 'D_t: a scan nearer than this to a place matches it', unit='m', minimum=0.01, maximum=1000.0
     )
     replace: str = parameter(
         'nearest',
@@ -229,18 +234,18 @@ class MapConfig:
     )
     match_position: str = parameter(
         'anchor',
-        'what D_t is measured to: the position where the place was first mapped, or that of the scan it holds now',
+        'the position of a place for D_t: where it was first mapped, or that of the scan that it holds now',
         choices=('anchor', 'pose'),
     )
     replace_margin: float = parameter(
         0.0, 'a scan replaces a place only if its U is lower by more than this', minimum=0.0, maximum=1e6
     )
-    insert_unmatched: bool = parameter(True, 'whether a scan far from every place becomes one (false: constant size)')
+    insert_unmatched: bool = parameter(True, 'whether a scan that matches no place becomes one (false: constant size)')
     undo_depth: int = parameter(3, 'ended sessions that can be undone', minimum=0, maximum=1000)
     start_session: bool = parameter(True, 'whether a session starts with the node')
     autosave_s: float = parameter(
         10.0,
-        'how often the running session is made safe against a power cut; 0 turns this off',
+        'how often the running session is saved to disk; 0 turns this off',
         unit='s',
         minimum=0.0,
         maximum=3600.0,
@@ -263,30 +268,31 @@ class QueryConfig:
     )
     model: str = parameter(
         '',
-        'fingerprint of the model that Δ, N and n were calibrated with (offradar calibrate): embeddings of another are '
+        'fingerprint of the model that Δ, N and n were calibrated for (offradar calibrate): embeddings of others are '
         'rejected; empty allows any',
         read_only=False,
     )
     max_distance: float = parameter(
         0.0,
-        'a nearest place further than this in embedding space is an unknown place; 0 turns this off',
+        'a scan whose nearest place is farther than this in embedding space is of an unknown place; 0 turns this off',
         minimum=0.0,
         maximum=1e9,
         read_only=False,
     )
     exclude_current_session: bool = parameter(
-        True, 'whether scans mapped by the running session are left out of the search', read_only=False
+        True, 'whether places of the running session are excluded from the search', read_only=False
     )
     position_sigma_m: float = parameter(
         10.0,
-        'standard deviation of a match, as match_pose reports it',
+        'standard deviation of the position in match_pose',
         unit='m',
         minimum=0.0,
         maximum=1000.0,
         read_only=False,
     )
     map_path: str = parameter(
-        '', 'SQLite map opened read-only at start: for maps too large for a message, or to query without a map server'
+        '',
+        'SQLite map to read at start: for maps that are too large for a message, or to query without a map server',
     )
 
     def __post_init__(self) -> None:
@@ -296,7 +302,7 @@ class QueryConfig:
 
 @dataclasses.dataclass(frozen=True)
 class Config:
-    """Every parameter of the pipeline, the command line and the nodes."""
+    """All parameters of the pipeline, the command line and the nodes."""
 
     radar: RadarConfig = dataclasses.field(default_factory=RadarConfig)
     encoder: EncoderConfig = dataclasses.field(default_factory=EncoderConfig)
@@ -307,7 +313,7 @@ class Config:
 
 @dataclasses.dataclass(frozen=True)
 class Parameter:
-    """One leaf of a configuration: its dotted name, current value and bounds."""
+    """One parameter of a configuration: its dotted name, current value and bounds."""
 
     name: str
     value: Value
@@ -315,7 +321,7 @@ class Parameter:
 
 
 def parameters(config: Any, prefix: str = '') -> Iterator[Parameter]:
-    """Every leaf of a configuration dataclass, in order, under its dotted name."""
+    """Every parameter of a configuration dataclass, in order of its fields."""
     for field in dataclasses.fields(config):
         value = getattr(config, field.name)
         if dataclasses.is_dataclass(value):
@@ -329,13 +335,14 @@ def replace_values(config: ConfigT, values: Mapping[str, Any]) -> ConfigT:
     removed = next((name for name in values if name in REMOVED), None)
     if removed is not None:
         raise ConfigError(f'parameter {removed} was removed: {REMOVED[removed]}; delete it from your parameters')
-    return replace(config, values, 'parameter', 'offradar parameters lists those there are')
+    return replace(config, values, 'parameter', 'offradar parameters lists all')
 
 
 def read_parameters(path: str | Path) -> dict[str, Any]:
-    """Dotted names and values of a parameter file, ROS (any node's ``ros__parameters``) or plain; ConfigError.
+    """Dotted names and values of a parameter file, for ROS (``ros__parameters`` of any node) or plain.
 
-    Every name in the file, those that nodes have beside ours included (see `is_of_nodes`).
+    All names in the file, including parameters that only nodes have (see `is_node_parameter`). ConfigError for a file
+    that cannot be read or holds no parameters.
     """
     values: dict[str, Any] = {}
     try:
@@ -355,27 +362,27 @@ def _mapping(tree: Any) -> Mapping[str, Any]:
     return tree or {}
 
 
-def is_of_nodes(name: str) -> bool:
-    """Whether every ROS node has, or ours declare, a parameter of this name that is none of the configuration's."""
-    return name in NODES_OWN or name.startswith(NODES_OWN_PREFIX)
+def is_node_parameter(name: str) -> bool:
+    """Whether this is a parameter of nodes (ROS's own, or declared by ours) that is not part of the configuration."""
+    return name in NODE_PARAMETERS or name.startswith(NODE_PARAMETER_PREFIX)
 
 
 def load_config(path: str | Path | None = None, overrides: Mapping[str, Any] | None = None) -> Config:
     """Defaults, then the YAML file, then `overrides` (dotted names).
 
-    The same file may hold what is for nodes alone (`is_of_nodes`): it is passed over.
+    Parameters of nodes in the same file (`is_node_parameter`) are ignored.
     """
     config = Config()
     if path is not None:
         values = read_parameters(path)
-        config = replace_values(config, {name: value for name, value in values.items() if not is_of_nodes(name)})
+        config = replace_values(config, {name: value for name, value in values.items() if not is_node_parameter(name)})
     return replace_values(config, overrides or {})
 
 
 def require_writable(path: str | Path) -> None:
-    """ConfigError where no parameter file can be written at `path`; what is there stays as it is."""
+    """ConfigError if a parameter file cannot be written at `path`; an existing file is not changed."""
     path = Path(path)
-    with _refusing_to_write(path):
+    with _reporting_write_errors(path):
         existed = path.exists()
         with path.open('ab'):
             pass
@@ -384,22 +391,22 @@ def require_writable(path: str | Path) -> None:
 
 
 def write_parameters(path: str | Path, values: Mapping[str, Value], comment: str = '') -> None:
-    """Write dotted names as a ROS parameter file for every node (``/**``); ConfigError where it cannot be written."""
+    """Write dotted names as a ROS parameter file for every node (``/**``); ConfigError if it cannot be written."""
     tree: dict[str, Any] = {}
     for name, value in values.items():
-        *stages, leaf = name.split('.')
+        *groups, leaf = name.split('.')
         branch = tree
-        for stage in stages:
-            branch = branch.setdefault(stage, {})
+        for group in groups:
+            branch = branch.setdefault(group, {})
         branch[leaf] = value
     text = to_yaml({'/**': {'ros__parameters': tree}})
     header = ''.join(f'# {line}\n' for line in comment.splitlines())
-    with _refusing_to_write(path):
+    with _reporting_write_errors(path):
         Path(path).write_text(header + text, encoding='utf-8')
 
 
 @contextlib.contextmanager
-def _refusing_to_write(path: str | Path) -> Iterator[None]:
+def _reporting_write_errors(path: str | Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:

@@ -1,16 +1,16 @@
 """Errors whose text is one line that a user can act on.
 
 Each message names the file, topic or parameter and says what was expected. The command line prints it and exits with
-status 1; a node logs it, counts it under its cause and goes on.
+status 1; a node logs it, counts it by its cause and continues.
 """
 
 
 class OffradarError(Exception):
-    """Base of every error that is the input's fault, not the program's."""
+    """Base of all errors that are caused by input, not by a defect of the program."""
 
 
 class DataError(OffradarError):
-    """A file, folder or bag is missing, damaged or not what its place says."""
+    """A file, folder or bag is missing, damaged or of another format."""
 
 
 class ConfigError(OffradarError):
@@ -18,7 +18,7 @@ class ConfigError(OffradarError):
 
 
 class ModelError(OffradarError):
-    """Encoder weights are missing, damaged, or not those that are expected."""
+    """Weights of an encoder are missing, damaged or of another model."""
 
 
 class MapError(OffradarError):
@@ -26,9 +26,9 @@ class MapError(OffradarError):
 
 
 class RefusedInput(OffradarError):
-    """One scan, position or embedding that is dropped; processing goes on with the next.
+    """One scan, position or embedding that is dropped; processing continues with the next.
 
-    `cause` is a short, stable name such as ``wrong_encoding``: the diagnostics count drops by it.
+    `cause` is a short, stable name such as ``wrong_encoding``, by which diagnostics count dropped inputs.
     """
 
     def __init__(self, cause: str, message: str) -> None:

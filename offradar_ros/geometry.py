@@ -1,4 +1,4 @@
-"""Where the vehicle was: geodetic positions to the local ``map`` frame, and positions at a scan's stamp.
+"""Positions of the vehicle: geodetic positions to the local ``map`` frame, and interpolation at a scan's stamp.
 
 Convention: ``map`` is the east-north-up tangent frame at its origin (WGS-84 latitude, longitude in degrees, ellipsoidal
 altitude in metres), metres, x east, y north, z up; yaw is counter-clockwise from east.
@@ -45,11 +45,11 @@ class LocalFrame:
     """East-north-up frame tangent to WGS-84 at `origin`."""
 
     def __init__(self, origin: GeoPoint) -> None:
-        # Here, because machines that train and evaluate on simulated scans need no PROJ.
+        # Imported here, because training and evaluation on simulated scans need no PROJ.
         import pyproj  # noqa: PLC0415
 
         self.origin = origin
-        # float() because NumPy's scalars have a repr that PROJ reads as zero.
+        # float(), because PROJ reads the repr of NumPy's scalars as zero.
         latitude, longitude, altitude = map(float, dataclasses.astuple(origin))
         self._pipeline = pyproj.Transformer.from_pipeline(
             '+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad '
@@ -101,13 +101,13 @@ def wrap_angle(angle_rad: NDArray[np.float64]) -> NDArray[np.float64]:
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Trajectory:
-    """Positions in time, as one sensor of a data set gives them.
+    """Positions over time, from one sensor of a recording.
 
     Attributes:
         stamps_ns: (N,) int64, strictly increasing.
-        positions: (N, 3) float64: latitude°, longitude°, altitude m if `geodetic`, else metres in a frame of its own.
-        yaws_rad: (N,) float64, counter-clockwise from east (or the own frame's x); NaN where unknown.
-        geodetic: whether `positions` is WGS-84.
+        positions: (N, 3) float64: latitude°, longitude°, altitude m if `geodetic`, else metres in a local frame.
+        yaws_rad: (N,) float64, counter-clockwise from east (or the x axis of the local frame); NaN where unknown.
+        geodetic: whether `positions` are WGS-84.
     """
 
     stamps_ns: NDArray[np.int64]
@@ -119,19 +119,19 @@ class Trajectory:
         return len(self.stamps_ns)
 
     def origin(self) -> GeoPoint | None:
-        """The first position, where the local frame starts; None for a trajectory in a frame of its own."""
+        """The first position, as origin of the local frame; None if positions are in a local frame already."""
         if not self.geodetic or not len(self):
             return None
         return GeoPoint(*(float(v) for v in self.positions[0]))
 
     def in_frame(self, frame: LocalFrame | None) -> Trajectory:
-        """The same trajectory in metres of `frame`; one that already is in metres is returned as it is."""
+        """The same trajectory in metres of `frame`; one that is in metres already is returned unchanged."""
         if not self.geodetic or frame is None:
             return self
         return dataclasses.replace(self, positions=frame.to_enu(self.positions), geodetic=False)
 
     def covers(self, stamps_ns: NDArray[np.int64], max_gap_ns: int) -> NDArray[np.bool_]:
-        """(N,) bool: which of (N,) stamps lie on a position, or between two that are at most `max_gap_ns` apart."""
+        """(N,) bool: which of (N,) stamps equal that of a position, or lie between two at most `max_gap_ns` apart."""
         if not len(self):
             return np.zeros(len(stamps_ns), np.bool_)
         before, after = self._neighbours(stamps_ns)
@@ -139,20 +139,20 @@ class Trajectory:
         return np.asarray((first_ns <= stamps_ns) & (stamps_ns <= last_ns) & (last_ns - first_ns <= max_gap_ns))
 
     def poses_at(self, stamps_ns: NDArray[np.int64], max_gap_ns: int) -> NDArray[np.float64]:
-        """(N, 4) float64 position and yaw at (N,) int64 stamps, linear between the two neighbouring positions.
+        """(N, 4) float64 position and yaw at (N,) int64 stamps, interpolated linearly between neighbouring positions.
 
-        Positions are in the trajectory's own units; yaw turns the short way round. NaN outside the trajectory and in a
-        gap of more than `max_gap_ns`.
+        Positions have the units of `positions`; yaw is interpolated along the shorter arc. NaN outside the trajectory
+        and in gaps of more than `max_gap_ns`.
         """
         poses = np.full((len(stamps_ns), 4), np.nan)
         known = self.covers(stamps_ns, max_gap_ns)
         if not known.any():
             return poses
-        asked = stamps_ns[known]
-        before, after = self._neighbours(asked)
-        # Where both neighbours are one position, the step is 0: so is the fraction.
+        covered_ns = stamps_ns[known]
+        before, after = self._neighbours(covered_ns)
+        # Where both neighbours are the same position, step and fraction are 0.
         step_ns = np.maximum(self.stamps_ns[after] - self.stamps_ns[before], 1)
-        fraction = (asked - self.stamps_ns[before]) / step_ns
+        fraction = (covered_ns - self.stamps_ns[before]) / step_ns
         start, end = self.positions[before], self.positions[after]
         turn = wrap_angle(self.yaws_rad[after] - self.yaws_rad[before])
         poses[known, :3] = start + fraction[:, None] * (end - start)
@@ -168,16 +168,16 @@ class Trajectory:
 
 
 class NoPosition(enum.Enum):
-    """Why there is no position at a stamp: it may still come, or it cannot."""
+    """Why there is no position at a stamp: it may still arrive, or it cannot."""
 
     NOT_YET = 'not_yet'
     NEVER = 'never'
 
 
 class PositionBuffer:
-    """Recent positions in time order; answers for a stamp by interpolation only, never by the nearest.
+    """Recent positions in time order, and interpolation between them at a stamp.
 
-    Two neighbouring positions more than `max_gap_ns` apart are not joined by a line.
+    There is no interpolation between neighbours more than `max_gap_ns` apart, and no extrapolation.
     """
 
     def __init__(self, max_gap_ns: int, capacity: int = 4096) -> None:
@@ -186,7 +186,7 @@ class PositionBuffer:
         self._poses: collections.deque[Pose] = collections.deque(maxlen=capacity)
 
     def add(self, stamp_ns: int, pose: Pose) -> None:
-        """Append a position; raises RefusedInput if it is not finite or not newer than the last."""
+        """Add a position; RefusedInput if it is not finite or not newer than the last."""
         if not all(math.isfinite(v) for v in (pose.x_m, pose.y_m, pose.z_m)):
             raise RefusedInput('invalid_position', f'position at {stamp_ns} ns is not finite: {pose}')
         if self._stamps and stamp_ns <= self._stamps[-1]:
@@ -198,17 +198,17 @@ class PositionBuffer:
         self._poses.append(pose)
 
     def clear(self) -> None:
-        """Forget everything, as when a recording starts again."""
+        """Remove all positions, as when a recording starts again."""
         self._stamps.clear()
         self._poses.clear()
 
     @property
     def last_stamp_ns(self) -> int | None:
-        """Stamp of the newest position."""
+        """Stamp of the newest position; None without one."""
         return self._stamps[-1] if self._stamps else None
 
     def at(self, stamp_ns: int) -> Pose | NoPosition:
-        """Pose at `stamp_ns`; NOT_YET while a later position may still bracket it."""
+        """Pose at `stamp_ns`; NOT_YET while a later position may still follow it."""
         after = bisect.bisect_left(self._stamps, stamp_ns)
         if after < len(self._stamps) and self._stamps[after] == stamp_ns:
             return self._poses[after]
@@ -221,7 +221,7 @@ class PositionBuffer:
 
 
 def interpolate(start: Pose, end: Pose, fraction: float) -> Pose:
-    """Pose at `fraction` of the straight way from `start` to `end`; yaw turns the short way round."""
+    """Pose at `fraction` of the straight line from `start` to `end`; yaw follows the shorter arc."""
     turn = float(wrap_angle(np.asarray(end.yaw_rad - start.yaw_rad)))
     return Pose(
         start.x_m + fraction * (end.x_m - start.x_m),

@@ -1,6 +1,6 @@
-"""Records out of messages, whoever deserialised them: rclpy on the vehicle, rosbags offline.
+"""Messages to records, for messages deserialised by rclpy (on the vehicle) or by rosbags (offline).
 
-Only attributes are read, so that both give the same record from the same bytes.
+Only attributes are read, so that both give the same record for the same bytes.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def scan_from_image(message: Any, config: RadarConfig) -> PolarScan:
 
 
 def point_from_fix(message: Any) -> GeoPoint:
-    """The position in a sensor_msgs/NavSatFix; RefusedInput('no_fix') while the receiver has none."""
+    """The position in a sensor_msgs/NavSatFix; RefusedInput('no_fix') if the receiver has no fix."""
     if message.status.status == NO_FIX:
         raise RefusedInput('no_fix', 'NavSatFix status is -1 (no fix): position dropped')
     altitude = message.altitude if math.isfinite(message.altitude) else 0.0
@@ -65,6 +65,6 @@ def pose_from_odometry(message: Any) -> Pose:
 
 
 def header_stamp_ns(cdr: bytes) -> int:
-    """Header stamp of a message's raw bytes, nanoseconds, without decoding the rest."""
+    """Header stamp (nanoseconds) of a serialised message, without a decoding of the rest."""
     seconds, nanoseconds = STAMP.unpack_from(cdr, STAMP_OFFSET)
     return int(seconds) * 10**9 + int(nanoseconds)

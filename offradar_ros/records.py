@@ -1,9 +1,9 @@
-"""Frozen records to and from YAML and JSON: every key is a field of a record, of its type; nothing is guessed.
+"""Frozen records to and from YAML and JSON, strictly: every key is a field of the record and has its type.
 
-A record is a frozen dataclass whose fields are text, numbers, true or false, other records, tuples and mappings of
-these, or optional ones. Types are strict: true is no number, 1 is also a float, a float is finite, 1.0 is no integer.
-A field's metadata may hold ``bounds``, with a method ``problem(value)`` that says why a value is not allowed; what
-concerns several fields is checked by the record itself (``__post_init__`` raises ConfigError).
+A record is a frozen dataclass whose fields are text, numbers, booleans, other records, tuples and mappings of these, or
+optional ones. Types are strict: true is not a number, 1 is also a float, a float is finite, 1.0 is not an integer. A
+field's metadata may hold ``bounds``, with a method ``problem(value)`` that says why a value is not allowed. A condition
+on several fields is checked by the record itself (``__post_init__`` raises ConfigError).
 """
 
 from __future__ import annotations
@@ -33,20 +33,20 @@ RecordT = TypeVar('RecordT')
 if TYPE_CHECKING:
     Measure = float
 else:
-    # A type of its own, so that records say which of their floats may be NaN. To the type checker it is a float.
+    # A distinct type marks the floats of a record that may be NaN. For the type checker it is a float.
     Measure = NewType('Measure', float)
-    """A float of a record that is NaN where it could not be measured; files have null for it, and for infinity."""
+    """A float that is NaN where it could not be measured; NaN and infinity are null in files."""
 
 _EXPECTED = {str: 'text', int: 'a whole number', float: 'a finite number', bool: 'true or false'}
 _LOCATION = re.compile(r'@ (?:attribute (?P<name>\w+)|index (?P<index>\d+)|key (?P<quoted>.+))$', re.DOTALL)
-"""The end of the notes by which cattrs says where in a tree an error is."""
+"""The end of a note in which cattrs gives the location of an error in a tree."""
 _LONGEST_SHOWN = 200
 
 
 def structure(kind: type[RecordT], tree: Any, noun: str = 'key') -> RecordT:
-    """The record of type `kind` that a tree of plain values holds; keys that have a default may be missing.
+    """The record of type `kind` in a tree of plain values; keys with a default may be missing.
 
-    ConfigError is one line: the dotted key, called a `noun`, and what was expected.
+    ConfigError is one line: `noun` and the dotted key, and what was expected.
     """
     try:
         return _CONVERTER.structure(tree, kind)
@@ -59,16 +59,16 @@ def unstructure(record: Any) -> Any:
     return _CONVERTER.unstructure(record)
 
 
-def replace(record: RecordT, values: Mapping[str, Any], noun: str = 'key', otherwise: str = '') -> RecordT:
-    """A copy of `record` with the values of dotted names changed, all at once.
+def replace(record: RecordT, values: Mapping[str, Any], noun: str = 'key', fallback_hint: str = '') -> RecordT:
+    """A copy of `record` with new values for dotted names; the record is checked after all are set.
 
-    ConfigError names the first unknown or invalid one; `otherwise` is the hint where no known name is similar.
+    ConfigError names the first unknown or invalid name; `fallback_hint` is added where no known name is similar.
     """
     tree = unstructure(record)
     known = flatten(tree)
     for name, value in values.items():
         if name not in known:
-            raise ConfigError(_unknown(noun, '', name, sorted(known), otherwise))
+            raise ConfigError(_unknown(noun, '', name, sorted(known), fallback_hint))
         *branches, leaf = name.split('.')
         branch = tree
         for key in branches:
@@ -78,7 +78,7 @@ def replace(record: RecordT, values: Mapping[str, Any], noun: str = 'key', other
 
 
 def flatten(tree: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
-    """Nested mappings to dotted names."""
+    """A tree of mappings as one dict with dotted names."""
     flat: dict[str, Any] = {}
     for key, value in tree.items():
         if isinstance(value, Mapping):
@@ -98,7 +98,7 @@ def read_record(kind: type[RecordT], path: str | Path) -> RecordT:
 
 
 def write_record(path: str | Path, record: Any) -> None:
-    """Write what `read_record` reads, the whole file or nothing; JSON where `path` ends so, YAML otherwise."""
+    """Write a record for `read_record`, atomically: JSON if `path` ends in .json, YAML otherwise."""
     text = to_json(record) if Path(path).suffix == '.json' else to_yaml(record)
     try:
         write_whole_file(path, text.encode())
@@ -107,7 +107,7 @@ def write_record(path: str | Path, record: Any) -> None:
 
 
 def read_tree(path: str | Path) -> Any:
-    """What a YAML or JSON file holds, of plain types; ConfigError where it cannot be read."""
+    """The content of a YAML or JSON file, as plain types; ConfigError if it cannot be read."""
     is_json = Path(path).suffix == '.json'
     try:
         text = Path(path).read_text(encoding='utf-8')
@@ -136,7 +136,7 @@ def to_json(record: Any) -> str:
 
 
 def write_whole_file(path: str | Path, content: bytes) -> None:
-    """Write a file that either is complete or is not there; OSError where it cannot be written."""
+    """Write a file atomically: it is complete or does not exist. OSError if it cannot be written."""
     target = Path(path)
     partial = target.with_name(f'.{target.name}.{os.getpid()}.partial')
     try:
@@ -148,7 +148,7 @@ def write_whole_file(path: str | Path, content: bytes) -> None:
 
 class _Loader(yaml.SafeLoader):
     def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:  # noqa: ARG002 - always deep.
-        """As SafeLoader's; an alias inside its own anchor, a tree without end, is refused."""
+        """As in SafeLoader, but an alias inside its own anchor, an infinite tree, is refused."""
         return super().construct_object(node, deep=True)
 
 
@@ -209,7 +209,7 @@ def _record_hook(kind: Any) -> Callable[[Any, Any], Any]:
 
 
 class _BoundsError(ValueError):
-    """The value of a field is beyond its bounds."""
+    """The value of a field is outside its bounds."""
 
     def __init__(self, name: str, problem: str) -> None:
         super().__init__(problem)
@@ -240,11 +240,11 @@ _CONVERTER = _converter()
 
 
 def _reason(error: BaseException, key: str, noun: str) -> str:
-    """One line of the first error within `error`, which is at the dotted `key`."""
+    """One line about the first error within `error`, which occurred at the dotted `key`."""
     if isinstance(error, BaseValidationError):
         first = next((e for e in error.exceptions if isinstance(e, ForbiddenExtraKeysError)), error.exceptions[0])
         return _reason(first, _located(key, getattr(first, '__notes__', ())), noun)
-    # A record's own words name what they are about.
+    # The message of a record names its fields already.
     if isinstance(error, OffradarError):
         return str(error)
     if isinstance(error, ForbiddenExtraKeysError):
@@ -267,10 +267,10 @@ def _located(key: str, notes: Iterable[str]) -> str:
     return key
 
 
-def _unknown(noun: str, within: str, name: str, known: Iterable[str], otherwise: str = '') -> str:
+def _unknown(noun: str, within: str, name: str, known: Iterable[str], fallback_hint: str = '') -> str:
     shown = f'{within}.{name}'.lstrip('.') if within else name
     nearest = difflib.get_close_matches(name, known, 1)
-    hint = f'did you mean {nearest[0]}?' if nearest else otherwise
+    hint = f'did you mean {nearest[0]}?' if nearest else fallback_hint
     return f'{noun} {shown if shown.isprintable() else repr(shown)} is unknown' + (f': {hint}' if hint else '')
 
 

@@ -1,4 +1,4 @@
-"""One traversal of a radar: scans in time order and, where known, where the vehicle was."""
+"""The interface of a sequence: the scans of one recording in time order and, if known, the positions."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from offradar_ros.types import PolarScan
 
 @runtime_checkable
 class RadarSequence(Protocol):
-    """What every source of recorded or simulated scans is."""
+    """A source of recorded or simulated scans."""
 
     @property
     def name(self) -> str:
-        """What people call the traversal."""
+        """Name of the recording, for people."""
 
     @property
     def layout(self) -> str:
-        """The format it was read from."""
+        """Layout of the recording, such as ``oxford``."""
 
     @property
     def stamps_ns(self) -> NDArray[np.int64]:
-        """(N,) int64 scan stamps, never decreasing."""
+        """(N,) int64 scan stamps in nanoseconds, never decreasing."""
 
     @property
     def trajectory(self) -> Trajectory | None:
-        """The best positions there are, or None."""
+        """The most accurate positions of the recording, or None."""
 
     def __len__(self) -> int:
         """Number of scans, N."""

@@ -1,4 +1,4 @@
-"""Files of ``params/`` by name, wherever the package is: in its sources, a colcon workspace or a pip environment."""
+"""Files of ``params/`` by name, for a package in its sources, in a colcon workspace or in a pip environment."""
 
 from __future__ import annotations
 
@@ -11,27 +11,27 @@ from offradar_ros.errors import ConfigError
 
 
 def shipped_file(folder: str, text: str | Path) -> Path:
-    """The file that `text` is the path of, or the name of in ``params/FOLDER``; ConfigError lists the names there are.
+    """The file with the path `text`, or with the name `text` in ``params/FOLDER``.
 
-    A name has neither a slash nor ``.yaml``.
+    A name has neither a slash nor ``.yaml``. ConfigError for an unknown name lists the known ones.
     """
     if os.sep in str(text) or str(text).endswith('.yaml'):
         return Path(text)
     found = {path.stem: path for place in _places() for path in sorted((place / folder).glob('*.yaml'))}
     if str(text) not in found:
         names = ', '.join(sorted(found)) or 'none are installed'
-        raise ConfigError(f'{text}: expected a YAML file or one of the {folder} that come with us: {names}')
+        raise ConfigError(f'{text}: expected a YAML file or one of the {folder} of this package: {names}')
     return found[str(text)]
 
 
 def installed_file(name: str) -> Path | None:
-    """``params/NAME``, or None where it is not installed, as by ``pip install --target``."""
+    """``params/NAME``, or None if it is not installed, for example after ``pip install --target``."""
     found = [place / name for place in _places() if (place / name).is_file()]
     return found[-1] if found else None
 
 
 def _places() -> Iterator[Path]:
-    """Where ``params`` may be; of files of one name the last counts."""
+    """Folders where ``params`` may be; of several files with one name the last is used."""
     share = Path('share', 'offradar_ros', 'params')
     for prefix in (sys.prefix, *os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)[::-1]):
         if prefix:

@@ -1,6 +1,6 @@
-"""The frozen records that travel through the system. No input or output happens here.
+"""The frozen records that pass through the pipeline. No input or output here.
 
-Conventions, everywhere:
+Conventions of the whole package:
 
 * Stamps are integer nanoseconds since the Unix epoch (`stamp_ns`).
 * Polar power is `(azimuths, range_bins)` uint8, row = azimuth, column = range bin. Azimuth 0 is the sensor's forward
@@ -26,12 +26,12 @@ class PolarScan:
     """One full (or partial) rotation of a spinning radar.
 
     Attributes:
-        stamp_ns: the scan's stamp as its source gives it (file name or message header).
+        stamp_ns: the scan's stamp from its source (file name or message header).
         power: (A, R) uint8 received power in the sensor's own units (0.5 dB steps for Navtech).
-        azimuths_rad: (A,) float64 in [0, 2π), clockwise from forward, one a row.
-        range_resolution_m: metres a range bin.
+        azimuths_rad: (A,) float64 in [0, 2π), clockwise from forward, one for each row.
+        range_resolution_m: metres for each range bin.
         range_offset_m: metres added to every range.
-        azimuth_stamps_ns: (A,) int64 measurement time of each row, or None where the source does not say.
+        azimuth_stamps_ns: (A,) int64 measurement time of each row, or None if the source has none.
     """
 
     stamp_ns: int
@@ -49,7 +49,7 @@ class PolarScan:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Pose:
-    """A position, and a heading where known, in the ``map`` frame (ENU metres; yaw in radians, NaN when unknown)."""
+    """A position, and the heading if known, in the ``map`` frame (ENU metres; yaw in radians, NaN when unknown)."""
 
     x_m: float
     y_m: float
@@ -59,13 +59,13 @@ class Pose:
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class Embedding:
-    """What an encoder makes of one scan: a point to search with, and how unsure it is of it.
+    """Output of an encoder for one scan: a mean to search with, and its variance.
 
     Attributes:
-        stamp_ns: the stamp of the scan it was made from.
+        stamp_ns: the stamp of the scan.
         mean: (d,) float32, the descriptor compared by Euclidean distance.
         variance: (d,) float32, the diagonal of Σ (Sec. III-C of the paper), prior at 1.
-        model: SHA-256 (hex) that identifies the model; embeddings of different models are never compared.
+        model: fingerprint (SHA-256, hex) of the model; embeddings of different models are never compared.
     """
 
     stamp_ns: int
@@ -81,7 +81,7 @@ class Embedding:
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class Place:
-    """One entry of the parent map: (μ_i, U_i, D_i) of Algorithm 1 and where it came from."""
+    """One entry of the parent map: (μ_i, U_i, D_i) of Algorithm 1, with session and stamp of the scan it holds."""
 
     place_id: int
     session_id: int
@@ -93,12 +93,12 @@ class Place:
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class PlaceTable:
-    """Many places as columns, row i one place; what travels from the map to the search.
+    """Many places as columns, one place in each row; the form in which the map is published and searched.
 
     Attributes:
         place_ids: (N,) int64.
-        session_ids: (N,) int32, the session whose scan the place holds.
-        stamps_ns: (N,) int64, the stamp of that scan.
+        session_ids: (N,) int32, session of the scan that the place holds.
+        stamps_ns: (N,) int64, stamp of that scan.
         positions_m: (N, 3) float64 in the ``map`` frame.
         yaws_rad: (N,) float64, NaN where unknown.
         uncertainties: (N,) float32, U of that scan.
@@ -132,7 +132,7 @@ class PlaceTable:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Candidate:
-    """A mapped place that a query resembles; `distance` is Euclidean, in embedding space."""
+    """A place that a query resembles; `distance` is Euclidean, in embedding space."""
 
     place_id: int
     distance: float
@@ -142,7 +142,7 @@ class Candidate:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Match:
-    """An accepted query: its places, nearest first. `threshold` is the U above which it would have been rejected."""
+    """An accepted query and its places, nearest first; it would have been rejected for U above `threshold`."""
 
     stamp_ns: int
     uncertainty: float
@@ -151,7 +151,7 @@ class Match:
 
 
 class Reason(str, enum.Enum):
-    """Why a query got no place."""
+    """Why a query was rejected."""
 
     UNCERTAIN = 'uncertain'
     UNKNOWN_PLACE = 'unknown_place'
@@ -162,9 +162,9 @@ class Reason(str, enum.Enum):
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Rejection:
-    """A refused query, with the places that it would have returned.
+    """A rejected query, with the places that a match would have had.
 
-    `uncertainty` is NaN when the embedding is invalid; `detail` is one line for a person.
+    `uncertainty` is NaN for an invalid embedding; `detail` is one line for people.
     """
 
     stamp_ns: int

@@ -1,12 +1,12 @@
-"""Folder order is import order.
+"""The order of the folders is the order of imports.
 
-Each folder of the package, and each module beside the folders, imports only from those above it in `ORDER`. So the
-vehicle's part stands without the laboratory (`lab`), which may import everything and is imported by nothing: the
-command line reaches its commands by name. The core, up to `calibration`, stands without ROS.
+Each folder of the package, and each module next to the folders, imports only from those above it in `ORDER`. So the
+vehicle's part does not depend on the laboratory (`lab`), which may import everything and is imported by nothing: the
+command line loads its commands by name. The core, up to `calibration`, does not depend on ROS.
 
-Only imports at a module's level count. Those inside functions load something heavy where it is needed and are listed,
-each of them, in `LAZY`. What `import` statements cannot tell, a fresh interpreter does: nothing of the core or the
-command line loads rclpy, a runtime of learned encoders or a plotting library.
+The order applies to imports at module level. Imports inside functions load something heavy when it is needed; `LAZY`
+lists each of them. A new interpreter checks what `import` statements do not show: no module of the core or the command
+line loads rclpy, a runtime of learned encoders or a plotting library.
 """
 
 from __future__ import annotations
@@ -64,10 +64,10 @@ LAZY = {
     ('recordings.source', 'recordings.bags.sequence'),
 }
 BACKENDS = {'encoders.onnx_backend', 'encoders.torch_backend'}
-"""The modules that import a runtime of learned encoders when they are imported."""
+"""Modules that import a runtime of learned encoders at module level."""
 HEAVY = ('rclpy', 'torch', 'onnxruntime', 'onnx', 'matplotlib', 'scipy')
 VEHICLE = ('nodes.encoder_node', 'nodes.map_server_node', 'nodes.query_node')
-"""What runs on the vehicle."""
+"""Modules that run on the vehicle."""
 OFF_THE_VEHICLE = ('recordings', 'calibration', 'cli', 'lab')
 VAGUE = {'util', 'utils', 'common', 'helper', 'helpers', 'manager', 'managers', 'misc'}
 
@@ -90,9 +90,9 @@ def unit(module: str) -> str:
 
 
 def imports_of(root: Path) -> list[Import]:
-    """Every import of the package by itself; `from offradar_ros.a import b` is of a.b where that is a module.
+    """Imports between modules of the package; `from offradar_ros.a import b` imports a.b if that is a module.
 
-    Those of the package root are left out: it loads an export when it is asked for it (test_exports.py).
+    Imports of the package root are not included: it loads each export at its first use (test_exports.py).
     """
     files = {module_name(file, root): file for file in sorted(root.rglob('*.py'))}
     found = []
@@ -104,7 +104,7 @@ def imports_of(root: Path) -> list[Import]:
                 package, _, inner = name.partition('.')
                 if package == PACKAGE:
                     of_root = inner not in files and '.' not in inner and inner != '__version__'
-                    assert not of_root, f'{module}: {inner} of the package root hides the order'
+                    assert not of_root, f'{module}: {inner} of the package root is not in the order'
                     imported = inner if inner in files else inner.rpartition('.')[0]
                     found.append(Import(module, imported, lazy))
     return found
@@ -121,13 +121,13 @@ def imported_names(node: ast.AST) -> list[str]:
     if isinstance(node, ast.Import):
         return [alias.name for alias in node.names]
     if isinstance(node, ast.ImportFrom):
-        assert not node.level, f'line {node.lineno}: relative imports hide the order'
+        assert not node.level, f'line {node.lineno}: relative imports are not in the order'
         return [f'{node.module}.{alias.name}' for alias in node.names]
     return []
 
 
 def violations(root: Path) -> list[str]:
-    """What is against the order, one line each."""
+    """Imports that violate the order, one line each."""
     rank = {name: place for place, name in enumerate(ORDER)}
     found = imports_of(root)
     wrong = [
@@ -145,7 +145,7 @@ def violations(root: Path) -> list[str]:
 
 
 def reached(root: Path, starts: Iterable[str]) -> set[str]:
-    """The modules that some import, directly or not, inside functions too, and the packages that hold them."""
+    """Modules that `starts` import, directly or not, also inside functions, and the packages that hold them."""
     imports: dict[str, set[str]] = {}
     for each in imports_of(root):
         imports.setdefault(each.module, set()).add(each.imported)
@@ -159,7 +159,7 @@ def reached(root: Path, starts: Iterable[str]) -> set[str]:
 
 
 def loaded_by(modules: list[str], path: Path) -> list[str]:
-    """Which of `HEAVY` a fresh interpreter has loaded after importing `modules`, with `path` before all others."""
+    """Names in `HEAVY` that a new interpreter has loaded after an import of `modules`, with `path` first."""
     code = f'import sys; sys.path.insert(0, {str(path)!r}); import {", ".join(modules)}; print(*sys.modules)'
     done = subprocess.run([sys.executable, '-c', code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
@@ -176,7 +176,7 @@ def vague_names(*folders: Path) -> list[str]:
     return [str(file) for folder in folders for file in folder.rglob('*.py') if VAGUE & {file.stem, file.parent.name}]
 
 
-def test_each_folder_has_its_place() -> None:
+def test_each_folder_is_in_the_order() -> None:
     root = PROJECT / PACKAGE
     units = {unit(module_name(file, root)) for file in root.rglob('*.py')} - {''}
     assert units == set(ORDER)
@@ -186,7 +186,7 @@ def test_imports_go_upwards_only() -> None:
     assert violations(PROJECT / PACKAGE) == []
 
 
-def test_every_listed_exception_is_needed() -> None:
+def test_every_listed_import_inside_a_function_exists() -> None:
     lazy = {(module, imported) for module, imported, inside in imports_of(PROJECT / PACKAGE) if inside}
     assert lazy == LAZY
 
@@ -204,7 +204,7 @@ def test_the_vehicle_needs_only_the_onnx_runtime() -> None:
     assert loaded_by([f'{PACKAGE}.encoders.onnx_backend'], PROJECT) == ['onnxruntime']
 
 
-def test_the_vehicle_reaches_nothing_of_recordings_commands_and_laboratory() -> None:
+def test_the_vehicle_imports_no_recordings_commands_or_laboratory() -> None:
     modules = reached(PROJECT / PACKAGE, VEHICLE)
     assert 'stages.query' in modules
     assert sorted(module for module in modules if unit(module) in OFF_THE_VEHICLE) == []
@@ -214,7 +214,7 @@ def test_files_are_named_after_what_they_hold() -> None:
     assert vague_names(PROJECT / PACKAGE, PROJECT / 'test', PROJECT / 'benchmarks') == []
 
 
-# That the tests above can fail: the same judges over packages made to be wrong.
+# The tests above can fail: the same checks of packages with violations.
 
 
 def package(folder: Path, **sources: str) -> Path:
@@ -229,7 +229,7 @@ def package(folder: Path, **sources: str) -> Path:
 
 
 @pytest.mark.parametrize(
-    ('sources', 'said'),
+    ('sources', 'violation'),
     [
         ({'radar__png': 'import offradar_ros.messages', 'messages': ''}, 'radar.png imports messages'),
         ({'errors': 'from offradar_ros.cli.map import show'}, 'errors imports cli.map'),
@@ -243,11 +243,11 @@ def package(folder: Path, **sources: str) -> Path:
         ),
     ],
 )
-def test_an_import_against_the_order_is_found(tmp_path: Path, sources: dict[str, str], said: str) -> None:
-    assert violations(package(tmp_path, **sources)) == [said]
+def test_an_import_against_the_order_is_found(tmp_path: Path, sources: dict[str, str], violation: str) -> None:
+    assert violations(package(tmp_path, **sources)) == [violation]
 
 
-def test_imports_with_the_order_are_none(tmp_path: Path) -> None:
+def test_imports_in_the_order_are_accepted(tmp_path: Path) -> None:
     sources = {
         'messages': 'from offradar_ros import __version__\nimport numpy, offradar_ros.errors',
         'nodes__query': 'from offradar_ros.ros import qos\nfrom offradar_ros.ros.qos import SCANS',
@@ -274,7 +274,7 @@ def test_a_heavy_import_is_found(tmp_path: Path) -> None:
     assert loaded_by([f'{PACKAGE}.errors'], tmp_path) == []
 
 
-def test_what_is_reached_by_way_of_others_is_found(tmp_path: Path) -> None:
+def test_indirect_imports_are_found(tmp_path: Path) -> None:
     sources = {
         'nodes__query': 'from offradar_ros.ros.qos import SCANS',
         'ros__qos': 'def f():\n    import offradar_ros.recordings.bags.reader',

@@ -1,4 +1,4 @@
-"""One configuration, the same through every door, and clear words where it is wrong."""
+"""The configuration is the same in Python and in YAML, and its errors name the parameter."""
 
 import dataclasses
 import math
@@ -25,8 +25,8 @@ from offradar_ros.errors import ConfigError
 LEAVES = {leaf.name: leaf for leaf in parameters(Config())}
 
 
-def slowly_allowed(leaf: Parameter) -> st.SearchStrategy[Any]:
-    """Any value that the leaf's description says is allowed."""
+def allowed_values(leaf: Parameter) -> st.SearchStrategy[Any]:
+    """All values within the bounds of a parameter."""
     bounds = leaf.bounds
     if bounds.choices:
         return st.sampled_from(bounds.choices)
@@ -40,12 +40,12 @@ def slowly_allowed(leaf: Parameter) -> st.SearchStrategy[Any]:
 
 
 allowed = st.lists(st.sampled_from(sorted(LEAVES)), unique=True, max_size=6).flatmap(
-    lambda names: st.fixed_dictionaries({name: slowly_allowed(LEAVES[name]) for name in names})
+    lambda names: st.fixed_dictionaries({name: allowed_values(LEAVES[name]) for name in names})
 )
 
 
 @pytest.mark.parametrize('name', sorted(LEAVES))
-def test_every_parameter_says_what_it_is_and_its_default_is_allowed(name: str) -> None:
+def test_every_parameter_has_a_description_and_an_allowed_default(name: str) -> None:
     leaf = LEAVES[name]
     assert len(leaf.bounds.description) > 10 and '\n' not in leaf.bounds.description
     assert leaf.bounds.problem(leaf.value) is None
@@ -57,7 +57,9 @@ def test_every_parameter_says_what_it_is_and_its_default_is_allowed(name: str) -
 
 @settings(max_examples=60, deadline=None)
 @given(allowed)
-def test_python_and_yaml_are_the_same_door(tmp_path_factory: pytest.TempPathFactory, values: dict[str, Any]) -> None:
+def test_python_and_yaml_give_the_same_configuration(
+    tmp_path_factory: pytest.TempPathFactory, values: dict[str, Any]
+) -> None:
     if values.get('query.level', 10) > values.get('query.levels', 10):
         with pytest.raises(ConfigError, match=r'query\.level: expected at most query\.levels'):
             load_config(overrides=values)
@@ -66,12 +68,12 @@ def test_python_and_yaml_are_the_same_door(tmp_path_factory: pytest.TempPathFact
     leaves = {leaf.name: leaf.value for leaf in parameters(config)}
     assert leaves == {name: leaf.value for name, leaf in LEAVES.items()} | values
     path = tmp_path_factory.mktemp('config') / 'params.yaml'
-    write_parameters(path, leaves, comment='What was used\nand why')
+    write_parameters(path, leaves, comment='Two lines\nof comment')
     assert load_config(path) == config
-    assert path.read_text(encoding='utf-8').startswith('# What was used\n# and why\n/**:')
+    assert path.read_text(encoding='utf-8').startswith('# Two lines\n# of comment\n/**:')
 
 
-def test_a_file_and_then_overrides(tmp_path: Path) -> None:
+def test_overrides_have_priority_over_a_file(tmp_path: Path) -> None:
     path = tmp_path / 'params.yaml'
     path.write_text('map:\n  match_distance_m: 25\n  replace: worst\n')
     config = load_config(path, {'map.replace': 'all'})
@@ -115,7 +117,7 @@ def test_a_wrong_value_is_named_with_what_was_expected(values: dict[str, Any], w
     assert '\n' not in str(wrong.value)
 
 
-def test_two_values_that_need_each_other_are_set_together() -> None:
+def test_values_with_a_common_condition_are_set_together() -> None:
     config = replace_values(Config(), {'query.level': 50, 'query.levels': 100})
     assert (config.query.level, config.query.levels) == (50, 100)
 
@@ -145,21 +147,21 @@ def test_a_file_that_holds_no_parameters_is_named(tmp_path: Path, text: str) -> 
     assert str(path) in str(wrong.value) or 'parameter 1 is unknown' in str(wrong.value)
 
 
-def test_an_unknown_name_is_told_with_the_nearest_known_one() -> None:
-    def said(name: str) -> str:
+def test_an_unknown_name_is_reported_with_the_most_similar_one() -> None:
+    def error_of(name: str) -> str:
         with pytest.raises(ConfigError) as wrong:
             replace_values(Config(), {name: 1})
         return str(wrong.value)
 
-    assert said('query.levle') == 'parameter query.levle is unknown: did you mean query.level?'
-    assert said('delta') == 'parameter delta is unknown: did you mean query.delta?'
-    assert said('zzz') == 'parameter zzz is unknown: offradar parameters lists those there are'
-    assert 'query.storage was removed' in said('query.storage')
-    assert 'delete it from your parameters' in said('query.storage')
-    assert said('a\nb').startswith("parameter 'a\\nb' is unknown: ")
+    assert error_of('query.levle') == 'parameter query.levle is unknown: did you mean query.level?'
+    assert error_of('delta') == 'parameter delta is unknown: did you mean query.delta?'
+    assert error_of('zzz') == 'parameter zzz is unknown: offradar parameters lists all'
+    assert 'query.storage was removed' in error_of('query.storage')
+    assert 'delete it from your parameters' in error_of('query.storage')
+    assert error_of('a\nb').startswith("parameter 'a\\nb' is unknown: ")
 
 
-def test_what_every_node_has_is_passed_over_in_a_file_and_kept_for_nodes(tmp_path: Path) -> None:
+def test_node_parameters_in_a_file_are_not_part_of_the_configuration(tmp_path: Path) -> None:
     path = tmp_path / 'params.yaml'
     path.write_text(
         '/**:\n  ros__parameters:\n    use_sim_time: true\n    autostart: false\n    map: {match_distance_m: 7}\n'
@@ -173,7 +175,7 @@ def test_what_every_node_has_is_passed_over_in_a_file_and_kept_for_nodes(tmp_pat
     assert read_parameters(tmp_path / 'again.yaml') == read
 
 
-def test_asking_whether_a_file_can_be_written_changes_nothing(tmp_path: Path) -> None:
+def test_require_writable_changes_nothing(tmp_path: Path) -> None:
     path = tmp_path / 'params.yaml'
     require_writable(path)
     assert not path.exists()

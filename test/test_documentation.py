@@ -1,4 +1,4 @@
-"""What the documents and the shipped parameter file state is what the code does."""
+"""Documents and the shipped parameter file agree with the code."""
 
 from __future__ import annotations
 
@@ -33,18 +33,18 @@ def text_of(name: str) -> str:
 
 
 def blocks(text: str) -> list[str]:
-    """The code of every fenced block, long lines joined."""
+    """The code of every fenced block; continued lines are joined."""
     return [block.replace('\\\n', ' ') for block in re.findall(r'^```\w*\n(.*?)^```', text, re.MULTILINE | re.DOTALL)]
 
 
 def anchors(document: Path) -> set[str]:
-    """What the headings of a document are linked by."""
+    """The anchors of the headings of a document."""
     headings = re.findall(r'^#+ (.+)$', document.read_text(encoding='utf-8'), re.MULTILINE)
     return {re.sub(r'[^\w\- ]', '', heading.lower()).replace(' ', '-') for heading in headings}
 
 
 def commands_in(text: str) -> Iterator[tuple[str, list[str]]]:
-    """Each `offradar COMMAND` of the code blocks, with the options that it is given."""
+    """Each `offradar COMMAND` of the code blocks, with its options."""
     for block in blocks(text):
         for name, rest in re.findall(r'\boffradar ([a-z]\w+)\b([^\n#;|]*)', block):
             yield name, re.findall(r'(?<!\S)--[a-z][\w-]*', rest)
@@ -56,7 +56,7 @@ def options_of(command: str) -> set[str]:
     return {option for parameter in known.params for option in (*parameter.opts, *parameter.secondary_opts)}
 
 
-def test_the_readme_is_read_in_one_go() -> None:
+def test_the_readme_is_short() -> None:
     assert len(text_of('README.md').splitlines()) <= 130
 
 
@@ -76,7 +76,7 @@ def test_every_command_is_documented() -> None:
 
 
 @pytest.mark.parametrize('command', COMMANDS)
-def test_every_command_explains_itself(command: str) -> None:
+def test_every_command_has_a_help_text(command: str) -> None:
     assert CliRunner().invoke(app, [command, '--help']).exit_code == 0
 
 

@@ -1,4 +1,4 @@
-"""The package root: what it exports, and what importing it costs."""
+"""The package root: its exports, and what an import of it loads."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ NAMES = [(module, name) for module, names in EXPORTS.items() for name in names]
 
 
 @pytest.mark.parametrize(('module', 'name'), NAMES)
-def test_a_name_is_that_of_its_module(module: str, name: str) -> None:
+def test_an_export_is_the_object_of_its_module(module: str, name: str) -> None:
     __import__(f'offradar_ros.{module}')
     assert getattr(offradar_ros, name) is getattr(sys.modules[f'offradar_ros.{module}'], name)
 

@@ -1,4 +1,4 @@
-"""Frames and positions against formulas written out, and properties that any implementation has."""
+"""Frames and positions against textbook formulas, and properties of every correct implementation."""
 
 import csv
 import itertools
@@ -35,7 +35,7 @@ point = st.tuples(latitude, longitude, altitude)
 
 
 def earth_centred(latitude_deg: float, longitude_deg: float, altitude_m: float) -> NDArray[np.float64]:
-    """x, y, z of a WGS-84 position in metres, by the textbook."""
+    """Earth-centred x, y, z of a WGS-84 position in metres, by the textbook."""
     phi, lam = math.radians(latitude_deg), math.radians(longitude_deg)
     normal = SEMI_MAJOR_M / math.sqrt(1 - ECCENTRICITY_SQUARED * math.sin(phi) ** 2)
     return np.array(
@@ -81,7 +81,7 @@ def test_the_axes_are_east_north_up() -> None:
     assert frame.to_enu(np.empty((0, 3))).shape == (0, 3)
 
 
-def test_an_origin_in_numpy_scalars_is_the_same_origin() -> None:
+def test_an_origin_may_be_of_numpy_scalars() -> None:
     position = np.array([51.75, -1.25, 60.0])
     np.testing.assert_allclose(LocalFrame(GeoPoint(*position)).to_enu(position[None]), 0.0, atol=1e-6)
 
@@ -89,15 +89,15 @@ def test_an_origin_in_numpy_scalars_is_the_same_origin() -> None:
 @pytest.mark.parametrize(
     'values', [(90.1, 0.0), (-91.0, 0.0), (0.0, 180.5), (math.nan, 0.0), (0.0, math.nan), (0.0, 0.0, math.inf)]
 )
-def test_points_off_the_earth_are_refused(values: tuple[float, ...]) -> None:
+def test_points_that_are_not_on_earth_are_refused(values: tuple[float, ...]) -> None:
     with pytest.raises(RefusedInput) as refused:
         GeoPoint(*values)
     assert refused.value.cause == 'invalid_position'
 
 
 @pytest.mark.parametrize('degrees', [0.5, 36.4, 51.76, 80.0])
-def test_utm_on_its_central_meridian_is_the_meridian_s_arc(degrees: float) -> None:
-    """Easting 500 km, northing 0.9996 times the arc from the equator, integrated step by step."""
+def test_utm_on_the_central_meridian_is_the_meridian_arc(degrees: float) -> None:
+    """Easting 500 km, northing 0.9996 times the arc from the equator, integrated numerically."""
     phi = np.radians((np.arange(20000) + 0.5) * degrees / 20000)
     curvature = SEMI_MAJOR_M * (1 - ECCENTRICITY_SQUARED) / (1 - ECCENTRICITY_SQUARED * np.sin(phi) ** 2) ** 1.5
     arc = float(np.sum(curvature) * math.radians(degrees) / 20000)
@@ -105,7 +105,7 @@ def test_utm_on_its_central_meridian_is_the_meridian_s_arc(degrees: float) -> No
     np.testing.assert_allclose(found, [(degrees, -3.0, 12.0)], atol=1e-7)
 
 
-def test_utm_against_a_receiver_that_gives_both(real_data: Path) -> None:
+def test_utm_against_a_receiver_with_both_coordinates(real_data: Path) -> None:
     rows = list(csv.DictReader((real_data / 'oxford_tiny' / 'gps' / 'gps.csv').open()))[::100]
     utm = np.array([[float(row[name]) for name in ('easting', 'northing', 'altitude')] for row in rows])
     lla = np.array([[float(row[name]) for name in ('latitude', 'longitude', 'altitude')] for row in rows])
@@ -113,7 +113,7 @@ def test_utm_against_a_receiver_that_gives_both(real_data: Path) -> None:
 
 
 @given(st.floats(-1e4, 1e4))
-def test_wrapped_angles_are_the_same_direction_in_one_turn(angle: float) -> None:
+def test_wrapped_angles_have_the_same_direction(angle: float) -> None:
     wrapped = float(wrap_angle(np.asarray(angle)))
     assert -math.pi < wrapped <= math.pi + 1e-9
     assert math.cos(wrapped - angle) == pytest.approx(1.0, abs=1e-9)
@@ -123,7 +123,7 @@ def test_half_a_turn_wraps_to_plus_pi() -> None:
     np.testing.assert_array_equal(wrap_angle(np.array([math.pi, -math.pi, 0.0])), [math.pi, math.pi, 0.0])
 
 
-def test_yaw_turns_the_short_way_round_and_stays_unknown() -> None:
+def test_yaw_is_interpolated_along_the_shorter_arc_or_unknown() -> None:
     start, end = Pose(0, 0, 0, math.radians(170)), Pose(10, 20, 30, math.radians(-170))
     middle = interpolate(start, end, 0.5)
     assert (middle.x_m, middle.y_m, middle.z_m) == (5.0, 10.0, 15.0)
@@ -131,8 +131,8 @@ def test_yaw_turns_the_short_way_round_and_stays_unknown() -> None:
     assert math.isnan(interpolate(start, Pose(1, 1), 0.5).yaw_rad)
 
 
-def slowly_at(known: list[tuple[int, float]], stamp: int, max_gap: int) -> float | NoPosition:
-    """What a buffer should answer, by looking at every pair."""
+def slow_interpolation(known: list[tuple[int, float]], stamp: int, max_gap: int) -> float | NoPosition:
+    """The expected answer of a buffer, by a loop over every pair."""
     for at, x in known:
         if at == stamp:
             return x
@@ -154,7 +154,7 @@ def test_the_buffer_and_the_trajectory_against_every_pair(
     positions: list[tuple[int, float]], stamp: int, max_gap: int
 ) -> None:
     positions = sorted(positions)
-    expected = slowly_at(positions, stamp, max_gap)
+    expected = slow_interpolation(positions, stamp, max_gap)
     buffer = PositionBuffer(max_gap)
     for at, x in positions:
         buffer.add(at, Pose(x, -x))
@@ -175,7 +175,7 @@ def test_the_buffer_and_the_trajectory_against_every_pair(
         assert along[:3].tolist() == [found.x_m, found.y_m, found.z_m]
 
 
-def test_the_buffer_refuses_what_is_not_newer_or_not_finite_and_keeps_what_it_had() -> None:
+def test_the_buffer_refuses_positions_that_are_not_newer_or_not_finite() -> None:
     buffer = PositionBuffer(10)
     buffer.add(5, Pose(1.0, 1.0))
     for stamp, pose, cause in (
@@ -196,7 +196,7 @@ def test_the_buffer_refuses_what_is_not_newer_or_not_finite_and_keeps_what_it_ha
     assert buffer.at(5) is NoPosition.NOT_YET
 
 
-def test_the_buffer_forgets_the_oldest_first() -> None:
+def test_the_buffer_removes_the_oldest_first() -> None:
     buffer = PositionBuffer(10, capacity=3)
     for stamp in range(5):
         buffer.add(stamp, Pose(float(stamp), 0.0))
@@ -206,7 +206,7 @@ def test_the_buffer_forgets_the_oldest_first() -> None:
     assert oldest.x_m == 2.0
 
 
-def test_a_trajectory_starts_its_own_frame() -> None:
+def test_the_origin_of_a_trajectory_is_its_first_position() -> None:
     lla = np.array([(51.75, -1.25, 60.0), (51.76, -1.25, 60.0)])
     trajectory = Trajectory(np.array([0, 10]), lla, np.zeros(2), geodetic=True)
     origin = trajectory.origin()
@@ -218,7 +218,7 @@ def test_a_trajectory_starts_its_own_frame() -> None:
     assert local.poses_at(np.array([5]), max_gap_ns=10)[0, 1] == pytest.approx(local.positions[1, 1] / 2)
 
 
-def test_poses_between_positions_turn_the_short_way_round() -> None:
+def test_poses_between_positions_turn_along_the_shorter_arc() -> None:
     yaws = np.radians([170.0, -170.0, 90.0])
     track = Trajectory(np.array([0, 10, 40]), np.arange(9.0).reshape(3, 3), yaws, geodetic=False)
     found = track.poses_at(np.array([-1, 0, 2, 5, 10, 20, 40, 41]), max_gap_ns=10)

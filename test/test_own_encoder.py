@@ -1,4 +1,4 @@
-"""The encoder of docs/examples through everything that takes an encoder; the node's test is with the nodes."""
+"""The encoder of docs/examples in all commands that take an encoder; its test in a node is in test/nodes."""
 
 from __future__ import annotations
 
@@ -63,8 +63,8 @@ def test_drive_maps_and_queries_with_it(
     (tmp_path / 'own.yaml').write_text(f'encoder: {{name: {own_encoder}}}\nquery: {{delta: 100.0}}\n')
     named = ['--params', tmp_path / 'own.yaml', '--map', tmp_path / 'map.db']
     done('drive', street_bag('one', count=6), *named, '--session', 'one')
-    said = done('drive', street_bag('two', count=6, noise_seed=1), *named, '--out', tmp_path / 'answers.csv')
-    assert 'match' in said
+    output = done('drive', street_bag('two', count=6, noise_seed=1), *named, '--out', tmp_path / 'answers.csv')
+    assert 'match' in output
     assert (tmp_path / 'answers.csv').is_file()
 
 

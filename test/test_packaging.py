@@ -1,4 +1,4 @@
-"""The metadata agree with one another, and the source compiles for every Python that they name."""
+"""The metadata are consistent, and the source compiles for every Python version in them."""
 
 from __future__ import annotations
 
@@ -48,9 +48,9 @@ def test_every_document_names_the_same_pythons() -> None:
     assert [line for line in setup_py('--classifiers') if 'Python ::' in line] == [
         f'Programming Language :: Python :: {version}' for version in PYTHONS
     ]
-    said = f'{PYTHONS[0]} to {PYTHONS[-1]}'
+    expected = f'{PYTHONS[0]} to {PYTHONS[-1]}'
     for name in ('Makefile', 'README.md', 'CONTRIBUTING.md', 'QUALITY_DECLARATION.md', 'constraints.txt'):
-        assert said in (PROJECT / name).read_text(encoding='utf-8'), name
+        assert expected in (PROJECT / name).read_text(encoding='utf-8'), name
     pyproject = (PROJECT / 'pyproject.toml').read_text(encoding='utf-8')
     assert f'python_version = "{PYTHONS[0]}"' in pyproject
     assert f'target-version = "py{PYTHONS[0].replace(".", "")}"' in pyproject
@@ -65,7 +65,7 @@ def test_the_source_has_the_syntax_of_the_oldest_python() -> None:
 @pytest.mark.parametrize('version', PYTHONS)
 def test_the_source_compiles(version: str) -> None:
     python = shutil.which(f'python{version}')
-    # A shim of pyenv is on the path for a version that is installed, but not switched on.
+    # pyenv has a shim on the path for versions that are installed but not active.
     if python is None or subprocess.run([python, '-c', ''], capture_output=True, check=False).returncode:
         pytest.skip(f'no python{version} on the path')
     names = '\n'.join(map(str, SOURCES))

@@ -1,4 +1,4 @@
-"""Tasks run in parallel, errors come back, and a killed process is reported as one."""
+"""Tasks run in parallel, their errors are raised, and a killed process is reported."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ WAIT_S = 60.0
 
 
 @pytest.mark.parametrize('processes', [1, 2])
-def test_each_task_is_done_and_its_progress_reported(tmp_path: Path, processes: int) -> None:
+def test_each_task_is_run_and_its_progress_reported(tmp_path: Path, processes: int) -> None:
     reported: list[tuple[int, int]] = []
     tasks = [(tmp_path / name, name) for name in ('a', 'b', 'c')]
     parallel_map(Path.write_text, tasks, processes, lambda done, total: reported.append((done, total)))
@@ -35,24 +35,24 @@ def test_results_are_in_the_order_of_the_tasks(processes: int) -> None:
     assert parallel_map(divmod, [(7, 2), (9, 4), (5, 5)], processes) == [(3, 1), (2, 1), (1, 0)]
 
 
-def test_what_several_processes_do_leaves_this_one_as_it_is(tmp_path: Path) -> None:
+def test_tasks_do_not_change_the_calling_process(tmp_path: Path) -> None:
     before = Path.cwd()
     parallel_map(os.chdir, [(tmp_path,), (tmp_path,)], 2)
     assert Path.cwd() == before
 
 
 @pytest.mark.parametrize('processes', [1, 2])
-def test_errors_come_back(tmp_path: Path, processes: int) -> None:
+def test_an_error_of_a_task_is_raised(tmp_path: Path, processes: int) -> None:
     with pytest.raises(FileNotFoundError, match='nowhere'):
         parallel_map(os.rmdir, [(tmp_path / 'nowhere',), (tmp_path / 'nowhere',)], processes)
 
 
-def test_a_killed_process_is_reported_as_one() -> None:
+def test_a_killed_process_is_reported() -> None:
     with pytest.raises(DataError, match='a process was killed'):
         parallel_map(signal.raise_signal, [(signal.SIGKILL,), (signal.SIGKILL,)], 2)
 
 
-def test_a_process_that_dies_while_another_is_started_is_reported_as_one(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_process_that_dies_while_another_is_started_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     def start(_: object) -> None:
         raise OSError('handle is closed')
 
@@ -61,7 +61,7 @@ def test_a_process_that_dies_while_another_is_started_is_reported_as_one(monkeyp
         parallel_map(abs, [(1,), (2,)], 2)
 
 
-def test_an_error_of_the_system_is_no_dead_process(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_error_of_the_system_is_not_reported_as_a_killed_process(monkeypatch: pytest.MonkeyPatch) -> None:
     def start(_: object) -> None:
         raise BlockingIOError(errno.EAGAIN, 'Resource temporarily unavailable')
 
@@ -70,7 +70,7 @@ def test_an_error_of_the_system_is_no_dead_process(monkeypatch: pytest.MonkeyPat
         parallel_map(abs, [(1,), (2,)], 2)
 
 
-def test_no_process_outlives_the_one_that_started_it() -> None:
+def test_workers_end_with_the_calling_process() -> None:
     code = 'import time; from offradar_ros.processes import parallel_map; parallel_map(time.sleep, [(900,)] * 2, 2)'
     parent = subprocess.Popen([sys.executable, '-c', code])
     try:
@@ -79,16 +79,16 @@ def test_no_process_outlives_the_one_that_started_it() -> None:
     finally:
         parent.kill()
         parent.wait()
-    assert within_s(WAIT_S, lambda: not any(lives(pid) for pid in children))
+    assert within_s(WAIT_S, lambda: not any(is_alive(pid) for pid in children))
 
 
-def test_ctrl_c_ends_the_others_which_remove_partial_files(tmp_path: Path) -> None:
+def test_ctrl_c_ends_the_workers_which_remove_partial_files(tmp_path: Path) -> None:
     (tmp_path / 'slow_task.py').write_text(SLOW_TASK)
     tasks = [(str(tmp_path / name),) for name in 'abcd']
     code = (
         f'from slow_task import slow; from offradar_ros.processes import parallel_map; parallel_map(slow, {tasks}, 2)'
     )
-    # A shell's background jobs, such as a run of these tests may be, and all that they start ignore Ctrl-C.
+    # Background jobs of a shell, and all processes that they start, ignore Ctrl-C; these tests may run as one.
     command = ['env', '--default-signal=INT', sys.executable, '-c', code]
     paths = os.pathsep.join([str(tmp_path), *sys.path])
     parent = subprocess.Popen(command, env={**os.environ, 'PYTHONPATH': paths}, stderr=subprocess.PIPE, text=True)
@@ -103,7 +103,7 @@ def test_ctrl_c_ends_the_others_which_remove_partial_files(tmp_path: Path) -> No
     assert within_s(WAIT_S, lambda: not any((tmp_path / name).exists() for name in 'abcd'))
 
 
-def test_an_exit_within_a_finaliser_is_not_lost(
+def test_an_exit_within_a_finaliser_is_raised_again(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     (tmp_path / 'slow_task.py').write_text(SLOW_TASK)
@@ -139,13 +139,13 @@ def slow(path):
 
 
 def workers_of(pid: int) -> list[int]:
-    """Processes that `pid` has started, but for the one that tracks its semaphores."""
+    """Processes that `pid` has started, except the one that tracks its semaphores."""
     listed = Path(f'/proc/{pid}/task/{pid}/children').read_text().split()
     return [int(child) for child in listed if 'spawn_main' in Path(f'/proc/{child}/cmdline').read_text()]
 
 
-def lives(pid: int) -> bool:
-    """Whether a process is there and more than an entry that nobody has asked for."""
+def is_alive(pid: int) -> bool:
+    """Whether a process exists and is not a zombie."""
     try:
         state = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()[0]
     except (FileNotFoundError, ProcessLookupError):
@@ -162,5 +162,5 @@ def within_s(seconds: float, holds: Callable[[], bool]) -> bool:
     return True
 
 
-def test_nothing_to_do_is_done() -> None:
+def test_no_tasks() -> None:
     parallel_map(os.rmdir, [], 2)

@@ -1,4 +1,4 @@
-"""Records are read as they were written, and what is no record is refused in one line."""
+"""Records are read as they were written, and invalid files are refused in one line."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ towns = st.builds(
 
 @settings(max_examples=80, deadline=None)
 @given(towns)
-def test_what_is_written_is_read_as_it_was(tmp_path_factory: pytest.TempPathFactory, town: Town) -> None:
+def test_a_record_is_read_as_it_was_written(tmp_path_factory: pytest.TempPathFactory, town: Town) -> None:
     folder = tmp_path_factory.mktemp('town')
     assert structure(Town, unstructure(town)) == town
     for path in (folder / 'town.yaml', folder / 'town.json'):
@@ -83,7 +83,7 @@ def test_what_is_written_is_read_as_it_was(tmp_path_factory: pytest.TempPathFact
 
 
 @pytest.mark.parametrize(
-    ('tree', 'said'),
+    ('tree', 'message'),
     [
         ({}, 'key count is missing'),
         ({'count': 1.0}, 'key count: expected a whole number, got 1.0'),
@@ -114,10 +114,10 @@ def test_what_is_written_is_read_as_it_was(tmp_path_factory: pytest.TempPathFact
         (None, 'expected a mapping of keys, got NoneType'),
     ],
 )
-def test_one_line_says_what_is_wrong(tmp_path: Path, tree: Any, said: str) -> None:
+def test_an_error_is_one_line_with_the_key(tmp_path: Path, tree: Any, message: str) -> None:
     with pytest.raises(ConfigError) as wrong:
         structure(Town, tree)
-    assert said in str(wrong.value)
+    assert message in str(wrong.value)
     assert '\n' not in str(wrong.value)
     (tmp_path / 'town.yaml').write_text(to_yaml(tree))
     with pytest.raises(ConfigError) as wrong:
@@ -130,11 +130,11 @@ def test_an_integer_is_also_a_float_and_an_optional_value_may_be_null() -> None:
     assert (type(town.height_m), town.mayor, town.corners) == (float, None, ((1.0,),))
 
 
-def test_values_are_changed_together_over_what_the_record_holds() -> None:
+def test_replace_sets_all_values_and_then_checks_the_record() -> None:
     town = Town(1, streets=(Street('a'),))
     changed = replace(town, {'centre.length_m': 3, 'count': 2})
     assert changed == dataclasses.replace(town, count=2, centre=Street('centre', 3.0))
-    for values, said in (
+    for values, message in (
         ({'centre.lenght_m': 1}, 'key centre.lenght_m is unknown: did you mean centre.length_m?'),
         ({'centre': 1}, 'key centre is unknown'),
         ({'centre.length_m': -1.0}, 'key centre.length_m: expected at least 0, got -1.0'),
@@ -142,11 +142,11 @@ def test_values_are_changed_together_over_what_the_record_holds() -> None:
     ):
         with pytest.raises(ConfigError) as wrong:
             replace(town, values)
-        assert str(wrong.value).startswith(said)
+        assert str(wrong.value).startswith(message)
 
 
 @pytest.mark.parametrize(
-    ('name', 'text', 'said'),
+    ('name', 'text', 'message'),
     [
         ('a.yaml', 'a: [1', 'not a readable YAML file'),
         ('a.yaml', 'a: &a {b: *a}', 'not a readable YAML file'),
@@ -158,11 +158,11 @@ def test_values_are_changed_together_over_what_the_record_holds() -> None:
         ('a.json', '{"count": 1, "height_m": NaN}', 'key height_m: expected a finite number, got nan'),
     ],
 )
-def test_a_file_that_holds_no_record_is_named(tmp_path: Path, name: str, text: str, said: str) -> None:
+def test_an_unreadable_file_is_named(tmp_path: Path, name: str, text: str, message: str) -> None:
     (tmp_path / name).write_text(text)
     with pytest.raises(ConfigError) as wrong:
         read_record(Town, tmp_path / name)
-    assert str(wrong.value).startswith(f'{tmp_path / name}: {said}')
+    assert str(wrong.value).startswith(f'{tmp_path / name}: {message}')
     assert '\n' not in str(wrong.value)
 
 
@@ -172,17 +172,17 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize('text', ['1e-5', '1E5', '+1e3', '-2.5e7', '.5e1', '1.5e-3'])
-def test_a_number_with_an_exponent_is_one_and_text_that_looks_like_it_is_not(text: str) -> None:
+def test_numbers_with_an_exponent_are_numbers_and_quoted_ones_are_text(text: str) -> None:
     assert parse_yaml(text) == float(text)
     assert parse_yaml(to_yaml({'a': text})) == {'a': text}
 
 
-def test_json_holds_no_number_that_is_none() -> None:
+def test_json_refuses_nan() -> None:
     with pytest.raises(ValueError, match='nan'):
         to_json(Town(1, height_m=math.nan))
 
 
-def test_a_file_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
+def test_a_file_is_written_atomically(tmp_path: Path) -> None:
     write_whole_file(tmp_path / 'a', b'1')
     write_whole_file(tmp_path / 'a', b'2')
     assert (tmp_path / 'a').read_bytes() == b'2'
@@ -200,7 +200,7 @@ nested = st.recursive(
 
 
 @given(st.dictionaries(st.text('abc', min_size=1, max_size=2), nested, max_size=3))
-def test_flattened_names_lead_to_their_values(tree: dict[str, Any]) -> None:
+def test_flattened_names_are_paths_to_their_values(tree: dict[str, Any]) -> None:
     for name, value in flatten(tree).items():
         branch: Any = tree
         for part in name.split('.'):
@@ -215,7 +215,7 @@ class Figures:
     curve: tuple[tuple[Measure, Measure], ...]
 
 
-def test_what_could_not_be_measured_is_null() -> None:
+def test_measures_that_are_nan_are_null() -> None:
     figures = Figures(math.nan, {'clean': 1.0, 'fog': math.nan}, ((0.0, math.inf), (1.0, 0.5)))
     tree = unstructure(figures)
     assert tree == {'mean': None, 'by_kind': {'clean': 1.0, 'fog': None}, 'curve': [[0.0, None], [1.0, 0.5]]}

@@ -9,11 +9,11 @@ from offradar_ros.lab.evaluation.protocol_file import read_protocol
 from offradar_ros.shipped import shipped_file
 
 
-def test_a_name_is_that_of_a_shipped_file() -> None:
+def test_a_name_gives_a_shipped_file() -> None:
     assert read_protocol('held_out').name == 'held_out'
 
 
-def test_a_path_is_taken_as_it_is() -> None:
+def test_a_path_is_returned_unchanged() -> None:
     assert shipped_file('protocols', 'my/own.yaml') == Path('my/own.yaml')
 
 
