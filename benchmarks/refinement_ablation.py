@@ -26,13 +26,13 @@ from offradar_ros.lab.training.config import DataConfig, RefinementConfig, Train
 from offradar_ros.lab.training.config_file import read_config
 from offradar_ros.lab.training.refinement import (
     MAP_SPACINGS_M,
-    Lessons,
+    SearchedScans,
     descriptors_of,
     feature_maps,
-    learn,
-    lessons,
+    search_scans,
+    train_variance,
 )
-from offradar_ros.lab.training.searches import Search, searches
+from offradar_ros.lab.training.searches import Search, search_pairs
 from offradar_ros.lab.training.simulated_drives import simulated_drives
 
 WEIGHTS = {
@@ -63,14 +63,14 @@ def main() -> None:
     print('| second stage | ' + ' | '.join([*heads, 'Spearman U–severity', 'least within a kind', 'U']) + ' |')
     print('|---' * (len(heads) + 4) + '|')
     print(validation.row('none', network))
-    taught = _lessons(network, fresh)
+    scans = _searched(network, fresh)
     for name, (wrong, margin, severity) in WEIGHTS.items():
         changed = dataclasses.replace(
             config.refinement, wrong_weight=wrong, margin_weight=margin, severity_weight=severity
         )
-        print(validation.row(name, _refined(network, taught, changed, config.seed)))
-    print(validation.row('as configured', _refined(network, taught, config.refinement, config.seed)))
-    same = _refined(network, _lessons(network, seen), config.refinement, config.seed)
+        print(validation.row(name, _refined(network, scans, changed, config.seed)))
+    print(validation.row('as configured', _refined(network, scans, config.refinement, config.seed)))
+    same = _refined(network, _searched(network, seen), config.refinement, config.seed)
     print(validation.row('as configured, over worlds that the network was trained on', same))
 
 
@@ -87,13 +87,15 @@ def _features(network: VariationalNetwork, drives: Sequence[Drive]) -> list[torc
         return feature_maps(network, drives, progress=progress)
 
 
-def _lessons(network: VariationalNetwork, drives: Sequence[Drive]) -> Lessons:
-    return lessons(network, drives, _features(network, drives))
+def _searched(network: VariationalNetwork, drives: Sequence[Drive]) -> SearchedScans:
+    return search_scans(network, drives, _features(network, drives))
 
 
-def _refined(network: VariationalNetwork, taught: Lessons, config: RefinementConfig, seed: int) -> VariationalNetwork:
+def _refined(
+    network: VariationalNetwork, scans: SearchedScans, config: RefinementConfig, seed: int
+) -> VariationalNetwork:
     changed = copy.deepcopy(network)
-    collections.deque(learn(changed, taught, config, seed), maxlen=0)
+    collections.deque(train_variance(changed, scans, config, seed), maxlen=0)
     return changed
 
 
@@ -106,7 +108,7 @@ class _Validation:
         self._severities = np.concatenate([drive.severities for drive in drives])
         self._kinds = np.array([kind for drive in drives for kind in drive.kinds])
         descriptors = [descriptors_of(network, flat) for flat in self._features]
-        self._searches = [searches(drives, descriptors, spacing_m) for spacing_m in MAP_SPACINGS_M]
+        self._searches = [search_pairs(drives, descriptors, spacing_m) for spacing_m in MAP_SPACINGS_M]
 
     def row(self, name: str, network: VariationalNetwork) -> str:
         """A line of Markdown for the U of this network."""
@@ -122,7 +124,7 @@ class _Validation:
         return f'| {name} | ' + ' | '.join(cells) + ' |'
 
     def _auroc(self, u: NDArray[np.float64], searched: Sequence[Search]) -> float:
-        of_queries = np.concatenate([u[self._first[search.driven] + search.queries] for search in searched])
+        of_queries = np.concatenate([u[self._first[search.queried] + search.queries] for search in searched])
         return auroc(of_queries, np.concatenate([search.margins <= 0.0 for search in searched]))
 
 

@@ -25,7 +25,7 @@ CITIES = (1, 2, 3)
 SCANS = 4
 
 # RADIATE's sensor records some 9 dB higher than Oxford's and MulRan's, and its bins are means of four.
-RADIATE = dataclasses.replace(NOMINAL_PHYSICS, gain_db=NOMINAL_PHYSICS.gain_db + 9.0, whole_powers=False)
+RADIATE = dataclasses.replace(NOMINAL_PHYSICS, gain_db=NOMINAL_PHYSICS.gain_db + 9.0, integer_powers=False)
 # The noise of the newest sensors falls over the whole range.
 NEWEST = dataclasses.replace(NOMINAL_PHYSICS, gain_db=NOMINAL_PHYSICS.gain_db + 7.0, noise_near_m=80.0)
 SIMULATED: dict[str, tuple[SimulatedSensor, RadarPhysics, tuple[str, ...]]] = {

@@ -9,15 +9,15 @@ import typer
 
 from offradar_ros.cli.progress import progress_bar
 from offradar_ros.errors import ConfigError
-from offradar_ros.lab.simulation.ahead import ScansAhead, made_ahead
 from offradar_ros.lab.simulation.degradation import DegradationKind
 from offradar_ros.lab.simulation.ground_truth import write_ground_truth
-from offradar_ros.lab.simulation.named_weather import parse_weather
-from offradar_ros.lab.simulation.named_world import open_world
+from offradar_ros.lab.simulation.open_world import open_world
+from offradar_ros.lab.simulation.prefetch import PrefetchedSequence, prefetch
 from offradar_ros.lab.simulation.recorded_path import load_tum
 from offradar_ros.lab.simulation.route_sessions import session_plan
 from offradar_ros.lab.simulation.sensor import SimulatedSensor
 from offradar_ros.lab.simulation.sequence import SimulatedSequence
+from offradar_ros.lab.simulation.weather_text import parse_weather
 from offradar_ros.radar.profiles import PROFILES
 from offradar_ros.recordings.bags.writer import BagOptions, write_bag
 from offradar_ros.recordings.datasets.oxford_writer import encode_oxford_png, write_oxford
@@ -97,7 +97,7 @@ def _size_of_scans(sensor: str) -> SimulatedSensor:
 def _write(sequence: SimulatedSequence, out: Path, format_: Format, *, overwrite: bool, workers: int) -> None:
     with progress_bar(f'simulating {sequence.name}') as progress:
         if format_ is Format.BAG:
-            write_bag(ScansAhead(sequence, workers), out, BagOptions(plain=True, overwrite=overwrite), progress)
+            write_bag(PrefetchedSequence(sequence, workers), out, BagOptions(plain=True, overwrite=overwrite), progress)
         else:
-            encoded = made_ahead(sequence, encode_oxford_png, workers)
+            encoded = prefetch(sequence, encode_oxford_png, workers)
             write_oxford(sequence, out, overwrite=overwrite, progress=progress, encoded=encoded)

@@ -1,1 +1,1 @@
-"""The demonstration: simulated drives of one route through the real nodes."""
+"""The demonstration: simulated drives on one route, replayed through the nodes."""

@@ -1,4 +1,4 @@
-"""Drives of the demonstration: one route of a simulated town, three times."""
+"""Drives of the demonstration: three on one route of a simulated city."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ DEGRADED = (0.2, 0.2, 0.35)
 ENCODER = EncoderConfig(name='variational', weights='compact')
 
 
-Bars = Callable[[str], AbstractContextManager[Progress]]
-"""Opens a progress bar of this text, and gives the function of (done, total) that advances it."""
+ProgressBars = Callable[[str], AbstractContextManager[Progress]]
+"""Opens a progress bar with a text, and gives its function of (done, total)."""
 
 
 @dataclasses.dataclass(frozen=True)
-class Drive:
+class DemoDrive:
     """One drive: its bag, whether it is mapped, and the stamps of its degraded scans."""
 
     name: str
@@ -36,21 +36,21 @@ class Drive:
     degraded_ns: frozenset[int]
 
 
-def simulate_drives(folder: Path, bars: Bars) -> list[Drive]:
-    """Write the bags of all drives, seeded."""
-    town = make_city(CityPlan(seed=SEED))
+def simulate_drives(folder: Path, bars: ProgressBars) -> list[DemoDrive]:
+    """Write the bags of all drives, which are the same each time."""
+    city = make_city(CityPlan(seed=SEED))
     drives = []
     for index, (mapped, degraded) in enumerate(zip(MAPPED, DEGRADED, strict=True)):
-        sequence = SimulatedSequence(town, session_plan(index, scans=SCANS, seed=SEED, degraded=degraded))
+        sequence = SimulatedSequence(city, session_plan(index, scans=SCANS, seed=SEED, degraded=degraded))
         with bars(f'simulating {sequence.name}') as progress:
             bag = write_bag(sequence, folder / sequence.name, BagOptions(plain=True, overwrite=True), progress)
         pairs = zip(sequence.stamps_ns, sequence.degradations, strict=True)
-        drives.append(Drive(sequence.name, bag, mapped, frozenset(int(s) for s, fault in pairs if fault)))
+        drives.append(DemoDrive(sequence.name, bag, mapped, frozenset(int(s) for s, fault in pairs if fault)))
     return drives
 
 
-def calibrate_on_a_clean_drive(path: Path, bars: Bars) -> Path:
-    """Parameters for the trained encoder from one more drive without degraded scans: Δ spans its U."""
+def calibrate_on_clean_drive(path: Path, bars: ProgressBars) -> Path:
+    """Write parameters for the encoder, calibrated on the U of one more drive, without degraded scans."""
     plan = session_plan(len(MAPPED), scans=SCANS, seed=SEED, degraded=0.0)
     sequence = SimulatedSequence(make_city(CityPlan(seed=SEED)), plan)
     with bars(f'encoding {sequence.name}') as progress:

@@ -1,4 +1,4 @@
-"""The drives through the real nodes over DDS, each node a process of its own."""
+"""Replay of the drives through the nodes over DDS, each node in a separate process."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
 
 from offradar_ros.errors import OffradarError
-from offradar_ros.lab.demo.drives import Bars, Drive
+from offradar_ros.lab.demo.drives import DemoDrive, ProgressBars
 from offradar_ros.lab.live.node_processes import Stack
 from offradar_ros.lab.live.spin_thread import SpinThread
 from offradar_ros.recordings.bags.reader import Bag, scan_topic
@@ -33,18 +33,20 @@ POLL_S = 0.1
 
 
 @dataclasses.dataclass(frozen=True)
-class Driven:
-    """Result of one drive: an outcome for each answered scan, the replay's counts and the merge report."""
+class ReplayedDrive:
+    """Result of one drive: an outcome for each answered scan, counts and latencies of the replay, and the session."""
 
-    drive: Drive
+    drive: DemoDrive
     outcomes: tuple[Outcome, ...]
     counts: dict[str, int]
     latencies_s: tuple[float, ...]
     report: str
 
 
-def drive_live(drives: list[Drive], folder: Path, params: Path, domain_id: int, bars: Bars) -> list[Driven]:
-    """Replay every drive in lockstep; the nodes stop afterwards, whatever happens."""
+def replay_drives(
+    drives: list[DemoDrive], folder: Path, params: Path, domain_id: int, bars: ProgressBars
+) -> list[ReplayedDrive]:
+    """Replay every drive in lockstep; the nodes are stopped afterwards, also after an error."""
     parameters = {'map.path': folder / 'map.db', 'map.start_session': False}
     with Stack(folder / 'logs', domain_id, parameters, [params]) as nodes, _listening(domain_id) as listener:
         nodes.wait_until_ready()
@@ -52,7 +54,7 @@ def drive_live(drives: list[Drive], folder: Path, params: Path, domain_id: int, 
         return [_replayed(drive, nodes, listener.outcomes, bars) for drive in drives]
 
 
-def _replayed(drive: Drive, nodes: Stack, outcomes: list[Outcome], bars: Bars) -> Driven:
+def _replayed(drive: DemoDrive, nodes: Stack, outcomes: list[Outcome], bars: ProgressBars) -> ReplayedDrive:
     outcomes.clear()
     report = nodes.folder / f'{drive.name}.json'
     arguments = [str(drive.bag), '--lockstep', '--report', str(report), *(['--session'] if drive.mapped else [])]
@@ -73,22 +75,22 @@ def _replayed(drive: Drive, nodes: Stack, outcomes: list[Outcome], bars: Bars) -
         process.stop()
     reported = json.loads(report.read_text(encoding='utf-8'))
     counts = {name: value for name, value in reported.items() if isinstance(value, int)}
-    return Driven(drive, tuple(outcomes), counts, tuple(reported['latencies_s']), reported['session'])
+    return ReplayedDrive(drive, tuple(outcomes), counts, tuple(reported['latencies_s']), reported['session'])
 
 
 class _Listener:
-    """A node of the demonstration's own, as a vehicle's stack would have one, that keeps every answer."""
+    """A node that keeps every answer, as a subscriber in a vehicle would receive it."""
 
     def __init__(self, context: Context) -> None:
         self.node = Node('listener', context=context)
         self.outcomes: list[Outcome] = []
         self._connections = Connections(self.node)
-        # Deeper than the results' own queue: in lockstep they come faster than a busy process takes them.
+        # A deeper queue than that of the publishers: in lockstep answers may arrive faster than they are taken.
         self.node.create_subscription(PointCloud2, 'matches', self._on_match, qos.UPDATES)
         self.node.create_subscription(DiagnosticArray, 'rejections', self._on_rejection, qos.UPDATES)
 
     def wait_until_connected(self) -> None:
-        """Wait until the query node is connected to this one, so that not even its first answer is missed."""
+        """Wait until the query node is connected to this node, so that the first answer is received."""
         for _ in range(round(CONNECT_S / POLL_S)):
             if all(self._connections.count(topic) > 0 for topic in REPLIES):
                 return

@@ -1,4 +1,4 @@
-"""The demonstration's table and picture."""
+"""Table and picture of the demonstration."""
 
 from __future__ import annotations
 
@@ -13,58 +13,62 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from offradar_ros.lab.demo.truth import Compared
+from offradar_ros.lab.demo.truth import ComparedDrive
 from offradar_ros.mapping.stored_map import StoredSession
 from offradar_ros.recordings.truth import TOLERANCE_M
 from offradar_ros.types import Match, PlaceTable, Reason
 
 
-def print_table(drives: list[Compared], sessions: Sequence[StoredSession], console: Console) -> None:
-    """One column a drive; `sessions` are those of the map, in the order of the drives that made them."""
-    table = Table('', *(compared.driven.drive.name for compared in drives), title='Simulated drives of one route')
+def print_table(drives: list[ComparedDrive], sessions: Sequence[StoredSession], console: Console) -> None:
+    """Print one column per drive; `sessions` are those of the map, in the order of the mapped drives."""
+    table = Table('', *(compared.replayed.drive.name for compared in drives), title='Simulated drives of one route')
     for name, cells in (_rows(drives) | _map_rows(drives, sessions)).items():
         table.add_row(name, *cells)
     console.print(table)
 
 
-def _rows(drives: list[Compared]) -> dict[str, list[str]]:
-    reasons = sorted({o.reason.value for j in drives for o in j.driven.outcomes if not isinstance(o, Match)})
-    rejected = [Counter(o.reason.value for o in j.driven.outcomes if not isinstance(o, Match)) for j in drives]
-    percentiles = [np.percentile(j.driven.latencies_s, [50, 99]) * 1e3 for j in drives]
-    searched = [bool(j.nearest_is_right.any()) for j in drives]
+def _rows(drives: list[ComparedDrive]) -> dict[str, list[str]]:
+    reasons = sorted({o.reason.value for drive in drives for o in drive.replayed.outcomes if not isinstance(o, Match)})
+    rejected = [
+        Counter(o.reason.value for o in drive.replayed.outcomes if not isinstance(o, Match)) for drive in drives
+    ]
+    percentiles = [np.percentile(drive.replayed.latencies_s, [50, 99]) * 1e3 for drive in drives]
+    searched = [bool(drive.nearest_is_right.any()) for drive in drives]
 
     def recall(chosen: list[NDArray[np.bool_]]) -> list[str]:
         pairs = zip(drives, chosen, searched, strict=True)
-        return [f'{j.recall(c):.3f} of {int(c.sum())}' if known else '-' for j, c, known in pairs]
+        return [f'{drive.recall(c):.3f} of {int(c.sum())}' if known else '-' for drive, c, known in pairs]
 
     return {
-        'scans': [str(j.driven.counts['scans']) for j in drives],
-        'of them degraded by the simulation': [str(int(j.degraded.sum())) for j in drives],
-        'unanswered': [str(j.driven.counts['unanswered']) for j in drives],
-        'matches': [str(j.driven.counts['matches']) for j in drives],
+        'scans': [str(drive.replayed.counts['scans']) for drive in drives],
+        'of these, degraded by the simulation': [str(int(drive.degraded.sum())) for drive in drives],
+        'unanswered': [str(drive.replayed.counts['unanswered']) for drive in drives],
+        'matches': [str(drive.replayed.counts['matches']) for drive in drives],
         **{f'rejected: {reason}': [str(counter[reason]) for counter in rejected] for reason in reasons},
-        'rejected as uncertain, degraded / clean': [_uncertain(j) for j in drives],
-        f'Recall@1 within {TOLERANCE_M:g} m, every scan': recall([np.ones(len(j.accepted), bool) for j in drives]),
-        'Recall@1 of the matches': recall([j.accepted for j in drives]),
-        'of those, of clean scans': recall([j.accepted & ~j.degraded for j in drives]),
-        'of those, of degraded scans': recall([j.accepted & j.degraded for j in drives]),
-        'Recall@1 had the rejected been answered': recall([~j.accepted for j in drives]),
+        'rejected as uncertain, degraded / clean': [_uncertain(drive) for drive in drives],
+        f'Recall@1 within {TOLERANCE_M:g} m, all scans': recall(
+            [np.ones(len(drive.accepted), bool) for drive in drives]
+        ),
+        'Recall@1 of the matches': recall([drive.accepted for drive in drives]),
+        'of these, clean scans': recall([drive.accepted & ~drive.degraded for drive in drives]),
+        'of these, degraded scans': recall([drive.accepted & drive.degraded for drive in drives]),
+        'Recall@1 of the rejected, if answered': recall([~drive.accepted for drive in drives]),
         'latency, median / p99': [f'{p50:.0f} / {p99:.0f} ms' for p50, p99 in percentiles],
     }
 
 
-def _uncertain(compared: Compared) -> str:
-    outcomes = compared.driven.outcomes
+def _uncertain(compared: ComparedDrive) -> str:
+    outcomes = compared.replayed.outcomes
     uncertain = np.array([not isinstance(o, Match) and o.reason is Reason.UNCERTAIN for o in outcomes], np.bool_)
     return f'{int((uncertain & compared.degraded).sum())} / {int((uncertain & ~compared.degraded).sum())}'
 
 
-def _map_rows(drives: list[Compared], sessions: Sequence[StoredSession]) -> dict[str, list[str]]:
+def _map_rows(drives: list[ComparedDrive], sessions: Sequence[StoredSession]) -> dict[str, list[str]]:
     reports = iter([session.report for session in sessions])
-    merged = [next(reports) if compared.driven.drive.mapped else None for compared in drives]
+    merged = [next(reports) if compared.replayed.drive.mapped else None for compared in drives]
 
     def cells(text: str) -> list[str]:
-        return ['-' if report is None else text.format_map(_Readable(report)) for report in merged]
+        return ['-' if report is None else text.format_map(_Formatted(report)) for report in merged]
 
     return {
         'inserted, replaced, kept': cells('{inserted}, {replaced}, {kept}'),
@@ -73,16 +77,16 @@ def _map_rows(drives: list[Compared], sessions: Sequence[StoredSession]) -> dict
     }
 
 
-class _Readable(dict[str, object]):
-    """A report's values as a person reads them."""
+class _Formatted(dict[str, object]):
+    """Values of a report as text."""
 
     def __getitem__(self, key: str) -> str:
         value = super().__getitem__(key)
         return '-' if value is None else f'{value:.3f}' if isinstance(value, float) else str(value)
 
 
-def draw_map(places: PlaceTable, compared: Compared, path: Path) -> None:
-    """The map coloured by U, and on it the last drive: matches, wrong matches and rejections."""
+def draw_map(places: PlaceTable, compared: ComparedDrive, path: Path) -> None:
+    """Draw the map, coloured by U, and the answers of one drive: right and wrong matches, and rejections."""
     figure = Figure(figsize=(12, 8))
     axes = figure.add_axes((0.07, 0.16, 0.84, 0.78))
     drawn = axes.scatter(
@@ -113,7 +117,7 @@ def draw_map(places: PlaceTable, compared: Compared, path: Path) -> None:
         aspect='equal',
         xlabel='east, m',
         ylabel='north, m',
-        title=f'{compared.driven.drive.name} searched for in a map of {len(places)} places (simulated)',
+        title=f'{compared.replayed.drive.name} searched for in a map of {len(places)} places (simulated)',
         facecolor='whitesmoke',
     )
     figure.legend(loc='lower center', ncols=3, facecolor='whitesmoke')

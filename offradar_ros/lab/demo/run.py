@@ -9,18 +9,18 @@ from pathlib import Path
 from rich.console import Console
 
 from offradar_ros.errors import DataError, MapError
-from offradar_ros.lab.demo.drives import Bars, calibrate_on_a_clean_drive, simulate_drives
-from offradar_ros.lab.demo.live import drive_live
+from offradar_ros.lab.demo.drives import ProgressBars, calibrate_on_clean_drive, simulate_drives
+from offradar_ros.lab.demo.live import replay_drives
 from offradar_ros.lab.demo.report import draw_map, print_table
 from offradar_ros.lab.demo.truth import compare
 from offradar_ros.mapping.store import MapStore
 
 MARK = '.offradar_demo'
-"""This file marks the folder of a demonstration; any other folder must not be emptied."""
+"""This file marks the folder of a demonstration; other folders are never emptied."""
 
 
-def run_demo(out: Path, domain_id: int, bars: Bars) -> None:
-    """Everything it makes is under `out`, which is emptied first; `bars` show how far the long steps are."""
+def run_demo(out: Path, domain_id: int, bars: ProgressBars) -> None:
+    """Run the demonstration into `out`, which is emptied first; `bars` show the progress of the long steps."""
     os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     _empty(out)
     console = Console()
@@ -29,24 +29,25 @@ def run_demo(out: Path, domain_id: int, bars: Bars) -> None:
         'the third queries it. Some scans are degraded by faults of six kinds.'
     )
     drives = simulate_drives(out / 'bags', bars)
-    params = calibrate_on_a_clean_drive(out / 'calibrated.yaml', bars)
-    driven = drive_live(drives, out, params, domain_id, bars)
+    params = calibrate_on_clean_drive(out / 'calibrated.yaml', bars)
+    replayed = replay_drives(drives, out, params, domain_id, bars)
     stored = MapStore.open_read_only(out / 'map.db')
     if stored.origin is None:
         raise MapError(f'{out / "map.db"}: has no origin: no position reached the map server')
-    compared = [compare(each, stored.origin) for each in driven]
+    compared = [compare(drive, stored.origin) for drive in replayed]
     print_table(compared, stored.sessions, console)
     picture = out / 'map.png'
     draw_map(stored.committed(), compared[-1], picture)
     console.print(
-        f'map drawn in {picture}; the map, the bags, the parameters and the logs lie beside it', highlight=False
+        f'map drawn in {picture}; the map, the bags, the parameters and the logs are in the same folder',
+        highlight=False,
     )
 
 
 def _empty(out: Path) -> None:
     try:
         if out.exists() and any(out.iterdir()) and not (out / MARK).exists():
-            raise DataError(f'{out}: holds something else than a demonstration: choose another folder, or remove it')
+            raise DataError(f'{out}: holds other files than those of a demonstration: expected an empty or new folder')
         shutil.rmtree(out, ignore_errors=True)
         out.mkdir(parents=True)
         (out / MARK).touch()

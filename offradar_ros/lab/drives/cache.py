@@ -1,8 +1,8 @@
-"""Drives on disk: rendered or read once, then as fast as the disk gives them.
+"""A cache of drives on disk: each is rendered or read once.
 
-``KEY.npy`` holds (N, A, R) uint8 power, reduced along range or not, and is mapped, not read; ``KEY.json``, written
-last, what is known of each scan. KEY is the drive's name and a hash of everything that the scans depend on: a drive
-whose settings are unchanged is never made twice.
+``KEY.npy`` holds (N, A, R) uint8 power, reduced along range or not, and is memory-mapped; ``KEY.json``, which is
+written last, holds the columns of each scan. KEY is the drive's name and a hash of everything that its scans depend
+on: a drive whose settings are unchanged is never made twice.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ COLUMNS: dict[str, Any] = {
     'kinds': np.str_,
     'severities': np.float64,
 }
-"""What a drive knows of each of its scans, in the order of `Drive`, and of which type."""
+"""Columns with one entry per scan, in the order of `Drive`, and their types."""
 
 
 def cached_drives(
@@ -42,11 +42,11 @@ def cached_drives(
     processes: int = 0,
     progress: Progress | None = None,
 ) -> list[Drive]:
-    """The drives, in their order; those not in `folder` yet are made, by `processes` (0: one a core).
+    """The drives, in their order; those not yet in `folder` are made by `processes` (0: one per core).
 
-    Without a reduction power is kept as it is. Scans that cannot be read are left out, and those of another size than
-    the first. `progress` is given the number of drives made and of those to make. DataError for a drive that cannot be
-    read or a folder that cannot be written.
+    Without a reduction power is not changed. Scans that cannot be read, and those of another size than the first, are
+    left out. `progress` is called with (drives made, drives to make). DataError for a drive that cannot be read or a
+    folder that cannot be written.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -97,10 +97,10 @@ def _make(source: DriveSource, path: Path, reduction: Reduction | None) -> None:
         power[len(rows)] = scan.power
         rows.append(row)
     if first is None:
-        raise DataError(f'{source.name}: no scan of it can be read')
+        raise DataError(f'{source.name}: none of its scans can be read')
     power.flush()
     partial.replace(path.with_suffix('.npy'))
-    known = {
+    header = {
         **_settings(source, reduction),
         'name': drive.name,
         'world': drive.world,
@@ -112,7 +112,7 @@ def _make(source: DriveSource, path: Path, reduction: Reduction | None) -> None:
         **{name: getattr(drive, name)[rows].tolist() for name in COLUMNS},
     }
     text = path.with_suffix(f'.{os.getpid()}.partial.json')
-    text.write_text(json.dumps(known), encoding='utf-8')
+    text.write_text(json.dumps(header), encoding='utf-8')
     text.replace(path)
 
 
@@ -122,12 +122,12 @@ def _size(scan: PolarScan) -> tuple[tuple[int, ...], float, float]:
 
 def _read(path: Path) -> Drive:
     try:
-        known = json.loads(path.read_text(encoding='utf-8'))
+        header = json.loads(path.read_text(encoding='utf-8'))
         power = np.load(path.with_suffix('.npy'), mmap_mode='r', allow_pickle=False)
-        azimuths_rad = np.array(known['azimuths_rad'], np.float64)
-        resolution_m, offset_m = float(known['range_resolution_m']), float(known['range_offset_m'])
-        columns = {name: np.array(known[name], dtype) for name, dtype in COLUMNS.items()}
-        name, world, layout = known['name'], known['world'], known['layout']
+        azimuths_rad = np.array(header['azimuths_rad'], np.float64)
+        resolution_m, offset_m = float(header['range_resolution_m']), float(header['range_offset_m'])
+        columns = {name: np.array(header[name], dtype) for name, dtype in COLUMNS.items()}
+        name, world, layout = header['name'], header['world'], header['layout']
     except (OSError, ValueError, KeyError, TypeError, EOFError) as error:
         raise DataError(f'{path}: damaged cached drive ({error}): remove it to make it again') from None
     stamps_ns, poses, driven_m, kinds, severities = columns.values()

@@ -1,4 +1,4 @@
-"""A drive as training and evaluation see it, whether it was simulated or recorded."""
+"""A drive for training and evaluation, simulated or recorded."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from offradar_ros.types import PolarScan
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Drive:
-    """Scans and the truth about each; a `RadarSequence` without positions of its own.
+    """Scans with the ground truth of each; a `RadarSequence` without a trajectory.
 
     Attributes:
-        name: what people call the drive.
+        name: name of the drive.
         world: frame of `poses`; drives of two worlds are never near each other.
-        key: names the scans in caches: all that they depend on is in it.
+        key: key of the scans in caches; it depends on everything that the scans depend on.
         stamps_ns: (N,) int64.
         poses: (N, 3) float64, x and y in metres of the world and heading in radians, NaN where unknown.
-        driven_m: (N,) float64 metres driven before each scan.
-        kinds: (N,) text, how each scan is degraded; empty for a clean scan, and where nothing is known.
-        severities: (N,) float64, 0 for clean scans to 1, NaN where nothing is known.
-        read_scan: scan i.
-        layout: the format that scans were read from.
-        group: of an evaluation's protocol.
-        index: which of the world's drives, in an evaluation.
-        mapped: whether an evaluation makes maps of it.
-        queried: whether an evaluation searches for its scans.
+        driven_m: (N,) float64, metres driven before each scan.
+        kinds: (N,) text, how each scan is degraded; empty for a clean scan, and where that is unknown.
+        severities: (N,) float64, 0 for clean scans to 1, NaN where unknown.
+        read_scan: returns scan i.
+        layout: format from which the scans were read.
+        group: group of the world in the protocol of an evaluation.
+        index: number of the drive in its world, in an evaluation.
+        mapped: whether an evaluation makes maps from it.
+        queried: whether an evaluation uses its scans as queries.
     """
 
     name: str
@@ -58,18 +58,18 @@ class Drive:
 
 
 class DriveSource(Protocol):
-    """Plain values that say how to get a drive; it is sent to other processes."""
+    """Values from which a drive can be opened; it is sent to other processes."""
 
     @property
     def name(self) -> str:
-        """What its files are called."""
+        """Name of its files."""
 
     @property
     def world(self) -> str:
         """Frame of its poses."""
 
     def settings(self) -> dict[str, Any]:
-        """All that the scans depend on, as JSON has it; DataError where a file that it names cannot be read."""
+        """All that the scans depend on, as values for JSON; DataError if a file that it uses cannot be read."""
 
     def open(self) -> Drive:
-        """The drive, its scans rendered or read when they are asked for; DataError where it cannot be opened."""
+        """The drive, whose scans are rendered or read on demand; DataError if it cannot be opened."""

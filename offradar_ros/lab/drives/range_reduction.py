@@ -1,4 +1,4 @@
-"""Scans made as small as a network's image allows."""
+"""Scans reduced along range as far as the image of a network allows."""
 
 from __future__ import annotations
 
@@ -15,21 +15,21 @@ from offradar_ros.types import PolarScan
 
 @dataclasses.dataclass(frozen=True)
 class Reduction:
-    """What scans are reduced to along range: bins as long as fit into `step_m`, to `reach_m`."""
+    """Reduces scans along range to bins of at most `step_m`, up to `reach_m`."""
 
     step_m: float
     reach_m: float
 
     @classmethod
     def for_image(cls, config: NetworkConfig) -> Reduction:
-        """Half a pixel leaves a Cartesian image as it is; half a column of a polar one hardly changes it."""
+        """Bins of half a pixel do not change a Cartesian image; those of half a column hardly change a polar one."""
         return cls(config.resolution_m / 2.0, config.reach_m)
 
     def __call__(self, scan: PolarScan) -> PolarScan:
-        """The area means along range of as many bins as fit into `step_m`.
+        """The means along range over as many bins as fit into `step_m`.
 
-        With half a pixel for the step and the image's corner for the reach this is the first thing that
-        `offradar_ros.radar.cartesian` does, and its image stays the same in every bit.
+        With half a pixel as the step and the corner of the image as the reach, this is the first step of
+        `offradar_ros.radar.cartesian`, and its image is the same to the bit.
         """
         factor = max(1, int(self.step_m / scan.range_resolution_m))
         resolution_m = factor * scan.range_resolution_m
@@ -41,7 +41,7 @@ class Reduction:
 
 
 def at_azimuths(scan: PolarScan, azimuths_rad: NDArray[np.float64]) -> PolarScan:
-    """The scan whose row k is the one nearest to `azimuths_rad` (A,) of `scan`; stamps of rows are left out."""
+    """The scan whose row k is the row of `scan` nearest to (A,) `azimuths_rad`; without stamps of rows."""
     if np.array_equal(scan.azimuths_rad, azimuths_rad):
         return scan
     power = scan.power[_nearest(scan.azimuths_rad, azimuths_rad)]

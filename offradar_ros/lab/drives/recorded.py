@@ -1,4 +1,4 @@
-"""Drives that were recorded, as bags or data-set folders."""
+"""Recorded drives, from bags or data-set folders."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ class RecordedDrive:
     """How to open a recording as a drive.
 
     Attributes:
-        name: what people call it.
+        name: name of the drive.
         path: the bag or data-set folder.
         world: frame of its poses.
-        origin: where that frame starts, latitude°, longitude°, altitude m; None where positions are metric.
-        spacing_m: the first scan in each stretch of so many metres driven is taken; 0 takes all.
-        split: keeps scans from training.
+        origin: origin of that frame, latitude°, longitude°, altitude m; None for metric positions.
+        spacing_m: distance for `subsample_by_distance`; 0 keeps all scans.
+        split: a split whose test region is left out.
     """
 
     name: str
@@ -41,11 +41,11 @@ class RecordedDrive:
     split: Split | None = None
 
     def settings(self) -> dict[str, Any]:
-        """All values: the recording itself is not read for them."""
+        """All values; the recording itself is not read."""
         return dataclasses.asdict(self)
 
     def open(self) -> Drive:
-        """Its scans with a position that may be trained on; DataError where there is none."""
+        """The scans with a position on which training is allowed; DataError if there is none."""
         path = Path(self.path)
         frame = LocalFrame(GeoPoint(*self.origin)) if self.origin else None
         drive = positioned(open_source(path), path, frame, PositionConfig().max_gap_s)
@@ -57,13 +57,13 @@ class RecordedDrive:
 
 
 def part_of_split(drive: PositionedDrive, split: Split, *, tested: bool) -> PositionedDrive:
-    """The scans that a split's region leaves for tests, or for training; DataError for metric positions."""
+    """The scans in a split's test region, or those outside it and its buffer; DataError for metric positions."""
     if not split.region:
         return drive
     if drive.points_lla is None:
         raise DataError(
-            f'{drive.path}: expected latitudes and longitudes, as split {split.name} has a test region, got metres of '
-            'a frame of its own'
+            f'{drive.path}: expected latitudes and longitudes, as split {split.name} has a test region, got metric '
+            'positions'
         )
     return drive.only((split.tested if tested else split.trainable)(drive.points_lla))
 
@@ -75,7 +75,7 @@ def recorded_drive(drive: PositionedDrive, world: str) -> Drive:
 
 
 def drive_of_scans(sequence: RadarSequence, rows: NDArray[np.intp], name: str, world: str) -> Drive:
-    """A drive of some scans, (N,) `rows`, of a sequence, at positions that are not known."""
+    """A drive of (N,) `rows` of a sequence, with unknown positions."""
     return Drive(
         name=name,
         world=world,
@@ -91,7 +91,7 @@ def drive_of_scans(sequence: RadarSequence, rows: NDArray[np.intp], name: str, w
 
 
 def _digest(sequence: RadarSequence, rows: NDArray[np.intp]) -> str:
-    """Of the stamps, and of the first scan that can be read: how the radar is read is in it too."""
+    """Digest of the stamps and of the first readable scan, which depends on how the radar is read."""
     digest = hashlib.sha256(sequence.stamps_ns[rows].tobytes())
     for row in rows.tolist():
         try:

@@ -1,4 +1,4 @@
-"""Drives that are simulated: through a procedural city, or along a recorded traversal of a nav2 map."""
+"""Simulated drives: through a procedural city, or along a recorded traversal of a nav2 map."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ from offradar_ros.recordings.spacing import subsample_by_distance
 
 @dataclasses.dataclass(frozen=True)
 class Street:
-    """A recorded traversal of a nav2 map, of which the part within `radius_m` of a centre is taken.
+    """The part of a recorded traversal of a nav2 map that is within `radius_m` of a centre.
 
     Attributes:
-        folder: where the files are.
+        folder: folder of the files.
         map: YAML file of the map.
         traversal: TUM file.
-        centre_m: east and north of that part, metres; empty for the whole traversal.
-        radius_m: scans further from there are left out.
+        centre_m: east and north of the centre, metres; empty for the whole traversal.
+        radius_m: scans that are further from the centre are left out.
     """
 
     folder: str
@@ -47,11 +47,12 @@ class Street:
 
 
 class Sampled(NamedTuple):
-    """Attributes: the scans that are taken of a simulated sequence.
+    """The scans of a simulated sequence that form a drive.
 
-    sequence: all scans.
-    rows: (N,) which are taken, increasing.
-    driven_m: (N,) float64 metres driven up to each.
+    Attributes:
+        sequence: all scans.
+        rows: (N,) indices of the scans, increasing.
+        driven_m: (N,) float64, metres driven up to each.
     """
 
     sequence: SimulatedSequence
@@ -61,16 +62,16 @@ class Sampled(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class SimulatedDrive:
-    """How to simulate a drive, and which of its scans are taken.
+    """How to simulate a drive, and which of its scans are kept.
 
     Attributes:
         world: frame of its poses.
-        seed: of the world.
-        plan: how it is driven; along a street, with the path and as many scans as the traversal has.
-        sensor: the size of a scan.
-        stride: one scan in so many is taken,
-        spacing_m: of those the first in each stretch of so many metres driven, 0 for all,
-        scans: and of those so many, 0 for all.
+        seed: seed of the world.
+        plan: plan of the drive; along a street, the traversal replaces its path and its number of scans.
+        sensor: size of the scans.
+        stride: every `stride`-th scan is kept,
+        spacing_m: these are subsampled by this distance, 0 for all,
+        scans: and the first `scans` of these remain, 0 for all.
         street: the map and traversal; None for the city of `seed`.
     """
 
@@ -85,11 +86,11 @@ class SimulatedDrive:
 
     @property
     def name(self) -> str:
-        """The plan's."""
+        """Name of the plan."""
         return self.plan.name
 
     def settings(self) -> dict[str, Any]:
-        """Everything but where the street's files lie; with digests of these and of the simulator's source."""
+        """All values but the folder of the street, with digests of its files and of the simulator's source."""
         # The plan's path is read from the traversal.
         values = dataclasses.asdict(self)
         files = ''
@@ -99,7 +100,7 @@ class SimulatedDrive:
         return {**values, 'simulator': source_digest(), 'files': files}
 
     def sampled(self) -> Sampled:
-        """The sequence, whose scans are rendered when they are asked for; DataError where a file cannot be read."""
+        """The sequence, whose scans are rendered on demand, and the kept scans; DataError if a file cannot be read."""
         plan, street = self.plan, self.street
         if street:
             path = load_tum(Path(street.folder) / street.traversal)
@@ -119,7 +120,7 @@ class SimulatedDrive:
         return Sampled(sequence, rows, driven_m[rows])
 
     def open(self) -> Drive:
-        """The drive; its key is its name, as its scans are not in a cache."""
+        """The drive; its key is its name, because its scans are not in a cache."""
         sequence, rows, driven_m = self.sampled()
         faults = [sequence.degradations[row] for row in rows.tolist()]
         return Drive(
@@ -136,7 +137,7 @@ class SimulatedDrive:
 
 
 def physics_of(name: str, seed: int) -> RadarPhysics:
-    """The radar of a world of this seed: ``nominal``, ``drawn`` as in training, or ``held_out`` from it."""
+    """The radar of the world of `seed`: ``nominal``, ``drawn`` as in training, or ``held_out`` from training."""
     if name == 'nominal':
         return NOMINAL_PHYSICS
     return (draw_physics if name == 'drawn' else held_out_physics)(seed)
@@ -148,7 +149,7 @@ def _city(seed: int) -> World:
 
 
 def _digest(street: Street) -> str:
-    """SHA-256 of the files that a street is made from."""
+    """SHA-256 of the files of a street."""
     folder = Path(street.folder)
     traversal, image = folder / street.traversal, read_map_image(folder / street.map)
     try:

@@ -1,4 +1,4 @@
-"""Node processes for the demo, the tests and the benchmarks: started, waited for and ended by their process ids."""
+"""Node processes for the demonstration, tests and benchmarks: start, wait for and end them."""
 
 from __future__ import annotations
 
@@ -18,13 +18,13 @@ from offradar_ros.ros.dds_profile import with_profile
 
 STOP_S = 30.0
 READY = 'active: '
-"""What each node logs once it answers."""
+"""Each node logs this when it is active."""
 
 
 def isolated_environment(domain_id: int) -> dict[str, str]:
-    """This process's environment with a ROS domain of its own, whose traffic stays on this machine.
+    """The environment of this process with another ROS domain, whose traffic stays on this machine.
 
-    Shared memory has room for scans, unless the environment names another profile of Fast DDS.
+    It has the DDS profile with shared memory for scans, unless the environment sets another profile of Fast DDS.
     """
     return {
         **with_profile(os.environ),
@@ -35,7 +35,7 @@ def isolated_environment(domain_id: int) -> dict[str, str]:
 
 
 def parameter_arguments(values: Mapping[str, object], files: Sequence[Path] = ()) -> list[str]:
-    """`--ros-args` for parameter files and single parameters, the latter winning."""
+    """`--ros-args` for parameter files and single parameters, which override the files."""
     arguments = ['--ros-args']
     for path in files:
         arguments += ['--params-file', str(path)]
@@ -45,7 +45,7 @@ def parameter_arguments(values: Mapping[str, object], files: Sequence[Path] = ()
 
 
 class NodeProcess:
-    """One node as a process of its own, on `cpus` alone if they are given; its output goes to `log`."""
+    """One node in a separate process, restricted to `cpus` if they are given; its output goes to `log`."""
 
     def __init__(
         self,
@@ -84,7 +84,7 @@ class NodeProcess:
         return lines[-1] if lines else 'no output'
 
     def stop(self) -> int:
-        """Interrupt, then kill if it does not end; the exit status."""
+        """Interrupt the process, kill it if it does not end, and return the exit status."""
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGINT)
             try:
@@ -97,10 +97,10 @@ class NodeProcess:
 
 
 class Stack:
-    """The encoder, map server and query nodes as processes; all are ended on leaving the context.
+    """The encoder, map server and query nodes as processes; all are ended at the end of the context.
 
-    `parameters` and parameter `files` are for all nodes, `own_parameters` for single ones, by the names of their
-    executables; so are `environment`, beside what `isolated_environment` gives, and `cpus`, which no node may leave.
+    `parameters` and parameter `files` are for all nodes, `own_parameters` for single nodes, by the names of their
+    executables. `environment` is added to `isolated_environment`, and `cpus` restricts the cores of all nodes.
     """
 
     def __init__(
@@ -137,7 +137,7 @@ class Stack:
             node.stop()
 
     def start(self, name: str, arguments: Sequence[str], log_name: str | None = None) -> NodeProcess:
-        """Start one more node of the package in the same domain; the caller ends it."""
+        """Start another node of the package in the same domain; the caller ends it."""
         return NodeProcess(name, arguments, self.environment, self.folder / f'{log_name or name}.log', self._cpus)
 
     def usage(self) -> dict[str, ProcessUsage]:

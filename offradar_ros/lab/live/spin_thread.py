@@ -1,4 +1,4 @@
-"""An executor that is spun in a thread of its own, beside a program that starts and watches nodes."""
+"""An executor that is spun in a separate thread, for programs that start and observe nodes."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ class SpinThread:
         self._thread.start()
 
     def stop(self) -> None:
-        """Return when no callback runs any more, with the executor shut down; may be called again."""
+        """Shut the executor down; returns when no callback runs any more. May be called again."""
         self._stopped.set()
         self._executor.wake()
         self._thread.join()
-        # Only now: rclpy's executors raise in the thread that spins them when another one shuts them down.
+        # After the thread: an executor of rclpy raises in the thread that spins it if another thread shuts it down.
         self._executor.shutdown()
 
     def _spin(self) -> None:

@@ -7,15 +7,15 @@ import numpy as np
 from offradar_ros.lab.simulation.degradation import Degradation
 from offradar_ros.lab.simulation.session_plan import SessionPlan
 
-LEAST_SEVERITY = 0.05
+MIN_SEVERITY = 0.05
 _ROWS = 400
 
 
 def draw_degradations(plan: SessionPlan) -> tuple[Degradation | None, ...]:
-    """One entry a scan, None for a clean one: kinds, severities and azimuths are drawn uniformly."""
+    """One entry per scan, None for a clean one. Kinds, severities and azimuths are drawn uniformly."""
     rng = np.random.default_rng([plan.seed, 2])
     faults: list[Degradation | None] = [None] * plan.scans
     for index in sorted(rng.permutation(plan.scans)[: round(plan.degraded * plan.scans)].tolist()):
         kind = plan.kinds[int(rng.integers(len(plan.kinds)))]
-        faults[index] = Degradation(kind, float(rng.uniform(LEAST_SEVERITY, 1.0)), int(rng.integers(_ROWS)))
+        faults[index] = Degradation(kind, float(rng.uniform(MIN_SEVERITY, 1.0)), int(rng.integers(_ROWS)))
     return tuple(faults)

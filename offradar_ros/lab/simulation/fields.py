@@ -1,4 +1,4 @@
-"""Random fields over azimuths and range whose neighbouring cells are alike."""
+"""Random fields over azimuths and range whose neighbouring cells are correlated."""
 
 from __future__ import annotations
 
@@ -12,48 +12,50 @@ _ONE = np.ones(1, np.float32)
 
 
 class RangeFields:
-    """White fields (A, C) made alike along range, and interpolated to bins of which `finer` make a cell.
+    """White fields (A, C) smoothed along range and interpolated to `bins_per_cell` bins for each cell.
 
-    The field, not its square, is interpolated linearly between the cells' centres, much as a zero-padded Fourier
-    transform does.
+    The field, not its square, is interpolated linearly between the centres of cells, much as a zero-padded Fourier
+    transform does. `sigma_cells` is the standard deviation of the Gaussian filter.
     """
 
-    def __init__(self, cells: int, finer: int, sigma_cells: float) -> None:
-        self._finer = finer
+    def __init__(self, cells: int, bins_per_cell: int, sigma_cells: float) -> None:
+        self._bins_per_cell = bins_per_cell
         reach = int(np.ceil(2.5 * sigma_cells))
         weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma_cells) ** 2)
         weights /= np.sqrt(np.sum(weights**2))
         self._filter = weights.astype(np.float32)
-        self._scale = _unit_variance(cells, finer, float(np.sum(weights[1:] * weights[:-1])))
+        self._scale = _unit_variance(cells, bins_per_cell, float(np.sum(weights[1:] * weights[:-1])))
 
     def smooth(self, white: Image) -> Image:
-        """(A, C · finer) field of unit variance from a white one."""
+        """(A, C · bins_per_cell) correlated field of unit variance from an (A, C) white one."""
         return np.asarray(self._interpolated(white) * self._scale, np.float32)
 
     def power(self, white: tuple[Image, Image]) -> Image:
-        """(A, C · finer) squared magnitude, mean 1, of the complex field with these white parts."""
+        """(A, C · bins_per_cell) squared magnitude, mean 1, of a complex field with these (A, C) white parts."""
         total = np.square(self._interpolated(white[0]))
         total += np.square(self._interpolated(white[1]))
         total *= np.square(self._scale) * np.float32(0.5)
         return total
 
     def _interpolated(self, white: Image) -> Image:
-        return interpolated(np.asarray(cv2.sepFilter2D(white, cv2.CV_32F, self._filter, _ONE), np.float32), self._finer)
+        return interpolated(
+            np.asarray(cv2.sepFilter2D(white, cv2.CV_32F, self._filter, _ONE), np.float32), self._bins_per_cell
+        )
 
 
-def interpolated(image: Image, finer: int) -> Image:
-    """(A, C) cells to (A, C · finer) bins, linearly between the cells' centres."""
-    if finer == 1:
+def interpolated(image: Image, bins_per_cell: int) -> Image:
+    """(A, C) cells to (A, C · bins_per_cell) bins, linearly between the centres of cells."""
+    if bins_per_cell == 1:
         return image
-    size = (image.shape[1] * finer, len(image))
+    size = (image.shape[1] * bins_per_cell, len(image))
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_LINEAR), np.float32)
 
 
-def _unit_variance(cells: int, finer: int, neighbours: float) -> Image:
-    """(C · finer,) factors that give an interpolated field unit variance; `neighbours` is its cells' correlation."""
-    weight = np.abs((np.arange(finer) + 0.5) / finer - 0.5) if finer > 1 else np.zeros(1)
-    variance = weight**2 + (1.0 - weight) ** 2 + 2.0 * weight * (1.0 - weight) * neighbours
+def _unit_variance(cells: int, bins_per_cell: int, correlation: float) -> Image:
+    """(C · bins_per_cell,) factors for unit variance after interpolation; `correlation` is of neighbouring cells."""
+    weight = np.abs((np.arange(bins_per_cell) + 0.5) / bins_per_cell - 0.5) if bins_per_cell > 1 else np.zeros(1)
+    variance = weight**2 + (1.0 - weight) ** 2 + 2.0 * weight * (1.0 - weight) * correlation
     scale = np.tile(1.0 / np.sqrt(variance), cells)
-    # The outer halves of the first and the last cell have no neighbour to lean on.
-    scale[: finer // 2] = scale[len(scale) - finer // 2 :] = 1.0
+    # The outer halves of the first and the last cell are not interpolated.
+    scale[: bins_per_cell // 2] = scale[len(scale) - bins_per_cell // 2 :] = 1.0
     return scale.astype(np.float32)

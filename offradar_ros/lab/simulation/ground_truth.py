@@ -1,4 +1,4 @@
-"""What is true of each simulated scan, as a table."""
+"""Ground truth of each simulated scan, as a CSV table."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ COLUMNS = ('stamp_ns', 'x_m', 'y_m', 'heading_rad', 'kind', 'severity', 'azimuth
 
 
 def write_ground_truth(sequence: SimulatedSequence, path: str | Path) -> None:
-    """A CSV file with a header and one row a scan, in the frame of the world.
+    """Write a CSV file with a header and one row per scan, in the frame of the world.
 
-    `kind` is empty and `severity` 0 for a clean scan; `azimuth` is the row where the fault starts. DataError where it
-    cannot be written.
+    `kind` is empty and `severity` 0 for a clean scan; `azimuth` is the row where the fault starts. DataError if the
+    file cannot be written.
     """
     try:
         with Path(path).open('w', newline='', encoding='utf-8') as file:
@@ -23,7 +23,7 @@ def write_ground_truth(sequence: SimulatedSequence, path: str | Path) -> None:
             writer.writerow(COLUMNS)
             rows = zip(sequence.stamps_ns.tolist(), sequence.poses.tolist(), sequence.degradations, strict=True)
             for stamp_ns, (x, y, heading), fault in rows:
-                told = (fault.kind.value, f'{fault.severity:.4f}', fault.azimuth) if fault else ('', 0, '')
-                writer.writerow((stamp_ns, f'{x:.3f}', f'{y:.3f}', f'{heading:.5f}', *told))
+                columns = (fault.kind.value, f'{fault.severity:.4f}', fault.azimuth) if fault else ('', 0, '')
+                writer.writerow((stamp_ns, f'{x:.3f}', f'{y:.3f}', f'{heading:.5f}', *columns))
     except OSError as error:
         raise DataError(f'{path}: cannot be written ({error.strerror})') from error

@@ -21,16 +21,17 @@ from numpy.typing import NDArray
 from offradar_ros.errors import DataError
 
 _MODES = ('trinary', 'scale', 'raw')
-_MOST_PIXELS = 2**28
+_MAX_PIXELS = 2**28
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class MapImage:
-    """Attributes.
+    """The occupied cells of a map and where they lie.
 
-    occupied: (H, W) bool, row 0 the north-most (top) of the image.
-    resolution_m: side of a cell.
-    origin: x, y in metres and yaw in radians of the lower left corner of the lower left cell.
+    Attributes:
+        occupied: (H, W) bool, row 0 is the top of the image.
+        resolution_m: side of a cell.
+        origin: x, y in metres and yaw in radians of the lower left corner of the lower left cell.
     """
 
     occupied: NDArray[np.bool_]
@@ -38,7 +39,7 @@ class MapImage:
     origin: tuple[float, float, float]
 
     def to_world(self, pixels: NDArray[np.float64]) -> NDArray[np.float64]:
-        """(N, 2) column, row of pixels' middles → (N, 2) metres of the map's frame."""
+        """(N, 2) column and row of pixels → (N, 2) metres of their centres in the frame of the map."""
         x_m = (pixels[:, 0] + 0.5) * self.resolution_m
         y_m = (len(self.occupied) - pixels[:, 1] - 0.5) * self.resolution_m
         x, y, yaw = self.origin
@@ -47,7 +48,7 @@ class MapImage:
 
 
 def read_map_image(path: str | Path) -> MapImage:
-    """The map of a YAML file; DataError that names the file and the key for anything that it should not be."""
+    """The map of a YAML file; DataError, with the file and the key, for a value that is not allowed."""
     path = Path(path)
     values = _read_yaml(path)
     resolution = _number(path, values, 'resolution')
@@ -94,7 +95,7 @@ def _number(path: Path, values: dict[str, Any], name: str, default: float | None
 
 
 def _read_pixels(path: Path, name: Any) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    """(H, W) gray values 0 to 255, and which of them count: those that are not mostly transparent."""
+    """(H, W) gray values 0 to 255, and (H, W) whether each pixel is opaque (alpha above 127)."""
     if not isinstance(name, str) or not name or '\0' in name:
         raise DataError(f'{path}: image: expected the name of a file, got {name!r}')
     file = path.parent / name
@@ -108,8 +109,8 @@ def _read_pixels(path: Path, name: Any) -> tuple[NDArray[np.float64], NDArray[np
         image = None
     if image is None or image.dtype != np.uint8:
         raise DataError(f'{file}: expected an image of 8 bits a channel (PNG, PGM, BMP); {path} names it')
-    if image.shape[0] * image.shape[1] > _MOST_PIXELS:
-        raise DataError(f'{file}: expected up to {_MOST_PIXELS} pixels, got {image.shape[1]} × {image.shape[0]}')
+    if image.shape[0] * image.shape[1] > _MAX_PIXELS:
+        raise DataError(f'{file}: expected up to {_MAX_PIXELS} pixels, got {image.shape[1]} × {image.shape[0]}')
     channels = np.atleast_3d(image)
     opaque = channels[:, :, -1] > 127 if channels.shape[2] in (2, 4) else np.ones(image.shape[:2], np.bool_)
     colours = channels[:, :, : 3 if channels.shape[2] >= 3 else 1]

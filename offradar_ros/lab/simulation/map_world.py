@@ -1,8 +1,8 @@
-"""A world from the occupied cells of a nav2 map, as a lidar has drawn them.
+"""A world from the occupied cells of a nav2 map, as lidar mapping makes them.
 
-Cells that touch are one thing. Things of under half a square metre become scatterers, the others walls along their
-outlines, simplified to 0.3 m. What a thing is made of follows from its outline, because a map does not say: long
-straight walls are buildings, ragged outlines are vegetation; the rest is drawn from the seed.
+Cells that touch form one object. Objects of less than half a square metre become scatterers, the others walls along
+their outlines, simplified to 0.3 m. A map does not say what an object is made of, so its outline decides: straight
+outlines are buildings, ragged ones vegetation. The seed draws the rest.
 """
 
 from __future__ import annotations
@@ -22,42 +22,44 @@ Array = NDArray[np.float64]
 
 _SPECK_M2 = 0.5
 _SIMPLIFIED_M = 0.3
-_COARSER_M = 1.2
+_COARSE_M = 1.2
 _STRAIGHT_M = 6.0
-"""Outlines that are straight over this length on average, simplified to `_COARSER_M`, are those of buildings."""
+"""Outlines, simplified to `_COARSE_M`, with straight parts of at least this mean length are those of buildings."""
 
-_BUILDING_THROUGH = 0.01
-_VEGETATION_THROUGH = 0.5
-_MOST_WALLS = 2_000_000
+_BUILDING_TRANSMISSION = 0.01
+_VEGETATION_TRANSMISSION = 0.5
+_MAX_WALLS = 2_000_000
 
 
 def load_map_world(path: str | Path, seed: int = 0) -> World:
-    """The world of a nav2 map's YAML file; it has no streets: traversals of it need a recorded path.
+    """The world of a nav2 map's YAML file. It has no streets: a drive through it needs a recorded path.
 
-    `seed` draws what things return. DataError for a damaged map and for one without occupied cells.
+    `seed` draws the powers of walls and scatterers. DataError for a damaged map and for one without occupied cells.
     """
     image = read_map_image(path)
     outlines = _outlines(image)
     if not outlines:
-        raise DataError(f'{path}: no cell of the map is occupied: expected a map of something')
+        raise DataError(f'{path}: no cell of the map is occupied: expected at least one')
     areas = np.array([area for _, area in outlines]) * image.resolution_m**2
     corners = [image.to_world(points.astype(np.float64)) for points, _ in outlines]
     rng = np.random.default_rng([seed, 8])
     specks = areas < _SPECK_M2
-    walls, wall_powers, wall_through, points, powers = _things(
+    walls, wall_powers, wall_transmission, points, powers = _objects(
         rng, [c for c, speck in zip(corners, specks, strict=True) if not speck]
     )
-    if len(walls) > _MOST_WALLS:
-        raise DataError(f'{path}: expected outlines of up to {_MOST_WALLS} walls, got {len(walls)}')
+    if len(walls) > _MAX_WALLS:
+        raise DataError(f'{path}: expected outlines of up to {_MAX_WALLS} walls, got {len(walls)}')
     dots = np.array([c.mean(axis=0) for c, speck in zip(corners, specks, strict=True) if speck]).reshape(-1, 2)
     dot_powers = _from_decibels(rng.uniform(14.0, 40.0, len(dots)) + 10.0 * np.log10(0.2 + areas[specks] / _SPECK_M2))
     return World(
-        Reflectors(walls, wall_powers, wall_through, np.vstack([points, dots]), np.concatenate([powers, dot_powers]))
+        Reflectors(
+            walls, wall_powers, wall_transmission, np.vstack([points, dots]), np.concatenate([powers, dot_powers])
+        )
     )
 
 
 def _outlines(image: MapImage) -> list[tuple[NDArray[np.int32], int]]:
-    """Simplified outline, (K, 2) column and row of pixels, and number of cells of every group that touches."""
+    """Of every group of cells that touch: simplified outline, (K, 2) column and row of pixels, and number of cells."""
     cells = image.occupied.astype(np.uint8)
     found, _ = cv2.findContours(cells, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     tolerance = _SIMPLIFIED_M / image.resolution_m
@@ -68,8 +70,8 @@ def _outlines(image: MapImage) -> list[tuple[NDArray[np.int32], int]]:
     return outlines
 
 
-def _things(rng: np.random.Generator, outlines: list[Array]) -> tuple[Array, Array, Array, Array, Array]:
-    """Walls with powers and shares that pass, and the bright points on them."""
+def _objects(rng: np.random.Generator, outlines: list[Array]) -> tuple[Array, Array, Array, Array, Array]:
+    """Walls (W, 2, 2), their powers and transmissions (W,), and scatterers (S, 2) on them with powers (S,)."""
     walls: list[Array] = [np.empty((0, 2, 2))]
     surfaces: list[Array] = [np.empty((0, 2))]
     points: list[Array] = [np.empty((0, 2))]
@@ -79,12 +81,12 @@ def _things(rng: np.random.Generator, outlines: list[Array]) -> tuple[Array, Arr
         lengths = np.hypot(*(sides[:, 1] - sides[:, 0]).T)
         straight = _is_straight(outline)
         decibels = float(rng.uniform(48.0, 62.0) if straight else rng.uniform(26.0, 44.0))
-        # A ray passes an outline twice, a line once: together as much as through one thing.
-        through = (_BUILDING_THROUGH if straight else _VEGETATION_THROUGH) ** (
+        # A ray crosses a closed outline twice and a thin line once; both transmit the same in total.
+        transmission = (_BUILDING_TRANSMISSION if straight else _VEGETATION_TRANSMISSION) ** (
             0.5 if len(sides) == len(outline) else 1.0
         )
         walls.append(sides)
-        surfaces.append(np.tile([10.0 ** (decibels / 10.0), through], (len(sides), 1)))
+        surfaces.append(np.tile([10.0 ** (decibels / 10.0), transmission], (len(sides), 1)))
         counts = rng.poisson(lengths / rng.uniform(2.0, 8.0))
         chosen = np.repeat(np.arange(len(sides)), counts)
         along = rng.random((len(chosen), 1))
@@ -95,18 +97,18 @@ def _things(rng: np.random.Generator, outlines: list[Array]) -> tuple[Array, Arr
 
 
 def _sides(outline: Array) -> Array:
-    """(W, 2, 2) sides of a closed outline, without those that it goes back along: a thin thing's are met once."""
+    """(W, 2, 2) distinct sides of a closed outline: that of a thin object has each side in both directions."""
     following = np.roll(outline, -1, axis=0)
-    one_way = np.where(
+    undirected = np.where(
         _before(outline, following)[:, None], np.hstack([outline, following]), np.hstack([following, outline])
     )
-    distinct = np.unique(one_way, axis=0)
+    distinct = np.unique(undirected, axis=0)
     distinct = distinct[np.any(distinct[:, :2] != distinct[:, 2:], axis=1)]
     return distinct.reshape(-1, 2, 2)
 
 
 def _is_straight(outline: Array) -> bool:
-    coarse = cv2.approxPolyDP(outline.astype(np.float32)[:, None], _COARSER_M, True)[:, 0]
+    coarse = cv2.approxPolyDP(outline.astype(np.float32)[:, None], _COARSE_M, True)[:, 0]
     lengths = np.hypot(*(np.roll(coarse, -1, axis=0) - coarse).T)
     return bool(np.sum(lengths**2) > _STRAIGHT_M * np.sum(lengths))
 

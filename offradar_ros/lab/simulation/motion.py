@@ -19,14 +19,14 @@ _BRAKING_S = 5.0
 
 
 class Motion(Protocol):
-    """Poses by time."""
+    """Poses as a function of time."""
 
     def at(self, seconds: Array) -> Array:
         """(N, 3) x, y, heading of the radar at (N,) seconds since the start."""
 
 
 class RouteMotion:
-    """Along a route, faster and slower, with stops, and not quite in the middle of the lane."""
+    """Along a route, with a speed and a lane offset that vary, and with stops."""
 
     def __init__(self, plan: SessionPlan, route: Route, duration_s: float) -> None:
         rng = np.random.default_rng([plan.seed, 1])
@@ -46,11 +46,11 @@ class RouteMotion:
         left_m = plan.left_m + 0.3 * np.sin(2.0 * np.pi * driven_m / 70.0 + self._lane_phase)
         if not plan.reverse:
             return self._route.at(plan.start_m + driven_m, left_m)
-        return _turned(self._route.at(plan.start_m - driven_m, -left_m))
+        return _reversed(self._route.at(plan.start_m - driven_m, -left_m))
 
 
 class PathMotion:
-    """As it was recorded, or the same backwards, in another lane."""
+    """A recorded path, forwards or backwards, with a lane offset."""
 
     def __init__(self, plan: SessionPlan, path: RecordedPath) -> None:
         self._path = path
@@ -62,11 +62,11 @@ class PathMotion:
         """As `Motion`."""
         poses = self._path.at(self._start_s - seconds if self._reverse else self._start_s + seconds)
         if self._reverse:
-            poses = _turned(poses)
+            poses = _reversed(poses)
         poses[:, 0] -= self._left_m * np.sin(poses[:, 2])
         poses[:, 1] += self._left_m * np.cos(poses[:, 2])
         return poses
 
 
-def _turned(poses: Array) -> Array:
+def _reversed(poses: Array) -> Array:
     return np.asarray(poses + np.array([0.0, 0.0, np.pi]))

@@ -1,10 +1,10 @@
-"""Everything about a radar and how surfaces return that is not geometry.
+"""Parameters of the radar and of surfaces, without geometry.
 
-Three sources: `NOMINAL_PHYSICS` is near what recorded Navtech scans show; `draw_physics` varies it broadly, to train
-with; `held_out_physics` draws from a family that `draw_physics` never reaches, to judge what was trained: each field in
+There are three sources. `NOMINAL_PHYSICS` is close to recorded Navtech scans. `draw_physics` varies it broadly, for
+training. `held_out_physics` draws radars that `draw_physics` never draws, for evaluation and validation: each field in
 `HELD_OUT_RANGES` lies outside its range in `TRAINED_RANGES`, and speckle follows another law.
 
-Powers are linear or decibels (10 log10) above the receiver's noise at its reference; the recorded byte is in half
+Powers are linear, or decibels (10 log10) above the receiver's noise at its reference; the recorded byte is in half
 decibels.
 """
 
@@ -18,7 +18,7 @@ import numpy as np
 
 
 class SpeckleLaw(str, enum.Enum):
-    """How the power of a rough surface is distributed about its mean."""
+    """Distribution of the power of a rough surface about its mean."""
 
     RAYLEIGH = 'rayleigh'
     LOG_NORMAL = 'log_normal'
@@ -27,55 +27,57 @@ class SpeckleLaw(str, enum.Enum):
 
 @dataclasses.dataclass(frozen=True)
 class RadarPhysics:
-    """Attributes, in the order of a signal's way.
+    """One radar and how surfaces return its signal.
 
-    returns_db: strength of all returns from walls and scatterers.
-    fall_exponent: returns fall with this power of range.
-    incidence_exponent: a wall's diffuse return falls with this power of the cosine of incidence.
-    diffuse_floor_db: a wall's return at grazing incidence, relative to its own face on.
-    specular_db: flash of a wall within `specular_width_rad` of face on, relative to its diffuse return.
-    specular_width_rad: standard deviation of that flash in angle.
-    lump_exponent: unevenness along walls; 0 makes them even, 1 exponential.
-    lump_m: length over which a wall is alike.
-    echo_db: what a wall gives back late, from rooms, corners and second walls behind it, in all.
-    echo_m: mean distance of that behind it.
-    occlusion: a wall leaves its `wall_through` to this power; less than 1 where the beam also passes over it.
-    ghost_db: what a copy mirrored in a wall, or a second lap between wall and vehicle, has of its original.
-    ground_db: ground clutter at 10 m.
-    ground_exponent: it falls with this power of range.
-    ground_start_m: nearer than this the beam passes over the ground.
-    ground_patch_db: standard deviation of its patches, which stay where they are in the world.
-    vehicle_db: what the radar's own vehicle returns from nearer than 2.4 m.
-    beam_width_rad: half-power width of the beam, one way.
-    side_lobe_db: level of the side lobes, there and back.
-    side_lobe_width_rad: their standard deviation in angle.
-    range_sigma_m: standard deviation of a return's spread along range.
-    skirt_db: level of the wider skirt that the transmitter's phase noise gives every return.
-    skirt_m: standard deviation of that skirt.
-    streak_db: what the strongest return of an azimuth adds to the noise of all its range.
-    speckle: law of speckle.
-    speckle_looks: independent looks in a cell; more are smoother.
-    speckle_correlation_m: standard deviation of the filter that makes neighbouring cells alike.
-    noise_db: the receiver's noise.
-    noise_near_m: range at which noise is twice its far level.
-    noise_near_exponent: how steeply it falls to that.
-    noise_correlation_m: as `speckle_correlation_m`.
-    noise_shape: power to which exponential noise is raised; 1 leaves it exponential.
-    gain_db: added to everything that is recorded.
-    knee: byte above which the receiver saturates softly.
-    ceiling: byte that it approaches.
-    whole_powers: whether linear power is cut to a whole number before its logarithm is taken, as recorded bytes of
-        0, 6, 9, 12, 14 half decibels (1, 2, 3, 4, 5) show.
+    Attributes:
+        returns_db: power of all returns from walls and scatterers.
+        range_exponent: exponent of range by which returns fall.
+        incidence_exponent: exponent of the cosine of incidence by which a wall's diffuse return falls.
+        diffuse_floor_db: diffuse return of a wall at grazing incidence, relative to normal incidence.
+        specular_db: specular return of a wall at normal incidence, relative to its diffuse return.
+        specular_width_rad: standard deviation of the specular return in angle.
+        texture_exponent: variation of power along walls; 0 for none, 1 for an exponential distribution.
+        texture_m: length over which the power of a wall is constant.
+        echo_db: total power of late returns of a wall, from rooms, corners and further walls behind it.
+        echo_m: mean distance of late returns behind the wall.
+        occlusion: exponent of `wall_transmission`; below 1 where the beam also passes over walls.
+        ghost_db: power of a multipath copy (mirrored in a wall, or of a further round trip between wall and vehicle),
+            relative to the original.
+        ground_db: ground clutter at 10 m.
+        ground_exponent: exponent of range by which ground clutter falls.
+        ground_start_m: at shorter range the beam passes over the ground.
+        ground_patch_db: standard deviation of patches of ground clutter, which are fixed in the world.
+        vehicle_db: return of the radar's own vehicle, at less than 2.4 m.
+        beam_width_rad: half-power width of the one-way beam.
+        side_lobe_db: two-way level of the side lobes.
+        side_lobe_width_rad: standard deviation of the side lobes in angle.
+        range_sigma_m: standard deviation of the range response.
+        skirt_db: level of the wide skirt that the transmitter's phase noise gives every return.
+        skirt_m: standard deviation of that skirt.
+        streak_db: noise over all ranges of an azimuth, relative to its strongest return.
+        speckle: law of speckle.
+        speckle_looks: independent looks per cell; more looks, smoother speckle.
+        speckle_correlation_m: standard deviation of the filter that correlates neighbouring cells.
+        noise_db: noise of the receiver.
+        noise_near_m: range at which noise is twice that at long range.
+        noise_near_exponent: exponent of range by which the noise at short range falls.
+        noise_correlation_m: as `speckle_correlation_m`.
+        noise_shape: exponent of exponentially distributed noise; 1 leaves it exponential.
+        gain_db: gain of everything that is recorded.
+        knee: byte above which the receiver saturates softly.
+        ceiling: byte that saturation approaches.
+        integer_powers: whether linear power is truncated to an integer before its logarithm is taken, as recorded
+            bytes of 0, 6, 9, 12, 14 half decibels (1, 2, 3, 4, 5) show.
     """
 
     returns_db: float = 8.0
-    fall_exponent: float = 1.4
+    range_exponent: float = 1.4
     incidence_exponent: float = 6.0
     diffuse_floor_db: float = -16.0
     specular_db: float = 10.0
     specular_width_rad: float = 0.04
-    lump_exponent: float = 1.8
-    lump_m: float = 0.8
+    texture_exponent: float = 1.8
+    texture_m: float = 0.8
     echo_db: float = -14.0
     echo_m: float = 10.0
     occlusion: float = 0.8
@@ -103,20 +105,20 @@ class RadarPhysics:
     gain_db: float = 1.2
     knee: float = 120.0
     ceiling: float = 170.0
-    whole_powers: bool = True
+    integer_powers: bool = True
 
 
 NOMINAL_PHYSICS = RadarPhysics()
 
 TRAINED_RANGES: dict[str, tuple[float, float]] = {
     'returns_db': (2.0, 12.0),
-    'fall_exponent': (1.0, 1.9),
+    'range_exponent': (1.0, 1.9),
     'incidence_exponent': (2.0, 10.0),
     'diffuse_floor_db': (-22.0, -10.0),
     'specular_db': (0.0, 15.0),
     'specular_width_rad': (0.02, 0.08),
-    'lump_exponent': (0.7, 2.4),
-    'lump_m': (0.5, 1.5),
+    'texture_exponent': (0.7, 2.4),
+    'texture_m': (0.5, 1.5),
     'echo_db': (-30.0, -10.0),
     'echo_m': (4.0, 16.0),
     'occlusion': (0.5, 1.3),
@@ -143,7 +145,7 @@ TRAINED_RANGES: dict[str, tuple[float, float]] = {
     'gain_db': (-1.0, 12.0),
     'knee': (105.0, 140.0),
 }
-"""Least and greatest value of each number that `draw_physics` varies."""
+"""Minimum and maximum of each number that `draw_physics` varies."""
 
 HELD_OUT_RANGES: dict[str, tuple[float, float]] = {
     'ghost_db': (-9.0, -5.0),
@@ -152,16 +154,16 @@ HELD_OUT_RANGES: dict[str, tuple[float, float]] = {
     'noise_shape': (1.35, 1.7),
     'knee': (65.0, 85.0),
 }
-"""Where `held_out_physics` leaves the ranges of training: stronger multipath, a wider beam, and so on."""
+"""Ranges of `held_out_physics` outside those of training: stronger multipath, a wider beam, and so on."""
 
 
 def draw_physics(seed: int | np.random.Generator) -> RadarPhysics:
-    """A radar for one world of training; speckle is always `RAYLEIGH`."""
+    """A radar for one training world; its speckle is always `RAYLEIGH`."""
     return _draw(np.random.default_rng(seed), TRAINED_RANGES, SpeckleLaw.RAYLEIGH)
 
 
 def held_out_physics(seed: int | np.random.Generator = 0) -> RadarPhysics:
-    """A radar of a kind that training never sees: to judge by, also which checkpoint is best, never to learn from."""
+    """A radar that training never uses: for evaluation, and for validation, which chooses the best checkpoint."""
     rng = np.random.default_rng(seed)
     law = (SpeckleLaw.LOG_NORMAL, SpeckleLaw.K)[int(rng.integers(2))]
     return _draw(rng, TRAINED_RANGES | HELD_OUT_RANGES, law)
@@ -170,9 +172,9 @@ def held_out_physics(seed: int | np.random.Generator = 0) -> RadarPhysics:
 def _draw(rng: np.random.Generator, ranges: dict[str, tuple[float, float]], law: SpeckleLaw) -> RadarPhysics:
     drawn = {name: float(rng.uniform(low, high)) for name, (low, high) in ranges.items()}
     ceiling = drawn['knee'] + float(rng.uniform(25.0, 60.0))
-    return RadarPhysics(**drawn, speckle=law, ceiling=ceiling, whole_powers=bool(rng.random() < 0.5))
+    return RadarPhysics(**drawn, speckle=law, ceiling=ceiling, integer_powers=bool(rng.random() < 0.5))
 
 
-def ratio(decibels: float) -> float:
+def linear_power(decibels: float) -> float:
     """Decibels to linear power."""
     return math.pow(10.0, decibels / 10.0)

@@ -1,4 +1,4 @@
-"""Worlds from above, with what drives through them."""
+"""Pictures of worlds from above, with drives."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from offradar_ros.lab.simulation.world import World
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-_CLOSED = 0.3
-"""Walls through which less passes are drawn black, others blue."""
+_OPAQUE = 0.3
+"""Walls that transmit less are drawn black, others blue."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -24,9 +24,9 @@ class Panel:
     """One world to draw.
 
     Attributes:
-        title: above it.
-        drives: (N, 3) or (N, 2) poses each; without any the world's route is drawn.
-        size_m: how much is drawn round the first pose; None for all.
+        title: text above the panel.
+        drives: (N, 3) or (N, 2) poses of each; if empty, the world's route is drawn.
+        size_m: side of the square that is drawn around the first pose; None for the whole world.
     """
 
     title: str
@@ -36,7 +36,7 @@ class Panel:
 
 
 def draw_worlds(path: str | Path, panels: Sequence[Panel]) -> None:
-    """Three panels a row, as a PNG file; needs matplotlib."""
+    """Write a PNG file with three panels in a row. Needs matplotlib."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg  # noqa: PLC0415
     from matplotlib.figure import Figure  # noqa: PLC0415
 
@@ -50,7 +50,7 @@ def draw_worlds(path: str | Path, panels: Sequence[Panel]) -> None:
 
 
 def draw_world(axes: Axes, panel: Panel) -> None:
-    """Walls (darker: stronger; blue: half open), scatterers green, places to park orange, and drives."""
+    """Draw walls (dark: strong; blue: transmitting), scatterers (green), parking places (orange) and drives (red)."""
     from matplotlib.collections import LineCollection  # noqa: PLC0415
 
     world, seen = panel.world, panel.world.reflectors
@@ -60,7 +60,7 @@ def draw_world(axes: Axes, panel: Panel) -> None:
     axes.scatter(points[:, 0], points[:, 1], s=scale * strength**2, c='tab:green', linewidths=0)
     axes.scatter(parking[:, 0], parking[:, 1], s=2.0 * scale**2, c='tab:orange', linewidths=0)
     colours = np.zeros((len(seen.walls_m), 4))
-    colours[:, 2] = np.where(seen.wall_through > _CLOSED, 0.9, 0.0)
+    colours[:, 2] = np.where(seen.wall_transmission > _OPAQUE, 0.9, 0.0)
     colours[:, 3] = np.clip((_decibels(seen.wall_powers) - 15.0) / 40.0, 0.2, 1.0)
     axes.add_collection(LineCollection(list(seen.walls_m), colors=colours, linewidths=0.6 * scale))
     lines = [poses[:, :2] for poses in panel.drives] or ([world.route.points_m] if world.route else [])

@@ -1,8 +1,8 @@
 """From a world and a moving radar to one polar scan.
 
-Each azimuth is one ray from where the radar then is. `scene` adds up what returns along it, `receiver` spreads it over
-the beam and the range window and records it in noise and speckle; `degradation` spoils it in between. Cells of some
-0.175 m are worked with, and interpolated where the sensor's range bins are finer.
+Each azimuth is one ray from the position of the radar at that moment. `scene` adds up the returns along it, `receiver`
+applies the beam and the range response and records them with noise and speckle; `degradation` is applied in between.
+All this is computed in cells of about 0.175 m, and interpolated to smaller range bins.
 """
 
 from __future__ import annotations
@@ -22,20 +22,20 @@ _CELL_M = 0.175
 
 
 class RadarModel:
-    """Renders scans for one sensor, in one weather."""
+    """Renders scans of one sensor in one weather."""
 
     def __init__(
         self, sensor: SimulatedSensor, physics: RadarPhysics = NOMINAL_PHYSICS, weather: Weather = CLEAR
     ) -> None:
         self.sensor = sensor
-        finer = max(1, round(_CELL_M / sensor.range_resolution_m))
-        self._cell_m = finer * sensor.range_resolution_m
-        cells = -(-sensor.range_bins // finer)
+        bins_per_cell = max(1, round(_CELL_M / sensor.range_resolution_m))
+        self._cell_m = bins_per_cell * sensor.range_resolution_m
+        cells = -(-sensor.range_bins // bins_per_cell)
         self.azimuths_rad: NDArray[np.float64] = np.arange(sensor.azimuths, dtype=np.float64) * (
             2.0 * np.pi / sensor.azimuths
         )
         self._scene = Scene(sensor.azimuths, cells, self._cell_m, physics, weather)
-        self._receiver = Receiver(sensor.azimuths, cells, self._cell_m, finer, sensor.range_bins, physics)
+        self._receiver = Receiver(sensor.azimuths, cells, self._cell_m, bins_per_cell, sensor.range_bins, physics)
 
     def render(
         self,
@@ -44,9 +44,9 @@ class RadarModel:
         rng: np.random.Generator,
         degradation: Degradation | None = None,
     ) -> NDArray[np.uint8]:
-        """(A, R) uint8 power, seen from (A, 3) poses x, y, heading: one for each azimuth, as the radar moves on.
+        """(A, R) uint8 power seen from (A, 3) poses x, y, heading, one for each azimuth, because the radar moves.
 
-        A fault changes neither the noise nor the speckle that `rng` gives the same scan without it.
+        `degradation` does not change the noise and the speckle that are drawn from `rng`.
         """
         fault_rng = np.random.default_rng(rng.integers(2**63))
         near = reflectors.within(poses[len(poses) // 2, :2], self.sensor.max_range_m + 5.0)

@@ -1,6 +1,6 @@
-"""Where each azimuth's ray meets walls.
+"""Where the ray of each azimuth hits walls.
 
-Convention: row k looks k/A of a turn clockwise from the heading of the radar's k-th pose; headings are
+Convention: row k points k/A of a turn clockwise from the heading of the radar's k-th pose; headings are
 counter-clockwise from east.
 """
 
@@ -17,41 +17,41 @@ Array = NDArray[np.float64]
 Rows = NDArray[np.intp]
 
 DEPTH = 6
-"""A ray is followed through this many walls."""
+"""Maximum number of walls that a ray hits."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Hits:
-    """H meetings of rays and walls.
+    """H hits of rays on walls, by A azimuths.
 
     Attributes:
-        rows: (H,) which ray.
-        walls: (H,) which wall.
+        rows: (H,) azimuth of the ray.
+        walls: (H,) index of the wall.
         range_m: (H,) float64.
-        cosine: (H,) float64 of the angle between the ray and the wall's normal, 0 to 1.
-        left: (H,) float64 share of the power, there and back, that the walls in front leave.
-        fronts_m: (A, DEPTH) float64 ranges of the walls that each ray meets, nearest first; infinite where none.
-        left_behind: (A, DEPTH + 1) float64 share of the power that is left after 0, 1, … of them.
+        cosine: (H,) float64, cosine of the angle between the ray and the wall's normal, 0 to 1.
+        transmission: (H,) float64, two-way transmission of the walls in front.
+        wall_ranges_m: (A, DEPTH) float64, ranges of the walls that each ray hits, nearest first; infinite for none.
+        transmission_behind: (A, DEPTH + 1) float64, two-way transmission of the first 0, 1, … of them.
     """
 
     rows: Rows
     walls: Rows
     range_m: Array
     cosine: Array
-    left: Array
-    fronts_m: Array
-    left_behind: Array
+    transmission: Array
+    wall_ranges_m: Array
+    transmission_behind: Array
 
-    def left_at(self, rows: Rows, range_m: Array) -> Array:
-        """(N,) share of the power that walls leave at (N,) ranges on the rays of (N,) rows."""
-        passed = np.sum(self.fronts_m[rows] < range_m[:, None], axis=1)
-        return np.asarray(self.left_behind[rows, passed])
+    def transmission_at(self, rows: Rows, range_m: Array) -> Array:
+        """(N,) two-way transmission of the walls in front of (N,) ranges on the rays of (N,) rows."""
+        passed = np.sum(self.wall_ranges_m[rows] < range_m[:, None], axis=1)
+        return np.asarray(self.transmission_behind[rows, passed])
 
 
 def cast_rays(reflectors: Reflectors, poses: Array, max_range_m: float, occlusion: float = 1.0) -> Hits:
-    """Every wall that a ray meets, up to `DEPTH` a ray; `poses` is (A, 3) x, y, heading, one for each azimuth.
+    """The walls that each ray hits, up to `DEPTH`; `poses` is (A, 3) x, y, heading, one for each azimuth.
 
-    `occlusion` is the power to which each wall's `wall_through` is raised.
+    `occlusion` is the exponent of each wall's `wall_transmission`.
     """
     azimuths = len(poses)
     rows, walls = _candidates(reflectors.walls_m, poses)
@@ -66,24 +66,24 @@ def cast_rays(reflectors: Reflectors, poses: Array, max_range_m: float, occlusio
     with np.errstate(divide='ignore', invalid='ignore'):
         range_m = (from_x * along_y - from_y * along_x) / across
         fraction = (from_x * ray_y - from_y * ray_x) / across
-    met = (range_m > 0.5) & (range_m < max_range_m) & (fraction >= 0.0) & (fraction <= 1.0)
-    rows, walls, range_m, across = rows[met], walls[met], range_m[met], across[met]
+    hit = (range_m > 0.5) & (range_m < max_range_m) & (fraction >= 0.0) & (fraction <= 1.0)
+    rows, walls, range_m, across = rows[hit], walls[hit], range_m[hit], across[hit]
     order = np.argsort(rows + range_m / (max_range_m + 1.0))
     rows, walls, range_m, across = rows[order], walls[order], range_m[order], across[order]
-    passed = np.arange(len(rows)) - np.searchsorted(rows, rows)
-    seen = passed < DEPTH
-    rows, walls, range_m, across, passed = rows[seen], walls[seen], range_m[seen], across[seen], passed[seen]
-    fronts_m = np.full((azimuths, DEPTH), np.inf)
-    fronts_m[rows, passed] = range_m
-    left_behind = np.ones((azimuths, DEPTH + 1))
-    left_behind[rows, passed + 1] = reflectors.wall_through[walls] ** occlusion
-    np.cumprod(left_behind, axis=1, out=left_behind)
+    in_front = np.arange(len(rows)) - np.searchsorted(rows, rows)
+    kept = in_front < DEPTH
+    rows, walls, range_m, across, in_front = rows[kept], walls[kept], range_m[kept], across[kept], in_front[kept]
+    wall_ranges_m = np.full((azimuths, DEPTH), np.inf)
+    wall_ranges_m[rows, in_front] = range_m
+    transmission_behind = np.ones((azimuths, DEPTH + 1))
+    transmission_behind[rows, in_front + 1] = reflectors.wall_transmission[walls] ** occlusion
+    np.cumprod(transmission_behind, axis=1, out=transmission_behind)
     cosine = np.abs(across) / np.hypot(along_m[walls, 0], along_m[walls, 1])
-    return Hits(rows, walls, range_m, cosine, left_behind[rows, passed], fronts_m, left_behind)
+    return Hits(rows, walls, range_m, cosine, transmission_behind[rows, in_front], wall_ranges_m, transmission_behind)
 
 
 def _candidates(walls_m: Array, poses: Array) -> tuple[Rows, Rows]:
-    """Rows and walls that may meet: rows between the bearings of a wall's ends, and as many more as the radar moves."""
+    """Rows and walls that may meet: those between the bearings of its ends, with a margin for the radar's motion."""
     azimuths = len(poses)
     middle = poses[azimuths // 2]
     starts, ends = walls_m[:, 0] - middle[:2], walls_m[:, 1] - middle[:2]
@@ -97,7 +97,7 @@ def _candidates(walls_m: Array, poses: Array) -> tuple[Rows, Rows]:
     width = np.mod(last - first + azimuths / 2, azimuths) - azimuths / 2
     shift = np.arcsin(np.minimum(1.0, moved_m / np.maximum(distance_m, 1e-9)))
     margin = rows_a_radian * (shift + turned) + 1.0
-    # A wall that the radar may drive up to is tried on every row.
+    # A wall that the radar may reach is a candidate on every row.
     margin[distance_m <= moved_m + 0.5] = azimuths
     begin = np.floor(first + np.minimum(width, 0.0) - margin).astype(np.intp)
     count = np.minimum(np.ceil(np.abs(width) + 2.0 * margin).astype(np.intp) + 2, azimuths)

@@ -1,4 +1,4 @@
-"""A recorded drive to follow through a world."""
+"""A recorded drive as a path through a world."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Array = NDArray[np.float64]
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class RecordedPath:
-    """Where a vehicle was and when; it may stand still, and stays at its ends before and after.
+    """Poses of a vehicle over time. It may stand still; before the first and after the last pose it does.
 
     Attributes:
         seconds: (N,) float64 since the first pose, increasing.
@@ -40,20 +40,20 @@ class RecordedPath:
         return np.concatenate([[0.0], np.cumsum(np.hypot(steps[:, 0], steps[:, 1]))])
 
     def scans(self, rotation_s: float = 0.25, start_m: float = 0.0) -> int:
-        """How many whole rotations it lasts, from `start_m` on."""
+        """Number of whole rotations between `start_m` and the end."""
         return int((self.duration_s - self.seconds_at(start_m)) / rotation_s)
 
     def seconds_at(self, driven_m: float) -> float:
-        """When that far was driven for the first time."""
+        """Time at which `driven_m` metres are first driven."""
         after = int(np.searchsorted(self.driven_m, driven_m))
         return float(np.interp(driven_m, self.driven_m[: after + 1], self.seconds[: after + 1]))
 
     def at(self, seconds: Array) -> Array:
-        """(M, 3) poses at (M,) seconds, linear in between."""
+        """(M, 3) poses at (M,) seconds, interpolated linearly."""
         return np.column_stack([np.interp(seconds, self.seconds, column) for column in self.poses.T])
 
     def route(self) -> Route:
-        """Its line, for what else drives there."""
+        """The line of the path, for traffic."""
         apart = np.unique(np.floor(self.driven_m / 2.0), return_index=True)[1]
         points = self.poses[apart, :2]
         if len(points) < 2:
@@ -62,7 +62,7 @@ class RecordedPath:
 
 
 def load_tum(path: str | Path) -> RecordedPath:
-    """A TUM file's drive (``seconds x y z qx qy qz qw`` a line); z, roll and pitch are left out.
+    """The path of a TUM file (lines of ``seconds x y z qx qy qz qw``), without z, roll and pitch.
 
     DataError for a damaged file and for one of a single pose.
     """

@@ -1,4 +1,4 @@
-"""Sessions of one route: each a day later, in a lane offset, with traffic and noise of its own."""
+"""Sessions on one route: each a day later, with another lane offset, other traffic and other noise."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ LANES_M = (0.0, 1.0, -0.8, 0.5, -1.2)
 
 
 def session_plan(index: int, *, scans: int, seed: int, degraded: float) -> SessionPlan:
-    """Drive `index`, from 0, of the route; `degraded` is the share of its scans that are degraded."""
+    """The plan of session `index`, which counts from 0; `degraded` is the share of its scans that are degraded."""
     return SessionPlan(
         name=f'session_{index + 1}',
         seed=1000 * seed + index,

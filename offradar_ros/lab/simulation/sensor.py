@@ -1,4 +1,4 @@
-"""What the simulated radar records; `physics` says how well."""
+"""Size of the scans that the simulated radar records."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ class SimulatedSensor:
     """The size of a scan; the default is a Navtech at 400 × 576 bins, as in the RADIATE data set.
 
     Attributes:
-        azimuths: rows of a scan; row k looks k/azimuths of a turn clockwise from forward.
+        azimuths: rows of a scan; row k points k/azimuths of a turn clockwise from forward.
         range_bins: columns of a scan.
         range_resolution_m: size of a bin.
         rotation_s: time of one rotation.
@@ -28,4 +28,4 @@ class SimulatedSensor:
 
 
 TRAINING_SENSOR = SimulatedSensor(range_bins=512, range_resolution_m=0.32)
-"""To the 164 m of a Navtech CTS350-X: with range, recall rises steeply. A column of the compact image is four bins."""
+"""Up to 164 m, as a Navtech CTS350-X: recall increases with range. A column of the compact image is four bins."""

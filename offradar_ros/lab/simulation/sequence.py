@@ -16,13 +16,13 @@ from offradar_ros.lab.simulation.world import World
 from offradar_ros.types import PolarScan
 
 ORIGIN = GeoPoint(51.7520, -1.2577, 60.0)
-"""Where on Earth worlds are put unless told otherwise."""
+"""Default position of a world's origin."""
 
 _POSITION_PERIOD_S = 0.1
 
 
 class SimulatedSequence:
-    """Scans made on demand, each from its own seed: the same whenever and in whatever order they are asked for.
+    """Scans rendered on demand, each from its own seed: the same at each call and in any order.
 
     A scan's stamp is the middle of its rotation. `layout` is ``simulation``.
     """
@@ -50,7 +50,7 @@ class SimulatedSequence:
         return self.plan.scans
 
     def scan(self, index: int) -> PolarScan:
-        """Scan `index`, rendered anew at each call; IndexError outside 0 to N − 1."""
+        """Scan `index`, rendered at each call; IndexError outside 0 to N − 1."""
         if not 0 <= index < len(self):
             raise IndexError(f'scan {index} of {len(self)}')
         azimuths, rotation_s = self.sensor.azimuths, self.sensor.rotation_s

@@ -1,4 +1,4 @@
-"""What differs from drive to drive through one world."""
+"""Parameters of one simulated drive through a world."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ from offradar_ros.lab.simulation.weather import CLEAR, Weather
 
 @dataclasses.dataclass(frozen=True)
 class SessionPlan:
-    """One drive, the same whenever it is simulated.
+    """One drive; the same plan always gives the same scans.
 
     Attributes:
-        name: what people call the drive.
+        name: name of the drive.
         seed: of its noise, traffic, parked cars and degradations.
         scans: number of scans.
-        path: a recorded drive to follow, at its own speed; None for the world's route.
-        start_m: where on the route or path it starts.
+        path: a recorded path, driven at its recorded speed; None for the world's route.
+        start_m: arc length of the route or path at the start.
         speed_mps: mean speed on a route between stops; it varies by an eighth.
-        stops: times that it stands still on a route, 4 s to 12 s each.
+        stops: number of stops on a route, of 4 s to 12 s each.
         left_m: mean lane offset to the left of the line; on a route it varies by 0.3 m.
         reverse: whether the line is driven backwards.
-        traffic: other vehicles a kilometre of the line.
-        parked: share of the places to park that are taken.
-        degraded: share of the scans that are degraded, by all of `kinds` and severities from 0.05 to 1 alike.
-        kinds: degradations to draw from.
-        physics: how the radar and surfaces behave.
+        traffic: other vehicles per kilometre of the line.
+        parked: share of the parking places that are occupied.
+        degraded: share of the scans that are degraded; `kinds` and severities from 0.05 to 1 are drawn uniformly.
+        kinds: kinds of degradation.
+        physics: parameters of the radar and of surfaces.
         weather: rain, snow and fog.
         start_ns: stamp of the start.
     """

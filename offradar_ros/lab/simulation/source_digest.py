@@ -1,4 +1,4 @@
-"""Which simulator this is: scans kept on disk are those of one version of its source."""
+"""Version of the simulator: cached scans belong to one version of its source."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 
 @functools.cache
 def source_digest() -> str:
-    """SHA-256 (64 hex digits) of the simulator's source, read once a process."""
+    """SHA-256 (64 hex digits) of the simulator's source, computed once per process."""
     root = Path(__file__).parent
     digest = hashlib.sha256()
     for file in sorted(root.rglob('*.py')):

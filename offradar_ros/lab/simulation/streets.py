@@ -19,9 +19,9 @@ class Streets:
 
     Attributes:
         nodes_m: (N, 2) float64, crossings.
-        inner: (N,) whether routes may use a crossing: the city goes on around it.
-        lines: every street's two nodes, the lower first → (M, 2) float64, its middle line from one to the other.
-        half_widths: every street's half width between the kerbs, metres.
+        inner: (N,) bool, whether routes may use a crossing: the city surrounds it.
+        lines: two nodes of each street, the lower first → (M, 2) float64, its centre line from one to the other.
+        half_widths: half the width of each street between its kerbs, metres.
     """
 
     nodes_m: Array
@@ -30,19 +30,19 @@ class Streets:
     half_widths: dict[Edge, float]
 
     def line(self, start: int, end: int) -> Array:
-        """(M, 2) from node to node."""
+        """(M, 2) centre line from node to node."""
         return self.lines[start, end] if start < end else self.lines[end, start][::-1]
 
     @functools.cached_property
-    def around(self) -> dict[int, list[int]]:
-        """Every node's neighbours along streets."""
+    def neighbours(self) -> dict[int, list[int]]:
+        """Nodes that a street joins to each node."""
         return neighbours(self.lines)
 
 
 def neighbours(edges: Iterable[Edge]) -> dict[int, list[int]]:
-    """Every node's neighbours, in the order of the edges."""
-    around: dict[int, list[int]] = {}
+    """Nodes that an edge joins to each node, in the order of the edges."""
+    found: dict[int, list[int]] = {}
     for a, b in edges:
-        around.setdefault(a, []).append(b)
-        around.setdefault(b, []).append(a)
-    return around
+        found.setdefault(a, []).append(b)
+        found.setdefault(b, []).append(a)
+    return found

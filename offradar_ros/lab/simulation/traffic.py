@@ -11,11 +11,11 @@ from offradar_ros.lab.simulation.session_plan import SessionPlan
 from offradar_ros.lab.simulation.vehicles import Vehicles
 
 _LANE_M = 3.5
-"""Traffic keeps this far to the right of the line, whichever way it goes."""
+"""Distance of traffic to the right of the line, in either direction."""
 
 
 class Traffic:
-    """Vehicles on a route, half of them each way, at speeds of their own; at an open route's end they start again."""
+    """Vehicles on a route, about half in each direction, each at its own speed; they start again at the end."""
 
     def __init__(self, plan: SessionPlan, route: Route) -> None:
         rng = np.random.default_rng([plan.seed, 7])
@@ -28,7 +28,7 @@ class Traffic:
         self._vehicles = Vehicles(rng, count, vans=0.15, lorries=0.1)
 
     def at(self, seconds: float, centre_m: NDArray[np.float64]) -> Reflectors:
-        """All of them at one moment, without those that a radar at `centre_m` would be inside of."""
+        """All vehicles at one moment, without any that would contain a radar at (2,) `centre_m`."""
         arcs_m = np.mod(self._arcs_m + self._speeds_mps * seconds, self._route.length_m)
         poses = self._route.at(arcs_m, self._lanes_m)
-        return self._vehicles.reflectors(poses, self._vehicles.apart_from(centre_m, poses))
+        return self._vehicles.reflectors(poses, self._vehicles.do_not_contain(centre_m, poses))

@@ -1,4 +1,4 @@
-"""One drive through a world: where the radar is at each moment, and what is around it."""
+"""One drive through a world: the pose of the radar and the reflectors around it at each moment."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from offradar_ros.errors import ConfigError
 from offradar_ros.lab.simulation.motion import Motion, PathMotion, RouteMotion
-from offradar_ros.lab.simulation.reflectors import Reflectors
+from offradar_ros.lab.simulation.reflector_index import ReflectorIndex
+from offradar_ros.lab.simulation.reflectors import Reflectors, concatenate
 from offradar_ros.lab.simulation.session_plan import SessionPlan
-from offradar_ros.lab.simulation.surroundings import Surroundings
 from offradar_ros.lab.simulation.traffic import Traffic
 from offradar_ros.lab.simulation.vehicles import Vehicles
 from offradar_ros.lab.simulation.world import World
@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 class Traversal:
     """A planned drive, as a function of the seconds since its start.
 
-    ConfigError where neither the plan nor the world says where to drive.
+    ConfigError if the plan has no path and the world no route.
     """
 
     def __init__(self, plan: SessionPlan, world: World, duration_s: float) -> None:
@@ -29,10 +29,10 @@ class Traversal:
             raise ConfigError(f'drive {plan.name}: the world has no streets: give the drive a recorded path')
         self._motion: Motion = PathMotion(plan, plan.path) if plan.path else RouteMotion(plan, route, duration_s)
         rng = np.random.default_rng([plan.seed, 6])
-        taken = world.parking[rng.random(len(world.parking)) < plan.parked]
-        parked = Vehicles(rng, len(taken), vans=0.15, lorries=0.02)
-        jitter = rng.normal(0.0, 1.0, taken.shape) * (0.3, 0.15, 0.03)
-        self._standing = Surroundings(joined(world.reflectors, parked.reflectors(taken + jitter)))
+        occupied = world.parking[rng.random(len(world.parking)) < plan.parked]
+        parked = Vehicles(rng, len(occupied), vans=0.15, lorries=0.02)
+        jitter = rng.normal(0.0, 1.0, occupied.shape) * (0.3, 0.15, 0.03)
+        self._static = ReflectorIndex(concatenate(world.reflectors, parked.reflectors(occupied + jitter)))
         self._traffic = Traffic(plan, route)
 
     def poses_at(self, seconds: Array) -> Array:
@@ -40,17 +40,6 @@ class Traversal:
         return self._motion.at(seconds)
 
     def reflectors_at(self, seconds: float, range_m: float) -> Reflectors:
-        """World, parked cars and traffic within `range_m` of the radar at one moment, and some beyond."""
+        """World, parked cars and traffic within `range_m` of the radar, and some reflectors that are further away."""
         centre_m = self.poses_at(np.array([seconds]))[0, :2]
-        return joined(self._standing.near(centre_m, range_m), self._traffic.at(seconds, centre_m))
-
-
-def joined(*parts: Reflectors) -> Reflectors:
-    """All of several."""
-    return Reflectors(
-        np.concatenate([part.walls_m for part in parts]),
-        np.concatenate([part.wall_powers for part in parts]),
-        np.concatenate([part.wall_through for part in parts]),
-        np.concatenate([part.scatterers_m for part in parts]),
-        np.concatenate([part.scatterer_powers for part in parts]),
-    )
+        return concatenate(self._static.near(centre_m, range_m), self._traffic.at(seconds, centre_m))

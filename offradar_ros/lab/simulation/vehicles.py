@@ -1,4 +1,4 @@
-"""Other vehicles: boxes of sheet metal that return from their corners and hide what is behind them."""
+"""Other vehicles: boxes of sheet metal, with strong returns from corners, that occlude what is behind them."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ Array = NDArray[np.float64]
 
 _OUTLINE = np.array([(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)])
 _POINTS = np.array([(x, y) for x in (-0.5, -0.3, 0.3, 0.5) for y in (-0.48, 0.48)])
-# Car, van, lorry or bus: length and width in metres, decibels of a side and of a corner, share that passes one side.
+# Car, van, lorry or bus: length and width in metres, decibels of a side and of a corner, transmission of a side.
 _KINDS = np.array(
     [(4.4, 1.8, 38.0, 45.0, 0.5), (5.6, 2.0, 44.0, 47.0, 0.3), (10.5, 2.5, 54.0, 52.0, 0.05)], dtype=np.float64
 )
 
 
 class Vehicles:
-    """Vehicles that differ in kind, size and power; `lorries` and `vans` are shares of them."""
+    """Vehicles of different kind, size and power; `vans` and `lorries` are shares of them."""
 
     def __init__(self, rng: np.random.Generator, count: int, vans: float, lorries: float) -> None:
         drawn = rng.random(count)
         kinds = _KINDS[np.where(drawn < lorries, 2, np.where(drawn < lorries + vans, 1, 0))]
         self.sizes_m: Array = kinds[:, :2] * rng.uniform(0.88, 1.12, (count, 2))
-        self._through = kinds[:, 4]
+        self._transmission = kinds[:, 4]
         self._sides = 10.0 ** ((kinds[:, 2] + rng.normal(0.0, 3.0, count)) / 10.0)
         self._corners = 10.0 ** ((kinds[:, 3, None] + rng.normal(0.0, 4.0, (count, len(_POINTS)))) / 10.0)
 
@@ -32,19 +32,19 @@ class Vehicles:
         return len(self.sizes_m)
 
     def reflectors(self, poses: Array, chosen: NDArray[np.bool_] | slice = slice(None)) -> Reflectors:
-        """What the chosen ones are at (N, 3) poses, one for each vehicle."""
+        """Reflectors of the `chosen` of N vehicles at (N, 3) poses."""
         poses, sizes_m = poses[chosen], self.sizes_m[chosen]
-        outlines = _placed(_OUTLINE, sizes_m, poses)
+        outlines = _transformed(_OUTLINE, sizes_m, poses)
         return Reflectors(
             np.stack([outlines, np.roll(outlines, -1, axis=1)], axis=2).reshape(-1, 2, 2),
             np.repeat(self._sides[chosen], len(_OUTLINE)),
-            np.repeat(self._through[chosen], len(_OUTLINE)),
-            _placed(_POINTS, sizes_m, poses).reshape(-1, 2),
+            np.repeat(self._transmission[chosen], len(_OUTLINE)),
+            _transformed(_POINTS, sizes_m, poses).reshape(-1, 2),
             self._corners[chosen].ravel(),
         )
 
-    def apart_from(self, point_m: Array, poses: Array) -> NDArray[np.bool_]:
-        """(N,) whether a point, such as one's own radar, is outside each vehicle, with 0.7 m to spare."""
+    def do_not_contain(self, point_m: Array, poses: Array) -> NDArray[np.bool_]:
+        """(N,) whether a (2,) point, such as the radar, is at least 0.7 m outside of each vehicle at (N, 3) poses."""
         offset = point_m - poses[:, :2]
         cosine, sine = np.cos(poses[:, 2]), np.sin(poses[:, 2])
         inside = np.column_stack(
@@ -53,8 +53,8 @@ class Vehicles:
         return np.asarray(np.any(np.abs(inside) > self.sizes_m / 2 + 0.7, axis=1))
 
 
-def _placed(shape: Array, sizes_m: Array, poses: Array) -> Array:
-    """(N, K, 2) of (K, 2) parts of a unit square, stretched to (N, 2) sizes, at (N, 3) poses."""
+def _transformed(shape: Array, sizes_m: Array, poses: Array) -> Array:
+    """(N, K, 2) points from (K, 2) points of a unit square, scaled to (N, 2) sizes, at (N, 3) poses."""
     x_m, y_m = shape[:, 0] * sizes_m[:, :1], shape[:, 1] * sizes_m[:, 1:]
     cosine, sine = np.cos(poses[:, 2:]), np.sin(poses[:, 2:])
     return np.stack([poses[:, :1] + cosine * x_m - sine * y_m, poses[:, 1:2] + sine * x_m + cosine * y_m], axis=-1)

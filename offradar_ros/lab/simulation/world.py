@@ -1,4 +1,4 @@
-"""What there is to drive through."""
+"""A simulated world."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from offradar_ros.lab.simulation.streets import Streets
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class World:
-    """Everything that stays where it is, in metres east and north of the world's origin.
+    """Everything that does not move, in metres east and north of the world's origin.
 
     Attributes:
         reflectors: walls and scatterers.
-        parking: (K, 3) float64, x, y and heading of each place where a car may stand.
-        route: what traversals follow that bring no path of their own; None where the streets are not known.
-        streets: the road network, for more routes (`make_route`); None where it is not known.
+        parking: (K, 3) float64, x, y and heading of each parking place.
+        route: the route of drives without a recorded path; None if the streets are not known.
+        streets: the road network, for further routes (`make_route`); None if it is not known.
     """
 
     reflectors: Reflectors

@@ -9,10 +9,10 @@ from torch import nn
 
 
 def reestimate_batch_norm(network: nn.Module, batches: Iterable[torch.Tensor]) -> None:
-    """Give every batch normalisation the mean statistics over `batches` of images; the weights stay as they are.
+    """Set the statistics of every batch normalisation to the means over `batches` of images.
 
-    During training they are exponential moving averages, which follow the last few batches, each of a few worlds and
-    their radars; what is saved would favour those. The network is left in evaluation mode.
+    During training they are exponential moving averages of the last few batches, each from a few worlds and radars,
+    and saved weights would favour those. Weights do not change. The network is left in evaluation mode.
     """
     momenta = {layer: layer.momentum for layer in network.modules() if isinstance(layer, nn.BatchNorm2d)}
     if momenta:

@@ -1,4 +1,4 @@
-"""Which scans make a batch: m places far apart, each seen twice."""
+"""Draws batches: m places far apart, two views of each."""
 
 from __future__ import annotations
 
@@ -14,10 +14,11 @@ from offradar_ros.lab.training.config import BatchConfig
 
 
 class Batch(NamedTuple):
-    """Attributes: scans i and i + m of 2m are one place.
+    """One batch of 2m views; views i and i + m are of the same place.
 
-    scans: (2m,) int64 numbers of scans, counted through all drives.
-    spins: (2m,) int64 azimuths that each is turned by.
+    Attributes:
+        scans: (2m,) int64, numbers of scans, counted over all drives.
+        spins: (2m,) int64, number of azimuths by which each is rotated.
     """
 
     scans: NDArray[np.int64]
@@ -25,10 +26,10 @@ class Batch(NamedTuple):
 
 
 class BatchSampler:
-    """Batch `step` of a seed is the same whenever it is asked for: a run goes on at any step without more state."""
+    """Batches that depend on the seed and the step alone: a run can be resumed at any step without more state."""
 
     def __init__(self, drives: Sequence[Drive], config: BatchConfig, seed: int, rank: int = 0) -> None:
-        """`rank` says which of several processes this is; each draws batches of its own. DataError for no scans."""
+        """`rank` is the number of this process; each process draws different batches. DataError without drives."""
         if not drives:
             raise DataError('nothing to train on: expected data.worlds, data.sequences or data.split')
         self.config = config
@@ -47,20 +48,20 @@ class BatchSampler:
         self._members = [np.flatnonzero(self.world_of == number) for number in range(len(worlds))]
 
     def batch(self, step: int) -> Batch:
-        """Views of different places are more than `negative_m` apart, or of different worlds.
+        """The batch of a step: views of different places are more than `negative_m` apart, or of different worlds.
 
-        DataError where so many places that far apart are not found.
+        DataError if the drives do not have enough places that far apart.
         """
         rng = np.random.default_rng([*self._seed, step])
         places, worlds = self.config.places, self.config.worlds
-        pools, a_pool = [np.arange(len(self.row_of))], places
+        pools, per_pool = [np.arange(len(self.row_of))], places
         if worlds:
-            # A world too small for its share leaves the rest of it to the next one.
-            pools, a_pool = [self._members[k] for k in rng.permutation(len(self._members))], -(-places // worlds)
+            # If a world is too small for its share, the next ones provide the rest.
+            pools, per_pool = [self._members[k] for k in rng.permutation(len(self._members))], -(-places // worlds)
         free = np.ones(len(self.row_of), np.bool_)
         pairs: list[tuple[int, int]] = []
         for pool in pools:
-            for _ in range(min(a_pool, places - len(pairs))):
+            for _ in range(min(per_pool, places - len(pairs))):
                 pair = self._place(pool, free, rng)
                 if pair is None:
                     break
@@ -76,29 +77,29 @@ class BatchSampler:
     def _place(
         self, pool: NDArray[np.int64], free: NDArray[np.bool_], rng: np.random.Generator
     ) -> tuple[int, int] | None:
-        """An anchor from `pool` and its other view, both `free`; what is near either is free no longer."""
+        """An anchor from `pool` and its other view, both `free`; what is near either is then marked as not free."""
         while True:
             candidates = pool[free[pool]]
             if not len(candidates):
                 return None
-            anchor = self._one_of(candidates, rng)
+            anchor = self._choose(candidates, rng)
             near = self._positives(anchor)
             near = near[free[near]]
             if len(near):
-                second = self._one_of(near, rng)
+                second = self._choose(near, rng)
                 for view in (anchor, second):
                     free[self._within(view, self.config.negative_m)] = False
                 return anchor, second
             free[anchor] = False
 
-    def _one_of(self, scans: NDArray[np.int64], rng: np.random.Generator) -> int:
-        """One of `scans`: a degraded one by the chance of `degraded_views`, where there is one."""
-        wanted = rng.random() < self.config.degraded_views
-        fitting = scans[self._is_degraded[scans] == wanted]
-        return int(rng.choice(fitting if len(fitting) else scans))
+    def _choose(self, scans: NDArray[np.int64], rng: np.random.Generator) -> int:
+        """One of `scans`; with probability `degraded_views` a degraded one, if there is one."""
+        degraded = rng.random() < self.config.degraded_views
+        candidates = scans[self._is_degraded[scans] == degraded]
+        return int(rng.choice(candidates if len(candidates) else scans))
 
     def _positives(self, anchor: int) -> NDArray[np.int64]:
-        """Scans that may be the other view of the anchor's place, itself excepted."""
+        """Scans that may be the other view of the anchor's place, without the anchor."""
         config = self.config
         if config.positive == 'time':
             members = self._members[self.world_of[anchor]]
@@ -109,11 +110,11 @@ class BatchSampler:
         others: NDArray[np.int64] = near[near != anchor]
         return others
 
-    def _within(self, scan: int, metres: float) -> NDArray[np.int64]:
-        """Scans of the same world as near as that."""
+    def _within(self, scan: int, distance_m: float) -> NDArray[np.int64]:
+        """Scans of the same world within `distance_m`."""
         members = self._members[self.world_of[scan]]
         offsets = self.positions_m[members] - self.positions_m[scan]
-        return np.asarray(members[np.hypot(offsets[:, 0], offsets[:, 1]) <= metres], np.int64)
+        return np.asarray(members[np.hypot(offsets[:, 0], offsets[:, 1]) <= distance_m], np.int64)
 
     def _spins(self, scans: NDArray[np.int64], rng: np.random.Generator) -> NDArray[np.int64]:
         if not self.config.spin:

@@ -1,4 +1,4 @@
-"""Where a run stands, in one safetensors file: tensors, and the rest as JSON in its header. Nothing is pickled."""
+"""Checkpoints: the state of a run in one safetensors file, tensors and a JSON header. Nothing is pickled."""
 
 from __future__ import annotations
 
@@ -22,13 +22,14 @@ _STATE = 'offradar.training'
 
 @dataclasses.dataclass(frozen=True)
 class Progress:
-    """Attributes: what a run knows beside its tensors.
+    """State of a run beside its tensors.
 
-    step: steps done.
-    best_score: the highest validation score so far, and
-    best_step: the steps done then; both −1 before the first validation.
-    scaler: of the loss, for fp16.
-    config: every key with its value, as nested mappings.
+    Attributes:
+        step: steps done.
+        best_score: the highest validation score so far; −1 before the first validation.
+        best_step: steps done at that validation; −1 before the first.
+        scaler: state of the loss scaler, for fp16.
+        config: every key with its value, as nested mappings.
     """
 
     step: int
@@ -39,7 +40,7 @@ class Progress:
 
 
 def save_checkpoint(path: Path, network: nn.Module, optimiser: torch.optim.Optimizer, progress: Progress) -> None:
-    """Write all that a run needs to go on as if it had not stopped. Batches and samples follow from seed and step."""
+    """Write all that a resumed run needs to give the same result. Batches and samples follow from seed and step."""
     tensors = {f'network.{name}': tensor for name, tensor in network.state_dict().items()}
     for number, state in optimiser.state_dict()['state'].items():
         tensors |= {f'optimiser.{number}.{key}': torch.as_tensor(value) for key, value in state.items()}
@@ -48,7 +49,7 @@ def save_checkpoint(path: Path, network: nn.Module, optimiser: torch.optim.Optim
 
 
 def read_progress(path: Path) -> Progress:
-    """What a checkpoint says of its run; ModelError for a missing, damaged or foreign file."""
+    """The progress in a checkpoint; ModelError for a missing file and for one that is not a checkpoint."""
     if not path.is_file():
         raise ModelError(f'{path}: no such checkpoint')
     try:
@@ -60,7 +61,7 @@ def read_progress(path: Path) -> Progress:
 
 
 def load_checkpoint(path: Path, network: nn.Module, optimiser: torch.optim.Optimizer) -> Progress:
-    """Put a checkpoint's tensors into place; ModelError where they do not fit."""
+    """Load the tensors of a checkpoint into `network` and `optimiser`; ModelError if they do not fit."""
     progress = read_progress(path)
     try:
         with safetensors.safe_open(path, framework='pt') as opened:
@@ -82,7 +83,7 @@ def _load_optimiser(optimiser: torch.optim.Optimizer, tensors: Mapping[str, torc
     for name, tensor in tensors.items():
         number, _, key = name.partition('.')
         like = parameters[int(number)]
-        # Laid out in memory as the parameter is: a step then takes the same kernels as before.
+        # With the memory layout of the parameter, a step uses the same kernels as before.
         value = torch.empty_like(like).copy_(tensor) if tensor.shape == like.shape and tensor.dim() else tensor
         states.setdefault(int(number), {})[key] = value
     optimiser.load_state_dict({**optimiser.state_dict(), 'state': states})

@@ -1,4 +1,4 @@
-"""All settings of a training run: what ``params/train/NAME.yaml`` holds, under the same names."""
+"""All settings of a training run, with the names of the keys in ``params/train/NAME.yaml``."""
 
 from __future__ import annotations
 
@@ -11,20 +11,20 @@ from offradar_ros.encoders.registry import ENCODERS
 
 @dataclasses.dataclass(frozen=True)
 class DataConfig:
-    """What scans there are to learn from: simulated worlds and recorded drives."""
+    """Training data: simulated worlds and recorded drives."""
 
     worlds: int = parameter(40, 'simulated worlds', minimum=0, maximum=100_000)
     first_seed: int = parameter(10_000, 'seed of the first world; the others follow', minimum=0, maximum=2**31)
     drives: int = parameter(4, 'drives through each world', minimum=1, maximum=100)
-    scans: int = parameter(200, 'scans a drive', minimum=1, maximum=100_000)
+    scans: int = parameter(200, 'scans per drive', minimum=1, maximum=100_000)
     spacing_m: float = parameter(3.0, 'mean distance driven between two scans', unit='m', minimum=0.1, maximum=100.0)
     degraded: float = parameter(0.35, 'share of degraded scans', minimum=0.0, maximum=1.0)
     physics: str = parameter(
-        'drawn', 'of the radar: drawn for each world, or the same in all', choices=('nominal', 'drawn')
+        'drawn', 'the radar: drawn for each world, or the same in all', choices=('nominal', 'drawn')
     )
     bad_weather: float = parameter(0.2, 'share of drives in rain, snow or fog', minimum=0.0, maximum=1.0)
     sequences: tuple[str, ...] = parameter((), 'bags or data-set folders of recorded drives, with positions')
-    split: str = parameter('', 'a split (name or YAML file) whose training sequences are learnt from; empty for none')
+    split: str = parameter('', 'a split (name or YAML file) whose training sequences are used; empty for none')
     root: str = parameter('', 'folder that holds the sequences of the split')
     sequence_spacing_m: float = parameter(
         1.0,
@@ -37,17 +37,19 @@ class DataConfig:
 
 @dataclasses.dataclass(frozen=True)
 class ValidationConfig:
-    """What the checkpoints are validated on: worlds and drives that are never trained on."""
+    """Validation data: worlds and drives on which the network is never trained."""
 
     worlds: int = parameter(2, 'simulated worlds', minimum=0, maximum=1000)
     first_seed: int = parameter(900_000, 'seed of the first world; the others follow', minimum=0, maximum=2**31)
-    drives: int = parameter(2, 'drives through each world; each is searched from every other', minimum=1, maximum=100)
-    scans: int = parameter(150, 'scans a drive', minimum=1, maximum=100_000)
+    drives: int = parameter(
+        2, 'drives through each world; each is searched for in the map of every other', minimum=1, maximum=100
+    )
+    scans: int = parameter(150, 'scans per drive', minimum=1, maximum=100_000)
     spacing_m: float = parameter(4.0, 'mean distance driven between two scans', unit='m', minimum=0.1, maximum=100.0)
     degraded: float = parameter(0.35, 'share of degraded scans', minimum=0.0, maximum=1.0)
     physics: str = parameter(
         'drawn',
-        'of the radar: drawn for each world, the same in all, or never trained on',
+        'the radar: drawn for each world, the same in all, or one that training never uses',
         choices=('nominal', 'drawn', 'held_out'),
     )
     bad_weather: float = parameter(0.2, 'share of drives in rain, snow or fog', minimum=0.0, maximum=1.0)
@@ -59,42 +61,49 @@ class ValidationConfig:
         minimum=0.0,
         maximum=100,
     )
-    map_spacing_m: float = parameter(5.0, 'one scan in so many metres is mapped', unit='m', minimum=0.1, maximum=100.0)
+    map_spacing_m: float = parameter(
+        5.0, 'distance driven between two mapped scans', unit='m', minimum=0.1, maximum=100.0
+    )
     every_steps: int = parameter(500, 'steps between validations', minimum=1, maximum=10**9)
-    recall_weight: float = parameter(1.0, "of Recall@1 in a checkpoint's score", minimum=0.0, maximum=1e6)
+    recall_weight: float = parameter(1.0, "weight of Recall@1 in a checkpoint's score", minimum=0.0, maximum=1e6)
     auroc_weight: float = parameter(
-        1.0, "of the AUROC of U for wrong answers in a checkpoint's score", minimum=0.0, maximum=1e6
+        1.0, "weight of the AUROC of U for wrong answers in a checkpoint's score", minimum=0.0, maximum=1e6
     )
 
 
 @dataclasses.dataclass(frozen=True)
 class BatchConfig:
-    """How a batch is drawn: m places, each seen twice."""
+    """How a batch is drawn: m places, two views of each."""
 
     places: int = parameter(32, 'm, places in a batch', minimum=2, maximum=4096)
     worlds: int = parameter(
         0,
-        'worlds that a batch is drawn from, more only where they are too small, 0 for any: in few, '
-        'the negatives are from the same streets and radar',
+        'worlds from which a batch is drawn (more if these are too small), 0 for all: with few worlds '
+        'the negatives have the same streets and radar',
         minimum=0,
         maximum=100_000,
     )
     positive: str = parameter(
         'place',
-        'where the second view of a place is from: any drive within positive_m, or the scans next to it in time',
+        'second view of a place: from any drive within positive_m, or from the scans next to it in time',
         choices=('place', 'time'),
     )
     positive_m: float = parameter(
-        20.0, 'the second view is from nearer than this', unit='m', minimum=0.0, maximum=1000.0
+        20.0, 'greatest distance between two views of a place', unit='m', minimum=0.0, maximum=1000.0
     )
-    positive_scans: int = parameter(1, 'the second view is at most so many scans away in time', minimum=1, maximum=1000)
+    positive_scans: int = parameter(
+        1,
+        'with positive: time, the second view is at most this number of scans earlier or later',
+        minimum=1,
+        maximum=1000,
+    )
     negative_m: float = parameter(
-        50.0, 'views of two places are further apart than this', unit='m', minimum=0.0, maximum=1e6
+        50.0, 'least distance between views of two places', unit='m', minimum=0.0, maximum=1e6
     )
     degraded_views: float = parameter(
-        0.35, 'chance that a view is taken from the degraded scans there are', minimum=0.0, maximum=1.0
+        0.35, 'probability that a view is a degraded scan, if there is one', minimum=0.0, maximum=1.0
     )
-    spin: bool = parameter(True, 'whether each view is turned at random (an exact roll of its azimuths)')
+    spin: bool = parameter(True, 'whether each view is rotated at random (an exact roll of its azimuths)')
 
 
 @dataclasses.dataclass(frozen=True)
@@ -112,8 +121,8 @@ class ContrastConfig:
     negative_weight: float = parameter(0.1, 'weight of the negatives in the batch criterion', minimum=0.0, maximum=1e6)
     answers: str = parameter(
         'own',
-        'whose U the temperature of a pair is: each its own, the greater for both, or its own, of which only the worse '
-        'learns',
+        'U in the temperature of a pair: of each view, the greater for both views, or of each view with gradients '
+        'for the greater alone',
         choices=('own', 'greater', 'worse'),
     )
     samples: int = parameter(4, 'samples of Z in the hedged criterion', minimum=1, maximum=1000)
@@ -122,11 +131,11 @@ class ContrastConfig:
 
 @dataclasses.dataclass(frozen=True)
 class SeverityConfig:
-    """The term by which U learns to rank scans by how badly they are degraded, where the simulator says so."""
+    """The term that ranks U by the severity of degradation, for scans whose severity is known."""
 
     weight: float = parameter(0.0, "the term's weight; 0 leaves it out", minimum=0.0, maximum=1e9)
     margin: float = parameter(
-        0.1, 'difference of log U beyond which a pair that is ranked rightly hardly counts', minimum=1e-6, maximum=1e6
+        0.1, 'difference of log U beyond which a correctly ranked pair has hardly any loss', minimum=1e-6, maximum=1e6
     )
 
 
@@ -138,26 +147,30 @@ class LossConfig:
     variant: ContrastConfig = dataclasses.field(default_factory=lambda: ContrastConfig(on='z', weight=0.1))
     severity: SeverityConfig = dataclasses.field(default_factory=SeverityConfig)
     kl_weight: float = parameter(1.0, 'weight of KL(N(μ, σ²) ‖ N(0, 1)), summed over d', minimum=0.0, maximum=1e9)
-    kl_warmup_steps: int = parameter(0, 'steps over which that weight rises from 0', minimum=0, maximum=10**9)
-    free_nats: float = parameter(0.0, 'KL of a dimension below this costs nothing', minimum=0.0, maximum=1e6)
+    kl_warmup_steps: int = parameter(0, 'steps over which kl_weight increases from 0', minimum=0, maximum=10**9)
+    free_nats: float = parameter(0.0, 'the KL of a dimension has no gradient below this', minimum=0.0, maximum=1e6)
     reconstruction: str = parameter(
-        'mse', 'error of the decoded feature map: mean square, or norm a scan', choices=('mse', 'l2')
+        'mse', 'error of the decoded feature map: mean square, or norm per scan', choices=('mse', 'l2')
     )
-    reconstruction_weight: float = parameter(1.0, 'its weight', minimum=0.0, maximum=1e9)
+    reconstruction_weight: float = parameter(1.0, 'weight of that error', minimum=0.0, maximum=1e9)
 
 
 @dataclasses.dataclass(frozen=True)
 class OptimiserConfig:
-    """Gradient descent."""
+    """The optimiser and the schedule of its learning rate."""
 
-    name: str = parameter('adam', 'which', choices=('adam', 'adamw'))
-    learning_rate: float = parameter(1e-3, 'its highest value', minimum=0.0, maximum=100.0)
+    name: str = parameter('adam', 'the optimiser', choices=('adam', 'adamw'))
+    learning_rate: float = parameter(1e-3, 'highest learning rate', minimum=0.0, maximum=100.0)
     schedule: str = parameter(
-        'one_cycle', 'how it changes: one_cycle and cosine fall to 0', choices=('constant', 'one_cycle', 'cosine')
+        'one_cycle',
+        'schedule of the learning rate; one_cycle and cosine end at 0',
+        choices=('constant', 'one_cycle', 'cosine'),
     )
-    warmup: float = parameter(0.25, 'share of the steps in which one_cycle rises', minimum=0.0, maximum=1.0)
-    weight_decay: float = parameter(0.0, 'of the weights', minimum=0.0, maximum=100.0)
-    clip_norm: float = parameter(10.0, 'longest gradient; 0 for any', minimum=0.0, maximum=1e9)
+    warmup: float = parameter(
+        0.25, 'share of the steps in which the rate of one_cycle increases', minimum=0.0, maximum=1.0
+    )
+    weight_decay: float = parameter(0.0, 'weight decay', minimum=0.0, maximum=100.0)
+    clip_norm: float = parameter(10.0, 'norm to which gradients are clipped; 0 for no limit', minimum=0.0, maximum=1e9)
 
 
 TEACHERS = tuple(dict.fromkeys(entry.teacher for entry in ENCODERS.values() if entry.teacher))
@@ -165,35 +178,31 @@ TEACHERS = tuple(dict.fromkeys(entry.teacher for entry in ENCODERS.values() if e
 
 @dataclasses.dataclass(frozen=True)
 class TeacherConfig:
-    """Whom a student (STUN) learns from: weights, or a teacher that is trained first."""
+    """The teacher of a student (STUN): given weights, or a network that is trained first."""
 
-    method: str = parameter('bc_radar', 'method that trains the teacher', choices=TEACHERS)
-    weights: str = parameter('', 'weights of a teacher trained before; empty trains one')
-    steps: int = parameter(5000, 'steps that the teacher is trained for', minimum=1, maximum=10**9)
+    method: str = parameter('bc_radar', 'method of the teacher', choices=TEACHERS)
+    weights: str = parameter('', 'weights of a trained teacher; if empty, one is trained first')
+    steps: int = parameter(5000, 'training steps of the teacher', minimum=1, maximum=10**9)
     student: str = parameter(
-        'fresh', "what the student starts from: weights of its own, or the teacher's", choices=('fresh', 'teacher')
+        'fresh', "initial weights of the student: random, or the teacher's", choices=('fresh', 'teacher')
     )
 
 
 @dataclasses.dataclass(frozen=True)
 class RefinementConfig:
-    """A second stage of ours: searches through whole maps teach the variance head, and nothing else, what is found."""
+    """The second stage (ours): the variance head alone is trained with searches in maps of whole drives."""
 
     steps: int = parameter(0, 'steps of the second stage; 0 leaves it out', minimum=0, maximum=10**9)
-    weights: str = parameter('', 'weights of a first stage trained before; empty trains it')
+    weights: str = parameter('', 'weights of a trained first stage; if empty, it is trained first')
     data: DataConfig = dataclasses.field(default_factory=lambda: DataConfig(worlds=20, first_seed=20_000))
     scans: int = parameter(512, 'scans in a batch', minimum=2, maximum=10**6)
-    wrong_weight: float = parameter(
-        0.5, 'of ranking U by how often a scan is answered wrongly', minimum=0.0, maximum=1e9
-    )
-    margin_weight: float = parameter(
-        0.5, 'of ranking U by how near scans come to being answered wrongly', minimum=0.0, maximum=1e9
-    )
-    severity_weight: float = parameter(0.5, 'of ranking U by severity', minimum=0.0, maximum=1e9)
+    wrong_weight: float = parameter(0.5, 'weight of ranking U by the share of wrong answers', minimum=0.0, maximum=1e9)
+    margin_weight: float = parameter(0.5, 'weight of ranking U by the margin of answers', minimum=0.0, maximum=1e9)
+    severity_weight: float = parameter(0.5, 'weight of ranking U by severity', minimum=0.0, maximum=1e9)
     kl_weight: float = parameter(0.003, 'as loss.kl_weight', minimum=0.0, maximum=1e9)
     margin: float = parameter(0.1, 'as loss.severity.margin', minimum=1e-6, maximum=1e6)
-    learning_rate: float = parameter(2e-4, 'its first value; it falls to 0', minimum=0.0, maximum=100.0)
-    weight_decay: float = parameter(0.05, 'of the weights', minimum=0.0, maximum=100.0)
+    learning_rate: float = parameter(2e-4, 'first learning rate; it decreases to 0', minimum=0.0, maximum=100.0)
+    weight_decay: float = parameter(0.05, 'weight decay', minimum=0.0, maximum=100.0)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -201,7 +210,7 @@ class TrainingConfig:
     """A training run."""
 
     fit: str = parameter(
-        'network', "what learns: the network's weights, or the centres of rad_vlad", choices=('network', 'rad_vlad')
+        'network', "what is fitted: the network's weights, or the centres of rad_vlad", choices=('network', 'rad_vlad')
     )
     network: NetworkConfig = dataclasses.field(default_factory=NetworkConfig)
     data: DataConfig = dataclasses.field(default_factory=DataConfig)
@@ -211,17 +220,19 @@ class TrainingConfig:
     teacher: TeacherConfig = dataclasses.field(default_factory=TeacherConfig)
     optimiser: OptimiserConfig = dataclasses.field(default_factory=OptimiserConfig)
     refinement: RefinementConfig = dataclasses.field(default_factory=RefinementConfig)
-    steps: int = parameter(5000, 'batches to learn from', minimum=1, maximum=10**9)
-    seed: int = parameter(1, 'of the initial weights, the batches and the samples', minimum=0, maximum=2**31)
+    steps: int = parameter(5000, 'training steps, one batch each', minimum=1, maximum=10**9)
+    seed: int = parameter(1, 'seed of the initial weights, the batches and the samples', minimum=0, maximum=2**31)
     precision: str = parameter(
-        'fp32', 'of the network: bf16 and amp (fp16, loss scaled) are mixed', choices=('fp32', 'bf16', 'amp')
+        'fp32',
+        'precision of the network; bf16 and amp (fp16 with a scaled loss) are mixed',
+        choices=('fp32', 'bf16', 'amp'),
     )
     channels_last: bool = parameter(True, 'whether convolutions run with the channels last in memory')
-    threads: int = parameter(0, 'threads that make images; 0 for one a core', minimum=0, maximum=1024)
+    threads: int = parameter(0, 'threads that make images; 0 for one per core', minimum=0, maximum=1024)
     checkpoint_steps: int = parameter(500, 'steps between checkpoints', minimum=1, maximum=10**9)
     log_steps: int = parameter(20, 'steps between lines of the log', minimum=1, maximum=10**9)
 
     @property
     def method(self) -> str:
-        """What is trained: the method of the network."""
+        """The method of the network."""
         return self.network.method

@@ -1,4 +1,4 @@
-"""Images of cached scans, made by several threads while the network learns."""
+"""Images of cached scans, made by several threads while the network trains."""
 
 from __future__ import annotations
 
@@ -24,15 +24,15 @@ from offradar_ros.types import PolarScan
 
 
 class ImageMaker:
-    """Images for one network. Each thread keeps tables of its own for each kind of scan it meets."""
+    """Makes images for one network. Each thread has separate tables for each size of scan."""
 
     def __init__(self, config: NetworkConfig) -> None:
         self.config = config
-        self._own = threading.local()
+        self._local = threading.local()
 
     def __call__(self, scan: PolarScan) -> NDArray[np.uint8]:
         """The network's image of a scan, uint8."""
-        makers = self._own.__dict__
+        makers = self._local.__dict__
         key = (
             f'{scan.range_resolution_m} {scan.range_offset_m} {scan.power.shape[1]} {hash(scan.azimuths_rad.tobytes())}'
         )
@@ -43,11 +43,12 @@ class ImageMaker:
 
 
 class ImageBatch(NamedTuple):
-    """Attributes: a batch as the network sees it.
+    """A batch with its images.
 
-    step: which it is.
-    images: (2m, H, W) uint8.
-    batch: the scans that they show.
+    Attributes:
+        step: number of the batch.
+        images: (2m, H, W) uint8.
+        batch: the scans of the images.
     """
 
     step: int
@@ -58,7 +59,7 @@ class ImageBatch(NamedTuple):
 def image_batches(
     sampler: BatchSampler, config: NetworkConfig, steps: Sequence[int], threads: int = 0, pinned: bool = False
 ) -> Generator[ImageBatch, None, None]:
-    """Batches of `steps`, in order, made ahead by `threads` (0: one a core), in `pinned` memory for a GPU."""
+    """Batches of `steps`, in order, prefetched by `threads` (0: one per core), in `pinned` memory for a GPU."""
     threads = threads or len(os.sched_getaffinity(0))
     to_image = ImageMaker(config)
 
@@ -72,7 +73,7 @@ def image_batches(
         tensor = torch.from_numpy(images)
         return ImageBatch(step, tensor.pin_memory() if pinned else tensor, batch)
 
-    with _one_thread_an_image(), concurrent.futures.ThreadPoolExecutor(threads, 'images') as pool:
+    with _single_threaded_opencv(), concurrent.futures.ThreadPoolExecutor(threads, 'images') as pool:
         waiting: collections.deque[concurrent.futures.Future[ImageBatch]] = collections.deque()
         try:
             for step in steps:
@@ -93,18 +94,18 @@ def _image(sampler: BatchSampler, to_image: ImageMaker, batch: Batch, view: int)
 
 
 def images_of(drive: Drive, config: NetworkConfig, threads: int = 0) -> NDArray[np.uint8]:
-    """(N, H, W) uint8 images of every scan of a drive, as they were driven."""
+    """(N, H, W) uint8 images of the N scans of a drive, not rotated."""
     to_image = ImageMaker(config)
     with (
-        _one_thread_an_image(),
+        _single_threaded_opencv(),
         concurrent.futures.ThreadPoolExecutor(threads or len(os.sched_getaffinity(0))) as pool,
     ):
         return np.stack(list(pool.map(lambda row: to_image(drive.scan(row)), range(len(drive)))))
 
 
 @contextlib.contextmanager
-def _one_thread_an_image() -> Iterator[None]:
-    """OpenCV's own threads off: they would share the cores with ours."""
+def _single_threaded_opencv() -> Iterator[None]:
+    """Switch off the threads of OpenCV, which would compete with ours for the cores."""
     before = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:

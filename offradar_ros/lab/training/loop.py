@@ -1,4 +1,4 @@
-"""The training loop: draw, learn, log, validate, save; and go on later as if it had never stopped."""
+"""The training loop: draw, train, log, validate, save; a resumed run gives the same result."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _STATISTICS_BATCHES = 30
 
 
 class Loop:
-    """One run: objective and data in, a folder of results out."""
+    """Trains the network of one objective and writes the results into a folder."""
 
     def __init__(
         self,
@@ -46,7 +46,7 @@ class Loop:
         group: Group,
         resume: bool = False,
     ) -> None:
-        """With `resume` goes on from the folder's checkpoint; ModelError where it does not fit."""
+        """With `resume`, from the checkpoint in `out`; ModelError if it does not fit."""
         self.config = config
         self.objective = objective
         self.out = out
@@ -73,7 +73,7 @@ class Loop:
 
     @property
     def best(self) -> tuple[float, int]:
-        """The highest validation score, and the step that it is of."""
+        """The highest validation score, and its step; both −1 before the first validation."""
         return self._best
 
     def run(
@@ -82,10 +82,10 @@ class Loop:
         progress: Callable[[int, int], None] | None = None,
         check: Callable[[], None] | None = None,
     ) -> bool:
-        """Learn until all steps are done or ``time.monotonic()`` passes `deadline_s`; whether all are done.
+        """Train until all steps are done or ``time.monotonic()`` passes `deadline_s`; returns whether all are done.
 
-        A checkpoint is left either way. `check` is called between steps and may raise KeyboardInterrupt: the checkpoint
-        is written before that goes on.
+        A checkpoint is written in both cases. `check` is called between steps and may raise KeyboardInterrupt, which
+        is raised again after the checkpoint is written.
         """
         steps = range(self._step, self.config.steps)
         batches = image_batches(
@@ -94,7 +94,7 @@ class Loop:
         meter = _Meter()
         with contextlib.closing(batches):
             for batch in batches:
-                terms, norm = self._learn(batch)
+                terms, norm = self._train(batch)
                 meter.add(terms, norm, len(batch.images))
                 self._step += 1
                 done = self._step == self.config.steps
@@ -104,19 +104,19 @@ class Loop:
                     self._validate()
                 if progress:
                     progress(self._step, self.config.steps)
-                if done or self._over(deadline_s, check):
+                if done or self._must_stop(deadline_s, check):
                     break
                 if self._step % self.config.checkpoint_steps == 0:
                     self._save()
         self._save()
-        score, step = self._group.first_says(self._best)
+        score, step = self._group.broadcast(self._best)
         self._best = score, int(step)
         if check:
             check()
         return self._step >= self.config.steps
 
-    def _learn(self, batch: ImageBatch) -> tuple[dict[str, torch.Tensor], torch.Tensor]:
-        """One step; its loss terms and the gradient's norm before clipping."""
+    def _train(self, batch: ImageBatch) -> tuple[dict[str, torch.Tensor], torch.Tensor]:
+        """One step; returns its loss terms and the norm of the gradient before clipping."""
         config, step, group = self.config, self._step, self._group
         seeds = np.random.SeedSequence([config.seed, group.rank, step]).generate_state(1, np.uint64)
         torch.manual_seed(int(seeds[0]))
@@ -138,17 +138,17 @@ class Loop:
         self._scaler.update()
         return {'loss': total.detach(), **{name: term.detach() for name, term in terms.items()}}, norm
 
-    def _over(self, deadline_s: float, check: Callable[[], None] | None) -> bool:
-        """Whether to stop early. Several processes ask each other only with each line of the log."""
+    def _must_stop(self, deadline_s: float, check: Callable[[], None] | None) -> bool:
+        """Whether to stop early. Several processes exchange this only with each line of the log."""
         if self._group.size > 1 and self._step % self.config.log_steps:
             return False
-        here = time.monotonic() >= deadline_s
+        stop = time.monotonic() >= deadline_s
         if check:
             try:
                 check()
             except KeyboardInterrupt:
-                here = True
-        return self._group.any(here)
+                stop = True
+        return self._group.any(stop)
 
     def _write(self, meter: _Meter) -> None:
         figures = meter.means()
@@ -162,7 +162,7 @@ class Loop:
             self._log.add(self._step, {**figures, 'learning_rate': rate})
 
     def _validate(self) -> None:
-        """Validate the network and keep it if it is the best so far; the first process does it for all."""
+        """Validate the network and save it if it is the best so far, in the first process alone."""
         if not self._validation or self._group.rank:
             return
         self._reestimate_batch_norm()
@@ -202,7 +202,7 @@ def _optimiser(
 
 
 class _Meter:
-    """Means over the steps since the last line of the log. Sums stay on the device: reading one waits for it."""
+    """Means over the steps since the last line of the log. Sums stay on the device: to read one waits for it."""
 
     def __init__(self) -> None:
         self._reset()
@@ -219,7 +219,7 @@ class _Meter:
         self._images += images
 
     def means(self) -> dict[str, float]:
-        """The means so far; the next ones start from here."""
+        """The means since the last call."""
         figures = {name: float(total) / self._steps for name, total in self._sums.items()}
         figures['images_per_s'] = self._images / max(1e-9, time.monotonic() - self._since)
         self._reset()

@@ -1,4 +1,4 @@
-"""What is minimised: the one interface between the training loop and a method."""
+"""The interface between the training loop and a method."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from offradar_ros.encoders.networks.network import Network
 
 
 class Views(NamedTuple):
-    """A batch; rows i and i + m are one place, every other pair of rows is of two.
+    """A batch; rows i and i + m are of the same place, all other pairs of rows of two places.
 
     Attributes:
         images: (2m, H, W) uint8.
-        severities: (2m,) float32, how badly each is degraded, 0 to 1, NaN where that is not known.
+        severities: (2m,) float32, severity of degradation, 0 to 1, NaN where unknown.
     """
 
     images: torch.Tensor
@@ -26,14 +26,14 @@ class Objective(Protocol):
 
     @property
     def network(self) -> Network:
-        """What is trained and saved. All of its parameters go to the optimiser.
+        """The network that is trained and saved; all of its parameters are optimised.
 
-        The loop moves it to the device and switches it between training and evaluation; what else an objective holds
-        (a frozen teacher) it moves by itself, to the device of the images.
+        The loop moves it to the device and switches it between training and evaluation mode. An objective moves other
+        modules (a frozen teacher) to the device of the images by itself.
         """
 
     def losses(self, views: Views, step: int) -> dict[str, torch.Tensor]:
-        """Weighted scalar terms, named for the log, whose sum is minimised.
+        """Weighted scalar terms, with their names in the log; their sum is minimised.
 
-        `step` counts from 0 over the whole run. The loop calls this under autocast where mixed precision is asked for.
+        `step` counts from 0 over the whole run. With mixed precision the loop calls this under autocast.
         """

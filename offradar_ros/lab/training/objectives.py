@@ -13,20 +13,20 @@ from offradar_ros.lab.training.objective import Objective
 
 
 def needs_teacher(method: str) -> bool:
-    """Whether a learned method learns from a trained network of `TeacherConfig.method`."""
+    """Whether a method is trained with a trained network of `TeacherConfig.method`."""
     return bool(ENCODERS[method].teacher)
 
 
 def make_objective(config: TrainingConfig, teacher: nn.Module | None = None) -> Objective:
     """The objective of `config.method`, with a network initialised from torch's seed.
 
-    `teacher` is what a method that needs one learns from; ConfigError where there is none.
+    `teacher` is the trained network of a method that needs one; ConfigError if it is missing.
     """
     make = pkgutil.resolve_name(ENCODERS[config.method].objective)
     if not needs_teacher(config.method):
         objective: Objective = make(config)
     elif teacher is None:
-        raise ConfigError(f'method {config.method} learns from a teacher, and there is none')
+        raise ConfigError(f'method {config.method} needs a teacher: expected one')
     else:
         objective = make(config, teacher)
     return objective

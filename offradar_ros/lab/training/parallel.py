@@ -1,4 +1,4 @@
-"""Several processes of one run, as ``torchrun`` starts them; one process alone is a group of one."""
+"""Data-parallel training by several processes, as ``torchrun`` starts them; one process is a group of one."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Losses = Callable[[Views, int], dict[str, torch.Tensor]]
 
 
 class Group:
-    """This process's place among all of a run."""
+    """This process among all processes of a run: its rank, their number, and its device."""
 
     def __init__(self, rank: int, size: int, device: torch.device) -> None:
         self.rank = rank
@@ -29,27 +29,27 @@ class Group:
     def data_parallel(self, objective: Objective) -> Losses:
         """`objective.losses`, for a network on this process's device.
 
-        With several processes the gradients that follow are means over them, and each call starts from the first one's
-        buffers (batch statistics), so that one checkpoint stands for all.
+        With several processes gradients are averaged over them, and each call starts from the first one's buffers
+        (batch statistics), so that its checkpoint is valid for all.
         """
         if self.size == 1:
             return objective.losses
-        # Which parameters a run's terms use does not change; those of a term of weight 0 keep no gradient.
+        # The parameters that are used never change during a run; those of a term of weight 0 have no gradient.
         return DistributedDataParallel(_LossModule(objective), static_graph=True)
 
-    def first_says(self, numbers: tuple[float, ...]) -> tuple[float, ...]:
-        """The first process's numbers, in all; all have to ask, and go on when the first has."""
+    def broadcast(self, numbers: tuple[float, ...]) -> tuple[float, ...]:
+        """The numbers of the first process, in all processes. All must call this, and wait for the first."""
         if self.size == 1:
             return numbers
         sent = torch.tensor(numbers, dtype=torch.float64, device=self.device)
         distributed.broadcast(sent, src=0)
         return tuple(sent.tolist())
 
-    def any(self, here: bool) -> bool:
-        """Whether it is so in any process; all have to ask."""
+    def any(self, value: bool) -> bool:
+        """Whether `value` is true in any process. All must call this."""
         if self.size == 1:
-            return here
-        flag = torch.tensor(float(here), device=self.device)
+            return value
+        flag = torch.tensor(float(value), device=self.device)
         distributed.all_reduce(flag, distributed.ReduceOp.MAX)
         return bool(flag.item())
 
@@ -67,17 +67,17 @@ class _LossModule(nn.Module):
 
 
 @contextlib.contextmanager
-def joined_group(device: str) -> Iterator[Group]:
-    """The group that this process belongs to, by the environment that ``torchrun`` sets.
+def process_group(device: str) -> Iterator[Group]:
+    """The group of this process, from the environment that ``torchrun`` sets.
 
-    `device` is ``auto``, ``cpu`` or ``cuda``; each process of a machine takes the GPU of its number. ConfigError for a
-    GPU where there is none.
+    `device` is ``auto``, ``cpu`` or ``cuda``; each process of a machine uses the GPU of its local rank. ConfigError
+    if ``cuda`` is not available.
     """
     if device == 'cuda' and not torch.cuda.is_available():
         raise ConfigError('--device cuda: there is no GPU that torch can use')
     on_gpu = device == 'cuda' or (device == 'auto' and torch.cuda.is_available())
     place = torch.device('cuda', int(os.environ.get('LOCAL_RANK', '0'))) if on_gpu else torch.device('cpu')
-    # Every batch has the same shape: the fastest kernels are worth looking for.
+    # All batches have the same shape, so benchmarking of kernels pays off.
     torch.backends.cudnn.benchmark = on_gpu
     size = int(os.environ.get('WORLD_SIZE', '1'))
     if size == 1:
@@ -85,7 +85,7 @@ def joined_group(device: str) -> Iterator[Group]:
         return
     if on_gpu:
         torch.cuda.set_device(place)
-    # The others wait while the first makes the cache.
+    # The other processes wait while the first makes the cache.
     distributed.init_process_group('nccl' if on_gpu else 'gloo', timeout=datetime.timedelta(days=1))
     try:
         yield Group(distributed.get_rank(), size, place)

@@ -1,4 +1,4 @@
-"""Recorded drives that a configuration names, one by one or by a split."""
+"""Recorded drives of a training configuration, listed one by one or by a split."""
 
 from __future__ import annotations
 
@@ -16,11 +16,12 @@ from offradar_ros.recordings.source import is_recording
 
 
 class TrainingSequences(NamedTuple):
-    """Attributes: what of a split can be trained on here.
+    """The training sequences of a split.
 
-    split: the split.
-    found: bags or folders of its training sequences.
-    missing: names of those that are not there, or hold no scans.
+    Attributes:
+        split: the split.
+        found: bags or folders of its training sequences.
+        missing: names of training sequences that are not there or have no scans.
     """
 
     split: Split
@@ -29,7 +30,7 @@ class TrainingSequences(NamedTuple):
 
 
 def training_sequences(config: DataConfig) -> TrainingSequences | None:
-    """What `config` names; None without a split. ConfigError for an unknown one, DataError where nothing is there."""
+    """Those of `config.split`; None without a split. ConfigError for an unknown split, DataError if none is found."""
     if not config.split:
         if config.root:
             raise ConfigError(f'key data.split: expected the split whose sequences are in data.root, {config.root}')
@@ -48,10 +49,10 @@ def training_sequences(config: DataConfig) -> TrainingSequences | None:
 
 
 def recorded_drives(config: DataConfig | ValidationConfig) -> list[RecordedDrive]:
-    """The drives of `config`; those of a split without the scans in its test region or its buffer.
+    """The drives of `config`; those of a split without the scans in its test region and its buffer.
 
-    Drives that start within 50 km of each other share a world; one with positions in a frame of its own is a world by
-    itself. DataError for a drive without positions.
+    Drives that start within 50 km of each other share a world; a drive with metric positions is a separate world.
+    DataError for a drive without positions.
     """
     drives = _drives([Path(path) for path in config.sequences], config.sequence_spacing_m)
     sequences = training_sequences(config) if isinstance(config, DataConfig) else None

@@ -1,9 +1,9 @@
-"""A second stage for the variance: searches through the maps of whole drives say which scans are not found.
+"""The second stage of training: the variance head is trained with searches in maps of whole drives.
 
-In a batch a scan competes with a few dozen places, in a map with hundreds, so that many errors never show while the
-network learns. Here everything but the variance head is frozen, drives are searched for in the maps of one another,
-and U learns to rank their scans by how often and how nearly they are answered wrongly, and by severity. Descriptors
-do not change.
+In a batch a scan is compared with a few dozen places, in a map with hundreds, so that many errors do not occur during
+the first stage. Here everything but the variance head is frozen, each drive is searched for in the maps of the others,
+and U is trained to rank scans by the share of wrong answers, by their margins and by severity. Descriptors do not
+change.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from offradar_ros.lab.training.loop import BEST
 from offradar_ros.lab.training.losses.pairwise_ranking import pairwise_ranking
 from offradar_ros.lab.training.losses.prior_divergence import prior_divergence
 from offradar_ros.lab.training.run_log import RunLog, draw_curves
-from offradar_ros.lab.training.searches import searches
+from offradar_ros.lab.training.searches import search_pairs
 from offradar_ros.lab.training.validation import ValidationDrive, validate
 from offradar_ros.processes import Progress
 
@@ -35,14 +35,14 @@ MAP_SPACINGS_M = (5.0, 15.0)
 _IMAGES_AT_ONCE = 64
 
 
-class Lessons(NamedTuple):
-    """N scans that were searched for, with tensors on the CPU.
+class SearchedScans(NamedTuple):
+    """N scans that were searched for, with the targets by which U ranks them; tensors on the CPU.
 
     Attributes:
         features: (N, C · h · w) float16 flattened feature maps.
-        wrong: (N,) float32 share of the maps in which a scan is answered wrongly.
-        margins: (N,) float32 mean margin of its answers (see `Search`).
-        severities: (N,) float32, NaN where not known.
+        wrong: (N,) float32, share of the maps in which the answer is wrong.
+        margins: (N,) float32, mean margin of the answers (see `Search`).
+        severities: (N,) float32, NaN where unknown.
     """
 
     features: torch.Tensor
@@ -58,9 +58,9 @@ def feature_maps(
     progress: Progress | None = None,
     check: Callable[[], None] | None = None,
 ) -> list[torch.Tensor]:
-    """(N, C · h · w) float16 flattened feature maps of each drive's scans, on the CPU.
+    """(N, C · h · w) float16 flattened feature maps of the scans of each drive, on the CPU.
 
-    The network is in evaluation mode, wherever it is. `check` is called between drives and may raise KeyboardInterrupt.
+    The network is in evaluation mode, on any device. `check` is called between drives and may raise KeyboardInterrupt.
     """
     device = network.log_variance.weight.device
     found = []
@@ -78,29 +78,31 @@ def feature_maps(
     return found
 
 
-def lessons(network: VariationalNetwork, drives: Sequence[Drive], features: Sequence[torch.Tensor]) -> Lessons:
-    """Search for every scan in every other drive through its world, mapped every 5 m and every 15 m.
+def search_scans(
+    network: VariationalNetwork, drives: Sequence[Drive], features: Sequence[torch.Tensor]
+) -> SearchedScans:
+    """Search for every scan in the maps of all other drives through its world, with a place per 5 m and per 15 m.
 
-    `features` are the drives' by `feature_maps`. DataError where no drive meets another.
+    `features` are the `feature_maps` of the drives. DataError if no scan has a place of another drive nearby.
     """
     descriptors = [descriptors_of(network, flat) for flat in features]
     first = np.cumsum([0, *(len(part) for part in descriptors)])
-    times, wrong, margins = np.zeros((3, first[-1]))
+    counts, wrong, margins = np.zeros((3, first[-1]))
     for spacing_m in MAP_SPACINGS_M:
-        for search in searches(drives, descriptors, spacing_m):
-            scans = first[search.driven] + search.queries
-            times[scans] += 1.0
+        for search in search_pairs(drives, descriptors, spacing_m):
+            scans = first[search.queried] + search.queries
+            counts[scans] += 1.0
             wrong[scans] += search.margins <= 0.0
             margins[scans] += search.margins
-    searched = np.flatnonzero(times)
+    searched = np.flatnonzero(counts)
     if not len(searched):
         raise DataError('refinement: no scan has a place of another drive within the tolerance')
     severities = np.concatenate([drive.severities for drive in drives]).astype(np.float32)
-    asked = np.split(times > 0.0, first[1:-1])
-    return Lessons(
-        torch.cat([flat[torch.from_numpy(rows)] for flat, rows in zip(features, asked, strict=True)]),
-        _tensor(wrong[searched] / times[searched]),
-        _tensor(margins[searched] / times[searched]),
+    chosen = np.split(counts > 0.0, first[1:-1])
+    return SearchedScans(
+        torch.cat([flat[torch.from_numpy(rows)] for flat, rows in zip(features, chosen, strict=True)]),
+        _tensor(wrong[searched] / counts[searched]),
+        _tensor(margins[searched] / counts[searched]),
         _tensor(severities[searched]),
     )
 
@@ -115,22 +117,23 @@ def descriptors_of(network: VariationalNetwork, flat: torch.Tensor) -> NDArray[n
 def refine(
     config: TrainingConfig,
     network: VariationalNetwork,
-    taught: Lessons,
+    scans: SearchedScans,
     validation: Sequence[ValidationDrive],
     out: Path,
     check: Callable[[], None] | None = None,
 ) -> float:
-    """Teach the variance head, wherever the network is, by `config.refinement`, and log it in `out`.
+    """Train the variance head by `config.refinement`, with logs in `out`.
 
-    The network is validated before and after, and the better one kept as ``best.safetensors``; its score is returned.
-    Without validation drives it is NaN, and the later one is kept. `check` is called between steps.
+    The network, on any device, is validated before and after; the better one is saved as ``best.safetensors`` and its
+    score returned. Without validation drives the later one is saved, and the score is NaN. `check` is called between
+    steps and may raise KeyboardInterrupt.
     """
     log, validation_log = RunLog(out / 'log.jsonl', 0), RunLog(out / 'validation.jsonl', 0)
     device = network.log_variance.weight.device
     steps, best = config.refinement.steps, -math.inf
     for step in (0, steps):
         if step:
-            for number, terms in enumerate(learn(network, taught, config.refinement, config.seed), start=1):
+            for number, terms in enumerate(train_variance(network, scans, config.refinement, config.seed), start=1):
                 if number % config.log_steps == 0 or number == steps:
                     figures = {name: float(term) for name, term in terms.items()}
                     if not math.isfinite(figures['loss']):
@@ -144,7 +147,7 @@ def refine(
         figures = validate(network.embed, validation, config.validation, device) if validation else {}
         if validation:
             validation_log.add(step, figures)
-        # Not lower is better: where recall alone is the score, the second stage does not change it.
+        # Equal counts as better: if recall alone is the score, the second stage does not change it.
         if figures.get('score', step) >= best:
             best = figures.get('score', step)
             figures_text = ', '.join(f'{name} {value:.3f}' for name, value in figures.items())
@@ -153,10 +156,10 @@ def refine(
     return best if validation else math.nan
 
 
-def learn(
-    network: VariationalNetwork, taught: Lessons, config: RefinementConfig, seed: int
+def train_variance(
+    network: VariationalNetwork, scans: SearchedScans, config: RefinementConfig, seed: int
 ) -> Iterator[dict[str, torch.Tensor]]:
-    """Teach the variance head by `config`, a step each time that this is asked for its loss and the loss's terms.
+    """Train the variance head by `config`; each iteration is one step and yields the loss and its terms.
 
     L = w₁ R(U, wrong) + w₂ R(U, −margin) + w₃ R(U, severity) + w₄ KL, where R is `pairwise_ranking`.
     """
@@ -164,12 +167,12 @@ def learn(
     device = head.weight.device
     optimiser = torch.optim.AdamW(head.parameters(), config.learning_rate, weight_decay=config.weight_decay)
     rng = np.random.default_rng([seed, 0])
-    count = len(taught.features)
+    count = len(scans.features)
     for step in range(config.steps):
         for parameters in optimiser.param_groups:
             parameters['lr'] = config.learning_rate * (1.0 - step / config.steps)
         drawn = torch.from_numpy(rng.choice(count, min(config.scans, count), replace=False))
-        flat, wrong, margins, severities = (part[drawn].to(device) for part in taught)
+        flat, wrong, margins, severities = (part[drawn].to(device) for part in scans)
         flat = flat.float()
         log_variance = network.log_variance_of(flat)
         uncertainties = uncertainty(log_variance)

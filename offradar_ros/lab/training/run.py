@@ -1,4 +1,4 @@
-"""A whole training run: data, objective, teacher if one is needed, loop, and a folder that says how it came about."""
+"""A whole training run: data, objective, teacher if one is needed, loop, and a record of all settings."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ from offradar_ros.lab.training.checkpoint import read_progress
 from offradar_ros.lab.training.config import DataConfig, RefinementConfig, TrainingConfig, ValidationConfig
 from offradar_ros.lab.training.loop import BEST, CHECKPOINT, LAST, Loop
 from offradar_ros.lab.training.objectives import make_objective, needs_teacher
-from offradar_ros.lab.training.parallel import Group, joined_group
+from offradar_ros.lab.training.parallel import Group, process_group
 from offradar_ros.lab.training.recorded_drives import recorded_drives
-from offradar_ros.lab.training.refinement import feature_maps, lessons, refine
+from offradar_ros.lab.training.refinement import feature_maps, refine, search_scans
 from offradar_ros.lab.training.simulated_drives import simulated_drives
 from offradar_ros.lab.training.validation import validation_drives
 from offradar_ros.processes import Progress
@@ -44,21 +44,22 @@ from offradar_ros.records import unstructure, write_record
 
 TEACHER = 'teacher'
 FIRST = 'first'
-"""Folder of a first stage, within that of the run whose second stage goes on from it."""
+"""Folder of the first stage, within that of a run with a second stage."""
 
 FREE_TO_CHANGE = ('validation', 'threads', 'log_steps', 'checkpoint_steps')
-"""What may differ between a run and its resumption: it changes nothing that is learnt."""
+"""Keys that may differ when a run is resumed: they do not change the trained weights."""
 
 
 class RunOptions(NamedTuple):
-    """Attributes: how a run is run, beside what is learnt.
+    """Options of a run that do not change the trained weights.
 
-    cache: folder of cached scans, shared by runs.
-    resume: whether to go on from the folder's checkpoint.
-    minutes: stop, with a checkpoint, after so long, counted from the start; None for no limit.
-    device: ``auto``, ``cpu`` or ``cuda``.
-    progress: opens a progress bar of a text, as a function of (done, total).
-    check: called between drives and steps; may raise KeyboardInterrupt.
+    Attributes:
+        cache: folder of cached scans, shared by runs.
+        resume: whether to resume from the checkpoint in the folder of the run.
+        minutes: time limit, counted from the start, after which the run stops with a checkpoint; None for no limit.
+        device: ``auto``, ``cpu`` or ``cuda``.
+        progress: opens a progress bar with a text, and gives its function of (done, total).
+        check: called between drives and steps; may raise KeyboardInterrupt.
     """
 
     cache: Path
@@ -70,12 +71,13 @@ class RunOptions(NamedTuple):
 
 
 class RunResult(NamedTuple):
-    """Attributes: how far a run came.
+    """Result of a run.
 
-    finished: whether all steps are done.
-    step: steps done.
-    best: weights with the best validation score, or the last where nothing is validated.
-    score: that score; NaN where nothing is validated.
+    Attributes:
+        finished: whether all steps are done.
+        step: steps done.
+        best: weights with the best validation score, or the last ones without validation.
+        score: that score; NaN without validation.
     """
 
     finished: bool
@@ -85,37 +87,37 @@ class RunResult(NamedTuple):
 
 
 def run(config: TrainingConfig, out: Path, options: RunOptions) -> RunResult:
-    """Train into `out`: best and last weights, a checkpoint, logs, curves, the configuration and all versions.
+    """Train, and write into `out` the best and last weights, a checkpoint, logs, curves, configuration and versions.
 
-    ConfigError, DataError or ModelError where something is wrong with what was given. A folder with a run in it is
-    left alone unless it is resumed.
+    ConfigError, DataError or ModelError for settings, data or weights that cannot be used, and DataError if `out` has a
+    run that is not resumed.
     """
     _require_folder(out, options.resume)
     deadline_s = math.inf if options.minutes is None else time.monotonic() + 60.0 * options.minutes
-    with joined_group(options.device) as group:
-        stage = _refined if config.refinement.steps else _learnt
-        return stage(config, out, options, group, deadline_s)
+    with process_group(options.device) as group:
+        stages = _both_stages if config.refinement.steps else _first_stage
+        return stages(config, out, options, group, deadline_s)
 
 
-def _learnt(config: TrainingConfig, out: Path, options: RunOptions, group: Group, deadline_s: float) -> RunResult:
-    """All but the second stage."""
+def _first_stage(config: TrainingConfig, out: Path, options: RunOptions, group: Group, deadline_s: float) -> RunResult:
+    """Train the network, after its teacher if it needs one, or fit the centres."""
     if (out / FIRST / CHECKPOINT).is_file():
         raise ConfigError(f'{out}: its run was started with a second stage: expected refinement.steps above 0')
-    teacher = _given_teacher(config)
+    teacher = _load_teacher(config)
     data = _cached(config.network, config.data, options, group, 'training scans')
     if config.fit == 'rad_vlad':
         return RunResult(True, 0, fit_centres(config, data, out), math.nan)
     validation = _cached(config.network, config.validation, options, group, 'validation scans')
     if needs_teacher(config.method) and teacher is None:
-        taught = _teacher(config, out, options, group, data, validation, deadline_s)
-        if isinstance(taught, RunResult):
-            return taught
-        teacher = taught
+        trained = _train_teacher(config, out, options, group, data, validation, deadline_s)
+        if isinstance(trained, RunResult):
+            return trained
+        teacher = trained
     return _train(config, out, options, group, data, validation, deadline_s, teacher)
 
 
-def _given_teacher(config: TrainingConfig) -> nn.Module | None:
-    """The teacher that was trained before, if there is one; what the objective refuses is reported here, early."""
+def _load_teacher(config: TrainingConfig) -> nn.Module | None:
+    """The teacher of `teacher.weights`, if given. Settings that the objective refuses are reported here, early."""
     if config.fit != 'network' or (needs_teacher(config.method) and not config.teacher.weights):
         return None
     teacher = load_network(config.teacher.weights)[0] if needs_teacher(config.method) else None
@@ -123,7 +125,7 @@ def _given_teacher(config: TrainingConfig) -> nn.Module | None:
     return teacher
 
 
-def _teacher(
+def _train_teacher(
     config: TrainingConfig,
     out: Path,
     options: RunOptions,
@@ -132,7 +134,7 @@ def _teacher(
     validation: Sequence[Drive],
     deadline_s: float,
 ) -> nn.Module | RunResult:
-    """The teacher, trained here, or how far its own run came if that was stopped."""
+    """The trained teacher, or the result of its run if that was stopped."""
     network = dataclasses.replace(config.network, method=config.teacher.method)
     teacher = dataclasses.replace(config, network=network, steps=config.teacher.steps)
     result = _train(teacher, out / TEACHER, options, group, data, validation, deadline_s)
@@ -168,8 +170,8 @@ def _train(
     return RunResult(finished, loop.step, out / (BEST if step >= 0 else LAST), score if step >= 0 else math.nan)
 
 
-def _refined(config: TrainingConfig, out: Path, options: RunOptions, group: Group, deadline_s: float) -> RunResult:
-    """The second stage, after the first where that is not given. It is short, and not resumed: it starts again."""
+def _both_stages(config: TrainingConfig, out: Path, options: RunOptions, group: Group, deadline_s: float) -> RunResult:
+    """Train the first stage, unless its weights are given, and the second, which is short and not resumable."""
     refinement = config.refinement
     if config.fit != 'network' or config.method != 'variational':
         what = config.method if config.fit == 'network' else config.fit
@@ -182,7 +184,7 @@ def _refined(config: TrainingConfig, out: Path, options: RunOptions, group: Grou
     weights = Path(refinement.weights)
     if not refinement.weights:
         first = dataclasses.replace(config, refinement=RefinementConfig())
-        result = _learnt(first, out / FIRST, options, group, deadline_s)
+        result = _first_stage(first, out / FIRST, options, group, deadline_s)
         if not result.finished or group.any(time.monotonic() >= deadline_s):
             return result._replace(finished=False)
         weights = result.best
@@ -197,19 +199,19 @@ def _refined(config: TrainingConfig, out: Path, options: RunOptions, group: Grou
         drives = validation_drives(validation, config.network, config.threads) if validation else ()
         with _shown(options, 'encoding scans to search for') as progress:
             network = network.to(group.device)
-            taught = lessons(network, data, feature_maps(network, data, config.threads, progress, options.check))
-        score = refine(config, network, taught, drives, out, options.check)
-    (score,) = group.first_says((score,))
+            features = feature_maps(network, data, config.threads, progress, options.check)
+        score = refine(config, network, search_scans(network, data, features), drives, out, options.check)
+    (score,) = group.broadcast((score,))
     return RunResult(True, refinement.steps, out / BEST, score if validation else math.nan)
 
 
 def _require_folder(out: Path, resume: bool) -> None:
-    there = any(
+    exists = any(
         (out / file).is_file() for file in (BEST, CHECKPOINT, f'{TEACHER}/{CHECKPOINT}', f'{FIRST}/{CHECKPOINT}')
     )
-    if there and not resume:
-        raise DataError(f'{out}: a training run is there: expected --resume to go on with it, or another folder')
-    if resume and not there:
+    if exists and not resume:
+        raise DataError(f'{out}: has a training run already: expected --resume to continue it, or another folder')
+    if resume and not exists:
         raise DataError(f'{out}: no checkpoint to resume from')
     try:
         out.mkdir(parents=True, exist_ok=True)
@@ -226,7 +228,7 @@ def _require_same(config: TrainingConfig, before: Mapping[str, Any], out: Path) 
 
 
 def _completed(values: Mapping[str, Any], default: dict[str, Any]) -> dict[str, Any]:
-    """`values` with the keys that there were not yet when they were written: by default, nothing has changed."""
+    """`values` with the default of each key that did not exist when they were written."""
     given = {key: values.get(key, default[key]) for key in default}
     return {key: _completed(value, default[key]) if isinstance(value, dict) else value for key, value in given.items()}
 
@@ -246,7 +248,7 @@ def _cached(
                     options.check()
 
             cached_drives(sources, options.cache, reduction=reduction, progress=report)
-    group.first_says((0.0,))
+    group.broadcast((0.0,))
     return cached_drives(sources, options.cache, reduction=reduction)
 
 
@@ -264,7 +266,7 @@ def _shown(options: RunOptions, text: str) -> Iterator[Progress | None]:
 
 
 def _describe(config: TrainingConfig, out: Path, group: Group, network: nn.Module, data: Sequence[Drive]) -> None:
-    """Write what the run is made from; a resumed run adds a line of where it went on."""
+    """Write the configuration and, as a line of JSON, versions, machine and data; a resumed run appends a line."""
     out.mkdir(parents=True, exist_ok=True)
     write_record(out / 'config.yaml', config)
     device = torch.cuda.get_device_name(group.device) if group.device.type == 'cuda' else platform.processor()
@@ -290,11 +292,11 @@ def _describe(config: TrainingConfig, out: Path, group: Group, network: nn.Modul
 
 
 def _revision() -> str:
-    """Git revision of the source tree, with + where files differ from it; empty where there is none."""
+    """Git revision of the source tree, with + if files differ from it; empty without one."""
     folder = Path(__file__).parent
     try:
-        asked = ['git', 'describe', '--always', '--abbrev=40', '--dirty=+', '--exclude=*']
-        done = subprocess.run(asked, cwd=folder, capture_output=True, text=True, check=False, timeout=10)
+        command = ['git', 'describe', '--always', '--abbrev=40', '--dirty=+', '--exclude=*']
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, timeout=10)
     except (OSError, subprocess.TimeoutExpired):
         return ''
     return done.stdout.strip()

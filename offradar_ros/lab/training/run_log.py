@@ -1,4 +1,4 @@
-"""A run's figures as lines of JSON, and as a picture."""
+"""The figures of a run as lines of JSON, and as a picture."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from offradar_ros.errors import DataError
 
 
 class RunLog:
-    """One file of a line a record, each with its ``step``."""
+    """A file with one record per line, each with its ``step``."""
 
     def __init__(self, path: Path, first_step: int) -> None:
-        """Records after `first_step` are of a run that went on after its checkpoint: they are dropped."""
+        """Existing records after `first_step` are dropped: they were written after the checkpoint that is resumed."""
         self._path = path
         kept = [record for record in read_log(path) if record['step'] <= first_step] if first_step else []
         self._write('w', ''.join(_line(record) for record in kept))
 
     def add(self, step: int, figures: Mapping[str, float]) -> None:
-        """Append a record, on disk when this returns."""
+        """Append a record; it is written when this returns."""
         self._write('a', _line({'step': step, **figures}))
 
     def _write(self, mode: str, text: str) -> None:
@@ -39,7 +39,7 @@ def _line(record: Mapping[str, Any]) -> str:
 
 
 def read_log(path: Path) -> list[dict[str, Any]]:
-    """Every record; a last line that was cut off is left out. DataError for a file that is no log."""
+    """All records, without an incomplete last line. DataError for a file that is not a log."""
     if not path.is_file():
         return []
     lines = path.read_text(encoding='utf-8').splitlines(keepends=True)
@@ -50,7 +50,7 @@ def read_log(path: Path) -> list[dict[str, Any]]:
 
 
 def draw_curves(folder: Path) -> None:
-    """``curves.png`` of a run's ``log.jsonl`` and ``validation.jsonl``; nothing where matplotlib is not installed."""
+    """Draw ``curves.png`` from ``log.jsonl`` and ``validation.jsonl``; does nothing without matplotlib."""
     try:
         from matplotlib.figure import Figure  # noqa: PLC0415
     except ImportError:

@@ -7,14 +7,14 @@ import math
 from offradar_ros.lab.training.config import OptimiserConfig
 
 _FIRST = 1.0 / 25.0
-"""Where one_cycle starts, as a share of the highest rate."""
+"""First rate of one_cycle, as a share of the highest."""
 
 
 def learning_rate(config: OptimiserConfig, step: int, steps: int) -> float:
     """Rate of `step`, 0 to `steps` − 1.
 
-    ``constant``; ``cosine``, half a wave from the highest rate to 0; ``one_cycle``, half a wave up during `warmup` of
-    the steps and half a wave down to 0 (Smith and Topin, 2018).
+    ``constant``; ``cosine``, half a cosine wave from the highest rate to 0; ``one_cycle``, half a wave up during the
+    share `warmup` of the steps and half a wave down to 0 (Smith and Topin, 2018).
     """
     highest = config.learning_rate
     if config.schedule == 'constant':

@@ -1,4 +1,4 @@
-"""Drives through simulated cities: where training data is from unless somebody has recordings."""
+"""Drives through simulated cities, for training without recordings."""
 
 from __future__ import annotations
 
@@ -7,17 +7,16 @@ import dataclasses
 import numpy as np
 
 from offradar_ros.lab.drives.simulated import SimulatedDrive, physics_of
-from offradar_ros.lab.simulation.degradation import TRAINED_KINDS
 from offradar_ros.lab.simulation.sensor import TRAINING_SENSOR, SimulatedSensor
 from offradar_ros.lab.simulation.session_plan import SessionPlan
 from offradar_ros.lab.simulation.weather import CLEAR, Weather
 from offradar_ros.lab.training.config import DataConfig, ValidationConfig
 
 LANES_M = (0.0, 3.5, -1.5, 1.5, -6.0, -6.0)
-"""Lane offsets of the drives of a city, in turn; the last two are the outer lanes of either direction, 12 m apart."""
+"""Lane offsets of the drives of a city, in turn; the last two are the outer lanes of both directions, 12 m apart."""
 
-_SHORT_SIGHTED = 1.0 / 3.0
-_LEAST_REACH = 0.6
+_SHORT_RANGE_SHARE = 1.0 / 3.0
+_MIN_RANGE = 0.6
 
 
 def simulated_drives(config: DataConfig | ValidationConfig) -> list[SimulatedDrive]:
@@ -30,9 +29,9 @@ def simulated_drives(config: DataConfig | ValidationConfig) -> list[SimulatedDri
 
 
 def city_drive(seed: int, index: int, config: DataConfig | ValidationConfig) -> SimulatedDrive:
-    """Drive `index` of the city of `seed`; every third goes the other way, over the same streets.
+    """Drive `index` of the city of `seed`; every third is in the opposite direction, over the same streets.
 
-    It is driven at its ordinary speed, and one scan in `config.spacing_m` metres is taken, on average.
+    The mean distance between two scans is `config.spacing_m` metres.
     """
     rng = np.random.default_rng([seed, index])
     reverse = index % 3 == 2
@@ -49,7 +48,6 @@ def city_drive(seed: int, index: int, config: DataConfig | ValidationConfig) -> 
         traffic=float(rng.uniform(0.0, 20.0)),
         parked=float(rng.uniform(0.2, 0.9)),
         degraded=config.degraded,
-        kinds=TRAINED_KINDS,
         physics=physics_of(config.physics, seed),
         weather=_bad_weather(rng) if rng.random() < config.bad_weather else CLEAR,
     )
@@ -57,16 +55,16 @@ def city_drive(seed: int, index: int, config: DataConfig | ValidationConfig) -> 
 
 
 def _sensor(physics: str, seed: int) -> SimulatedSensor:
-    """Where physics is drawn, a third of the worlds have a radar that sees less far, down to a RADIATE's 100 m."""
+    """Unless physics is nominal, a third of the worlds have a radar of shorter range, down to the 100 m of RADIATE."""
     rng = np.random.default_rng([seed, 3])
-    if physics == 'nominal' or rng.random() >= _SHORT_SIGHTED:
+    if physics == 'nominal' or rng.random() >= _SHORT_RANGE_SHARE:
         return TRAINING_SENSOR
-    share = float(rng.uniform(_LEAST_REACH, 1.0))
+    share = float(rng.uniform(_MIN_RANGE, 1.0))
     return dataclasses.replace(TRAINING_SENSOR, range_bins=round(share * TRAINING_SENSOR.range_bins))
 
 
 def _bad_weather(rng: np.random.Generator) -> Weather:
-    """Rain, snow or fog, from light to about the worst there is, by even ratios."""
+    """Rain, snow or fog, from light to extreme, with a log-uniform distribution."""
     share = float(rng.random())
     return (
         Weather(rain_mm_h=2.5 * 20.0**share),

@@ -1,4 +1,4 @@
-"""How well a network recognises places of worlds that it has never seen, and whether its U shows when it does not."""
+"""Validation: recognition of places in worlds without training scans, and U as a detector of wrong answers."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from offradar_ros.lab.evaluation.metrics.auroc import auroc
 from offradar_ros.lab.evaluation.metrics.spearman import spearman
 from offradar_ros.lab.training.config import ValidationConfig
 from offradar_ros.lab.training.images import images_of
-from offradar_ros.lab.training.searches import searches
+from offradar_ros.lab.training.searches import search_pairs
 
 _IMAGES_AT_ONCE = 64
 
@@ -25,14 +25,14 @@ Embed = Callable[[torch.Tensor], tuple[torch.Tensor, torch.Tensor]]
 
 
 class ValidationDrive(NamedTuple):
-    """Attributes: a cached drive and (N, H, W) uint8 images of its scans."""
+    """A cached drive and the (N, H, W) uint8 images of its scans."""
 
     drive: Drive
     images: NDArray[np.uint8]
 
 
 def validation_drives(drives: Sequence[Drive], network: NetworkConfig, threads: int = 0) -> tuple[ValidationDrive, ...]:
-    """The drives with their images; DataError where no two are of one world."""
+    """The drives with their images; DataError if no two drives are of the same world."""
     worlds = [drive.world for drive in drives]
     if len(set(worlds)) == len(worlds):
         raise DataError('validation: expected two drives or more through at least one world')
@@ -44,17 +44,17 @@ def validate(
 ) -> dict[str, float]:
     """Figures over all ordered pairs of drives of one world, and ``score``, by which checkpoints are chosen.
 
-    Recall@1 over all queries and over clean ones, AUROC of U for a wrong answer, Spearman's correlation of U with
-    severity, and U's mean and standard deviation; NaN where a figure is not defined. Where all answers are right, or
-    all wrong, there is no AUROC, and the recall takes its place in the score.
+    The figures are Recall@1 over all queries and over clean ones, the AUROC of U for wrong answers, Spearman's
+    correlation of U with severity, and the mean and standard deviation of U; NaN where a figure is not defined. If all
+    answers are right, or all are wrong, AUROC is not defined, and Recall@1 replaces it in the score.
     """
     embedded = [_embed_all(embed, drive.images, device) for drive in drives]
-    searched = searches([drive.drive for drive in drives], [means for means, _ in embedded], config.map_spacing_m)
+    searched = search_pairs([drive.drive for drive in drives], [means for means, _ in embedded], config.map_spacing_m)
     if not sum(len(search.queries) for search in searched):
         raise DataError('validation: no scan has a place of another drive within the tolerance')
     right = np.concatenate([search.margins > 0.0 for search in searched])
-    uncertainties = np.concatenate([embedded[search.driven][1][search.queries] for search in searched])
-    severities = np.concatenate([drives[search.driven].drive.severities[search.queries] for search in searched])
+    uncertainties = np.concatenate([embedded[search.queried][1][search.queries] for search in searched])
+    severities = np.concatenate([drives[search.queried].drive.severities[search.queries] for search in searched])
     clean = severities == 0.0
     known = ~np.isnan(severities)
     finite = np.isfinite(uncertainties)

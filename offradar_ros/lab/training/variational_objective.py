@@ -1,4 +1,4 @@
-"""The paper's objective (Sec. III-A) and what we make of it: two contrastive terms, a prior and a decoder."""
+"""The paper's objective (Sec. III-A) and ours: two contrastive terms, a prior, a decoder, and a ranking of U."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from offradar_ros.lab.training.objective import Views
 class VariationalObjective:
     """L = w₁ L_m(Z_I) + w₂ L_m(Z) + w₃ KL + w₄ L_rec, with the criteria and weights of `LossConfig`.
 
-    A fifth term, which the paper does not have, ranks U by how badly scans are degraded where that is known.
+    A fifth term, which the paper does not have, ranks U by severity where that is known.
     """
 
     def __init__(self, config: TrainingConfig) -> None:
@@ -26,7 +26,7 @@ class VariationalObjective:
         self.network = VariationalNetwork(config.network)
 
     def losses(self, views: Views, step: int) -> dict[str, torch.Tensor]:
-        """``invariant``, ``variant``, ``severity``, ``kl`` and ``reconstruction``, but for those of weight 0."""
+        """Terms ``invariant``, ``variant``, ``severity``, ``kl`` and ``reconstruction``, without those of weight 0."""
         config = self.config
         mixed = self.network(views.images)
         with torch.autocast(views.images.device.type, enabled=False):
@@ -36,12 +36,12 @@ class VariationalObjective:
                 if contrast.weight:
                     terms[name] = contrast.weight * _contrast(contrast, output)
             if config.severity.weight:
-                order = pairwise_ranking(uncertainty(output.log_variance), views.severities, config.severity.margin)
-                terms['severity'] = config.severity.weight * order
+                ranking = pairwise_ranking(uncertainty(output.log_variance), views.severities, config.severity.margin)
+                terms['severity'] = config.severity.weight * ranking
             if config.kl_weight:
-                risen = min(1.0, (step + 1) / config.kl_warmup_steps) if config.kl_warmup_steps else 1.0
+                warmup = min(1.0, (step + 1) / config.kl_warmup_steps) if config.kl_warmup_steps else 1.0
                 divergence = prior_divergence(output.mu, output.log_variance, config.free_nats)
-                terms['kl'] = config.kl_weight * risen * divergence
+                terms['kl'] = config.kl_weight * warmup * divergence
             if config.reconstruction_weight:
                 error = reconstruction_error(output.reconstruction, output.features, config.reconstruction)
                 terms['reconstruction'] = config.reconstruction_weight * error

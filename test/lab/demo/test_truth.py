@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from offradar_ros.lab.demo.drives import Drive
-from offradar_ros.lab.demo.live import Driven
+from offradar_ros.lab.demo.drives import DemoDrive
+from offradar_ros.lab.demo.live import ReplayedDrive
 from offradar_ros.lab.demo.report import draw_map, print_table
-from offradar_ros.lab.demo.truth import Compared, compare
+from offradar_ros.lab.demo.truth import ComparedDrive, compare
 from offradar_ros.mapping.stored_map import StoredSession
 from offradar_ros.recordings.bags.sequence import BagSequence
 from offradar_ros.types import Candidate, Match, Outcome, Place, PlaceTable, Pose, Reason, Rejection
@@ -29,7 +29,7 @@ def answer(stamp_ns: int, x_m: float | None, reason: Reason | None = None) -> Ou
 
 
 @pytest.fixture
-def compared(street_bag: Callable[..., Path]) -> Compared:
+def compared(street_bag: Callable[..., Path]) -> ComparedDrive:
     """Six scans, 1.25 m apart: matched right, matched 26 m off, rejected right, rejected wrong, map empty, right."""
     bag = street_bag('drive', count=6)
     sequence = BagSequence(bag)
@@ -42,14 +42,14 @@ def compared(street_bag: Callable[..., Path]) -> Compared:
         answer(stamps[4], None, Reason.MAP_EMPTY),
         answer(stamps[5], 6.25),
     )
-    drive = Drive('drive', bag, mapped=True, degraded_ns=frozenset(stamps[2:4]))
+    drive = DemoDrive('drive', bag, mapped=True, degraded_ns=frozenset(stamps[2:4]))
     counts = {'scans': 6, 'matches': 3, 'rejections': 3, 'unanswered': 0}
     origin = sequence.trajectory.origin()  # type: ignore[union-attr]
     assert origin is not None
-    return compare(Driven(drive, outcomes, counts, (0.01, 0.02, 0.03), ''), origin)
+    return compare(ReplayedDrive(drive, outcomes, counts, (0.01, 0.02, 0.03), ''), origin)
 
 
-def test_an_answer_is_right_within_25_metres(compared: Compared) -> None:
+def test_an_answer_is_right_within_25_metres(compared: ComparedDrive) -> None:
     # The first fix, the origin, lies 1 s before the first scan: 5 m behind it.
     np.testing.assert_allclose(compared.positions_m[:, 0], 5.0 + 1.25 * np.arange(6), atol=1e-3)
     assert compared.nearest_is_right.tolist() == [True, True, True, False, False, True]
@@ -60,7 +60,7 @@ def test_an_answer_is_right_within_25_metres(compared: Compared) -> None:
     assert np.isnan(compared.recall(np.zeros(6, np.bool_)))
 
 
-def test_the_table_shows_the_comparison(compared: Compared) -> None:
+def test_the_table_shows_the_comparison(compared: ComparedDrive) -> None:
     console = Console(file=io.StringIO(), width=100)
     report = {'inserted': 2, 'replaced': 1, 'kept': 3, 'places_before': 0, 'places_after': 2}
     means = {'mean_uncertainty_before': None, 'mean_uncertainty_after': 0.98765}
@@ -78,7 +78,7 @@ def test_the_table_shows_the_comparison(compared: Compared) -> None:
         assert any(re.search(row, line) for line in printed.splitlines()), row
 
 
-def test_the_picture_is_drawn(compared: Compared, tmp_path: Path) -> None:
+def test_the_picture_is_drawn(compared: ComparedDrive, tmp_path: Path) -> None:
     places = PlaceTable.from_places([Place(1, 1, 0, Pose(5.0, 0.0), 0.9, np.zeros(4, np.float32))], 4)
     draw_map(places, compared, tmp_path / 'map.png')
     picture = cv2.imread(str(tmp_path / 'map.png'))

@@ -1,4 +1,4 @@
-"""The cache holds what direct conversion gives, makes nothing twice, and does not believe what it did not write."""
+"""The cache gives the same scans as their source, makes nothing twice, and refuses damaged files."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ REDUCTION = Reduction.for_image(NETWORK)
 
 @dataclasses.dataclass(frozen=True)
 class NoiseDrive:
-    """Scans of noise of any layout, of which every second is taken; some are damaged."""
+    """Every second of some scans of noise of any layout; some are damaged."""
 
     count: int = 8
     bins: int = 400
@@ -82,16 +82,16 @@ def test_images_of_cached_scans_are_those_of_the_scans(tmp_path: Path, resolutio
 
 
 def test_polar_images_of_cached_scans_are_near_those_of_the_scans(tmp_path: Path) -> None:
-    """Eight bins are joined to one: the ends of the image and every byte are rounded to what there is then."""
+    """Eight bins are averaged to one: the range limits of the image and every byte are rounded."""
     source = NoiseDrive(bins=1600, resolution_m=0.03)
     (drive,) = cached(tmp_path, source, reduction=Reduction.for_image(POLAR))
     image, direct = make_image(POLAR)(spin(drive.scan(1), 9)), make_image(POLAR)(spin(source.scan(2), 9))
-    away = np.abs(image.astype(int) - direct)
+    difference = np.abs(image.astype(int) - direct)
     assert drive.scan(0).range_resolution_m == 0.24
-    assert away.mean() < 0.15 * direct.std()
+    assert difference.mean() < 0.15 * direct.std()
 
 
-def test_without_a_reduction_power_is_kept(tmp_path: Path) -> None:
+def test_without_a_reduction_power_does_not_change(tmp_path: Path) -> None:
     source = NoiseDrive()
     (drive,) = cached(tmp_path, source, reduction=None)
     (reduced,) = cached(tmp_path, source)
@@ -103,14 +103,14 @@ def test_without_a_reduction_power_is_kept(tmp_path: Path) -> None:
     assert reduced.scan(0).power.shape[1] < 400
 
 
-def test_scans_that_start_elsewhere_are_put_in_the_order_of_their_azimuths(tmp_path: Path) -> None:
+def test_scans_with_another_first_azimuth_are_sorted(tmp_path: Path) -> None:
     source = NoiseDrive(first_azimuth=7)
     (drive,) = cached(tmp_path, source)
     assert (np.diff(drive.scan(0).azimuths_rad) > 0.0).all()
     assert np.array_equal(make_image(NETWORK)(drive.scan(1)), make_image(NETWORK)(source.scan(2)))
 
 
-def test_a_drive_brings_its_poses_and_faults_and_loses_damaged_scans(tmp_path: Path) -> None:
+def test_a_cached_drive_has_poses_and_faults_but_no_damaged_scans(tmp_path: Path) -> None:
     (drive,) = cached(tmp_path, NoiseDrive(damaged=(2,)))
     assert len(drive) == 3
     assert (drive.name, drive.world, drive.layout) == ('noise', 'w', 'noise')
@@ -123,13 +123,11 @@ def test_a_drive_brings_its_poses_and_faults_and_loses_damaged_scans(tmp_path: P
 
 
 def test_a_drive_without_a_readable_scan_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match='noise: no scan of it can be read'):
+    with pytest.raises(DataError, match='noise: none of its scans can be read'):
         cached(tmp_path, NoiseDrive(damaged=(0, 2, 4, 6)))
 
 
-def test_nothing_is_made_twice_and_other_settings_are_other_drives(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_drive_is_made_once_for_each_setting(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[tuple[int, int]] = []
 
     def note(done: int, total: int) -> None:
@@ -144,7 +142,7 @@ def test_nothing_is_made_twice_and_other_settings_are_other_drives(
     assert len(cached(tmp_path, NoiseDrive(), NoiseDrive(count=6), NoiseDrive())) == 3
 
 
-def test_what_was_not_finished_is_made_again(tmp_path: Path) -> None:
+def test_an_unfinished_drive_is_made_again(tmp_path: Path) -> None:
     (before,) = cached(tmp_path, NoiseDrive())
     power = [before.scan(row).power for row in range(4)]
     next(tmp_path.glob('*.json')).unlink()
@@ -156,7 +154,7 @@ def test_what_was_not_finished_is_made_again(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(('pattern', 'content'), [('*.json', b'{}'), ('*.json', b'no json'), ('*.npy', b'cut')])
-def test_damaged_files_are_named(tmp_path: Path, pattern: str, content: bytes) -> None:
+def test_damaged_files_are_reported(tmp_path: Path, pattern: str, content: bytes) -> None:
     cached(tmp_path, NoiseDrive())
     next(tmp_path.glob(pattern)).write_bytes(content)
     with pytest.raises(DataError, match=r'noise-\w+\.json: .*remove it to make it again'):
@@ -164,7 +162,7 @@ def test_damaged_files_are_named(tmp_path: Path, pattern: str, content: bytes) -
 
 
 @pytest.mark.parametrize('key', ['poses', 'severities', 'stamps_ns'])
-def test_files_that_do_not_belong_together_are_named(tmp_path: Path, key: str) -> None:
+def test_files_that_do_not_belong_together_are_reported(tmp_path: Path, key: str) -> None:
     cached(tmp_path, NoiseDrive())
     file = next(tmp_path.glob('*.json'))
     known = json.loads(file.read_text())
@@ -173,13 +171,13 @@ def test_files_that_do_not_belong_together_are_named(tmp_path: Path, key: str) -
         cached(tmp_path, NoiseDrive())
 
 
-def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_written_is_reported(tmp_path: Path) -> None:
     (tmp_path / 'file').write_text('')
     with pytest.raises(DataError, match='file: the cache cannot be written'):
         cached(tmp_path / 'file', NoiseDrive())
 
 
-def test_processes_make_what_one_makes(tmp_path: Path) -> None:
+def test_several_processes_make_the_same_drives_as_one(tmp_path: Path) -> None:
     config = DataConfig(scans=3, spacing_m=30.0, degraded=0.5, bad_weather=0.5)
     sources = [city_drive(5, index, config) for index in range(2)]
     alone = cached_drives(sources, tmp_path / 'alone', reduction=REDUCTION, processes=1)

@@ -1,4 +1,4 @@
-"""Recorded drives: where their scans are, and what a split leaves of them."""
+"""Recorded drives: positions of their scans, and scans that a split excludes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Street = Callable[..., Any]
 ORIGIN = (51.75, -1.25, 70.0)
 
 
-def test_a_bag_and_a_folder_are_one_drive(street: Street, tmp_path: Path) -> None:
+def test_a_bag_and_a_folder_give_the_same_drive(street: Street, tmp_path: Path) -> None:
     drive = street(count=24)
     write_oxford(drive, tmp_path / 'folder')
     write_bag(drive, tmp_path / 'bag')
@@ -40,7 +40,7 @@ def test_a_bag_and_a_folder_are_one_drive(street: Street, tmp_path: Path) -> Non
     np.testing.assert_array_equal(kept[1].poses[:, :2], bag.poses[:, :2])
 
 
-def test_a_split_keeps_scans_from_training(street: Street, tmp_path: Path) -> None:
+def test_a_split_excludes_scans_from_training(street: Street, tmp_path: Path) -> None:
     write_bag(street(count=24), tmp_path / 'bag')
     # Scan 12 is 15 m east of latitude 51.75°, longitude -1.25°.
     region = Region(32630, (Circle(5_734_682.084, 620_802.167 + 15.0, 3.0),))

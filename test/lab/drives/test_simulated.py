@@ -1,4 +1,4 @@
-"""Simulated drives: which scans of a sequence are taken, and what is known of each."""
+"""Simulated drives: which scans of a sequence are kept, and their ground truth."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def test_a_cached_drive_is_the_simulated_one(tmp_path: Path) -> None:
         assert drive.severities[row] == (fault.severity if fault else 0.0)
 
 
-def test_one_scan_in_a_stride_is_taken() -> None:
+def test_a_stride_keeps_every_nth_scan() -> None:
     whole = dataclasses.replace(CITY, spacing_m=0.0, scans=0)
     every = dataclasses.replace(whole, stride=7)
     assert len(whole.sampled().rows) == CITY.plan.scans

@@ -1,4 +1,4 @@
-"""Node processes take their own parameters, stay on their cores, and tell what they use."""
+"""Node processes have their parameters, stay on their cores, and report their usage."""
 
 from __future__ import annotations
 

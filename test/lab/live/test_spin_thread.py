@@ -1,4 +1,4 @@
-"""An executor in a thread of its own ends in order, whatever it has to do at that moment."""
+"""An executor in a separate thread stops without errors, also while callbacks run."""
 
 from __future__ import annotations
 

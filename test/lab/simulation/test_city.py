@@ -1,4 +1,4 @@
-"""Cities from seeds."""
+"""Simulated cities."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from scipy.spatial import cKDTree
 
 from offradar_ros.errors import ConfigError
 from offradar_ros.lab.simulation.city import CityPlan, District, make_city
-from offradar_ros.lab.simulation.walk import make_route
+from offradar_ros.lab.simulation.random_route import make_route
 from offradar_ros.lab.simulation.world import World
 
 SMALL = CityPlan(seed=1, blocks=(2, 2), route_m=400.0)
@@ -23,7 +23,7 @@ def arrays(world: World) -> list[NDArray[np.float64]]:
     return [*dataclasses.astuple(world.reflectors), world.parking, world.route.points_m]
 
 
-def test_a_seed_makes_one_city_and_another_seed_another() -> None:
+def test_the_same_seed_makes_the_same_city_and_another_seed_another() -> None:
     one, same, other = (make_city(dataclasses.replace(SMALL, seed=seed)) for seed in (4, 4, 5))
     assert all(a.tobytes() == b.tobytes() for a, b in zip(arrays(one), arrays(same), strict=True))
     assert one.reflectors.walls_m.shape != other.reflectors.walls_m.shape
@@ -31,7 +31,7 @@ def test_a_seed_makes_one_city_and_another_seed_another() -> None:
 
 @pytest.mark.parametrize('seed', range(3))
 @pytest.mark.parametrize('district', list(District))
-def test_the_road_is_free_and_something_stands_along_it(seed: int, district: District) -> None:
+def test_the_road_is_free_and_objects_stand_along_it(seed: int, district: District) -> None:
     city = make_city(dataclasses.replace(SMALL, seed=seed, districts=(district,)))
     assert city.route is not None
     seen = city.reflectors
@@ -45,29 +45,29 @@ def test_the_road_is_free_and_something_stands_along_it(seed: int, district: Dis
         assert line.query(city.parking[:, :2])[0].min() > 3.5
 
 
-def test_buildings_are_whole() -> None:
-    """No street cuts through one: every corner joins two walls."""
+def test_outlines_of_buildings_are_closed() -> None:
+    """No street cuts a building: every corner joins two walls."""
     seen = make_city(dataclasses.replace(SMALL, districts=(District.INDUSTRIAL,))).reflectors
-    solid = seen.walls_m[seen.wall_through < 0.1]
+    solid = seen.walls_m[seen.wall_transmission < 0.1]
     starts, ends = ({(round(x, 6), round(y, 6)) for x, y in solid[:, end].tolist()} for end in (0, 1))
     assert len(solid) > 50 and starts == ends
 
 
-def test_districts_differ_in_what_stands_there() -> None:
-    def area(district: District) -> tuple[int, int]:
+def test_districts_differ_in_buildings_and_vegetation() -> None:
+    def counts(district: District) -> tuple[int, int]:
         seen = make_city(dataclasses.replace(SMALL, districts=(district,))).reflectors
-        solid = (seen.wall_through < 0.1) & (seen.wall_powers > 1e4)
+        solid = (seen.wall_transmission < 0.1) & (seen.wall_powers > 1e4)
         leaves = (seen.scatterer_powers < 10**4.2) & (seen.scatterer_powers > 10**2.4)
         return int(solid.sum()), int(leaves.sum())
 
-    (dense, _), (_, leaves_of_a_park), (open_, leaves_in_the_open) = (
-        area(kind) for kind in (District.DENSE, District.PARK, District.OPEN)
+    (dense, _), (_, park_leaves), (open_, open_leaves) = (
+        counts(kind) for kind in (District.DENSE, District.PARK, District.OPEN)
     )
     assert dense > 5 * open_
-    assert leaves_of_a_park > 2 * leaves_in_the_open
+    assert park_leaves > 2 * open_leaves
 
 
-def test_two_cities_of_one_kind_are_not_built_alike() -> None:
+def test_cities_of_one_kind_differ() -> None:
     counts = [
         len(make_city(dataclasses.replace(SMALL, seed=seed, districts=(District.DENSE,))).reflectors.wall_powers)
         for seed in range(4)
@@ -76,21 +76,21 @@ def test_two_cities_of_one_kind_are_not_built_alike() -> None:
 
 
 @pytest.mark.parametrize('closed', [True, False])
-@pytest.mark.parametrize('least_m', [0.0, 1000.0, 3000.0])
-def test_routes_are_long_enough_and_never_turn_round(closed: bool, least_m: float) -> None:
+@pytest.mark.parametrize('min_length_m', [0.0, 1000.0, 3000.0])
+def test_routes_are_long_enough_and_have_no_u_turns(closed: bool, min_length_m: float) -> None:
     streets = make_city(SMALL).streets
     assert streets is not None
     for seed in range(6):
-        route = make_route(streets, seed, least_m, closed)
+        route = make_route(streets, seed, min_length_m, closed)
         assert route.closed == closed
         # Rounded corners are shorter.
-        assert route.length_m > 0.9 * least_m
+        assert route.length_m > 0.9 * min_length_m
         poses = route.at(np.arange(0.0, route.length_m, 2.0))
         turns = np.angle(np.exp(1j * np.diff(poses[:, 2])))
         assert np.abs(turns).max() < 0.6
 
 
-def test_routes_stay_where_the_city_goes_on_around_them() -> None:
+def test_routes_are_surrounded_by_the_city() -> None:
     city = make_city(SMALL)
     assert city.streets is not None
     for seed in range(4):

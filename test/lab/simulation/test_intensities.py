@@ -13,8 +13,8 @@ from offradar_ros.lab.simulation.session_plan import SessionPlan
 from offradar_ros.radar.png import read_gray_png
 
 
-def test_a_simulated_town_returns_about_as_much_as_a_recorded_city(real_data: Path) -> None:
-    """Median and upper quantiles within 8 half decibels (4 dB), at the recorded sensor's size."""
+def test_simulated_intensities_are_close_to_recorded_ones(real_data: Path) -> None:
+    """Median and upper quantiles within 8 half decibels (4 dB), with scans of the recorded size."""
     file = sorted((real_data / 'oxford_tiny' / 'radar').glob('*.png'))[0]
     recorded = read_gray_png(file, max_bytes=2**24)[:, 11:]
     sensor = SimulatedSensor(range_bins=3768, range_resolution_m=0.0432)

@@ -1,4 +1,4 @@
-"""nav2 maps: which cells are occupied, where they lie, and the walls that they become."""
+"""nav2 maps: which cells are occupied, where they lie, and the walls made from them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Map = Callable[..., Path]
 
 @pytest.fixture
 def nav2_map(tmp_path: Path) -> Map:
-    """Writes a map: pixels, and the lines of its YAML file that differ."""
+    """Writes a map from pixels and the values of its YAML file that differ from the default."""
 
     def write(pixels: np.ndarray, **values: object) -> Path:
         cv2.imwrite(str(tmp_path / 'map.png'), pixels)
@@ -42,8 +42,8 @@ def nav2_map(tmp_path: Path) -> Map:
     return write
 
 
-def occupied_by_the_book(pixels: np.ndarray, mode: str, negate: int, threshold: float) -> np.ndarray:
-    """A cell at a time, as nav2's map server reads it."""
+def expected_occupied(pixels: np.ndarray, mode: str, negate: int, threshold: float) -> np.ndarray:
+    """One cell at a time, as nav2's map server reads it."""
     result = np.zeros(pixels.shape[:2], bool)
     for row in range(pixels.shape[0]):
         for column in range(pixels.shape[1]):
@@ -63,10 +63,10 @@ def occupied_by_the_book(pixels: np.ndarray, mode: str, negate: int, threshold: 
 def test_occupied_cells_are_those_of_the_map_server(nav2_map: Map, mode: str, negate: int, threshold: float) -> None:
     pixels = np.arange(256, dtype=np.uint8).reshape(8, 32)
     image = read_map_image(nav2_map(pixels, mode=mode, negate=negate, occupied_thresh=threshold))
-    np.testing.assert_array_equal(image.occupied, occupied_by_the_book(pixels, mode, negate, threshold))
+    np.testing.assert_array_equal(image.occupied, expected_occupied(pixels, mode, negate, threshold))
 
 
-def test_colours_are_averaged_and_what_is_transparent_is_not_occupied(nav2_map: Map) -> None:
+def test_colours_are_averaged_and_transparent_pixels_are_free(nav2_map: Map) -> None:
     pixels = np.zeros((1, 4, 4), np.uint8)
     pixels[0, :, 3] = 255
     pixels[0, 1, :3] = (255, 255, 0)
@@ -75,7 +75,7 @@ def test_colours_are_averaged_and_what_is_transparent_is_not_occupied(nav2_map: 
 
 
 @pytest.mark.parametrize('yaw', [0.0, math.pi / 2, -0.7])
-def test_a_wall_lies_where_the_origin_says(nav2_map: Map, yaw: float) -> None:
+def test_walls_lie_relative_to_the_origin(nav2_map: Map, yaw: float) -> None:
     pixels = np.full((40, 60), 254, np.uint8)
     pixels[30:34, 10:50] = 0
     seen = load_map_world(nav2_map(pixels, origin=[100.0, -20.0, yaw])).reflectors
@@ -90,10 +90,10 @@ def test_a_wall_lies_where_the_origin_says(nav2_map: Map, yaw: float) -> None:
         distances = np.hypot(*(seen.walls_m.reshape(-1, 2) - corner).T)
         # Outlines go through the middles of the outermost cells.
         assert distances.min() < 0.36
-    assert np.all(seen.wall_through < 0.3)
+    assert np.all(seen.wall_transmission < 0.3)
 
 
-def test_specks_are_points_and_thin_lines_are_met_once(nav2_map: Map) -> None:
+def test_single_cells_are_scatterers_and_a_thin_line_is_one_wall(nav2_map: Map) -> None:
     pixels = np.full((100, 100), 254, np.uint8)
     pixels[50, 20:80] = 0
     pixels[10, 10] = 0
@@ -104,7 +104,7 @@ def test_specks_are_points_and_thin_lines_are_met_once(nav2_map: Map) -> None:
     assert np.min(np.hypot(*(seen.scatterers_m - (5.25, 44.75)).T)) < 1e-9
 
 
-def test_straight_outlines_return_more_and_hide_more_than_ragged_ones(nav2_map: Map) -> None:
+def test_straight_outlines_return_more_and_transmit_less_than_ragged_ones(nav2_map: Map) -> None:
     rng = np.random.default_rng(0)
     pixels = np.full((200, 200), 254, np.uint8)
     pixels[20:60, 20:180] = 0
@@ -114,10 +114,10 @@ def test_straight_outlines_return_more_and_hide_more_than_ragged_ones(nav2_map: 
     upper = seen.walls_m[:, :, 1].mean(axis=1) > 60.0
     assert upper.sum() == 4 and (~upper).sum() > 20
     assert seen.wall_powers[upper].min() > np.median(seen.wall_powers[~upper])
-    assert seen.wall_through[upper].max() < np.median(seen.wall_through[~upper])
+    assert seen.wall_transmission[upper].max() < np.median(seen.wall_transmission[~upper])
 
 
-def test_a_seed_draws_the_same_surfaces_and_another_seed_others(nav2_map: Map) -> None:
+def test_the_same_seed_gives_the_same_surfaces_and_another_seed_others(nav2_map: Map) -> None:
     pixels = np.full((50, 50), 254, np.uint8)
     pixels[10:20, 10:40] = 0
     path = nav2_map(pixels)
@@ -127,7 +127,7 @@ def test_a_seed_draws_the_same_surfaces_and_another_seed_others(nav2_map: Map) -
 
 
 @pytest.mark.parametrize(
-    ('values', 'said'),
+    ('values', 'message'),
     [
         ({'resolution': 0}, 'resolution: expected 0.001 to 100'),
         ({'resolution': 'fine'}, 'resolution: expected a number'),
@@ -143,15 +143,15 @@ def test_a_seed_draws_the_same_surfaces_and_another_seed_others(nav2_map: Map) -
         ({'image': None}, 'expected a nav2 map'),
     ],
 )
-def test_a_wrong_map_is_named(nav2_map: Map, values: dict[str, object], said: str) -> None:
+def test_a_wrong_value_is_reported_with_the_file(nav2_map: Map, values: dict[str, object], message: str) -> None:
     path = nav2_map(np.zeros((4, 4), np.uint8), **values)
-    with pytest.raises(DataError, match=said) as caught:
+    with pytest.raises(DataError, match=message) as caught:
         load_map_world(path)
     assert 'map.yaml' in str(caught.value) and '\n' not in str(caught.value)
 
 
 @pytest.mark.parametrize('text', ['', '[1, 2]', 'image: [', '\x00', 'a: &a [*a]'])
-def test_what_is_no_map_is_refused(tmp_path: Path, text: str) -> None:
+def test_a_file_that_is_not_a_map_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / 'map.yaml').write_text(text)
     with pytest.raises(DataError):
         load_map_world(tmp_path / 'map.yaml')
@@ -171,8 +171,8 @@ def test_a_map_has_no_streets(nav2_map: Map) -> None:
 
 
 @pytest.mark.parametrize('name', ['kaist', 'dcc'])
-def test_recorded_streets_are_seen_along_recorded_drives(real_data: Path, name: str) -> None:
-    """Every scan holds something, and the same place looks alike on another day's drive."""
+def test_drives_through_recorded_streets_recognise_places(real_data: Path, name: str) -> None:
+    """The mean power by range is more similar at the same place of another drive than elsewhere."""
     world = load_map_world(real_data / 'worlds' / f'{name}.yaml')
     sensor = SimulatedSensor(range_bins=256, range_resolution_m=0.25)
     paths = [load_tum(real_data / 'worlds' / f'{name}0{n}.tum') for n in (1, 2)]

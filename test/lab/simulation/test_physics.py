@@ -1,4 +1,4 @@
-"""Radars drawn for training and those held out of it."""
+"""Radars for training and held-out radars."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ def numbers(physics: RadarPhysics) -> dict[str, float]:
     return {name: value for name, value in dataclasses.asdict(physics).items() if isinstance(value, float)}
 
 
-def test_every_number_is_drawn_and_the_nominal_radar_is_among_the_drawn() -> None:
+def test_every_number_is_drawn_and_the_nominal_radar_is_within_all_ranges() -> None:
     assert set(TRAINED_RANGES) | {'ceiling'} == set(numbers(NOMINAL_PHYSICS))
     for name, (low, high) in TRAINED_RANGES.items():
         assert low < high
@@ -29,22 +29,22 @@ def test_every_number_is_drawn_and_the_nominal_radar_is_among_the_drawn() -> Non
     assert NOMINAL_PHYSICS.speckle is SpeckleLaw.RAYLEIGH
 
 
-def test_a_seed_draws_one_radar() -> None:
+def test_the_same_seed_draws_the_same_radar() -> None:
     assert draw_physics(3) == draw_physics(3) != draw_physics(4)
     assert held_out_physics(3) == held_out_physics(3) != held_out_physics(4)
 
 
-def test_draws_keep_to_their_ranges_and_fill_them() -> None:
+def test_draws_cover_their_ranges() -> None:
     drawn = [draw_physics(seed) for seed in range(200)]
     for name, (low, high) in TRAINED_RANGES.items():
         values = [getattr(physics, name) for physics in drawn]
         assert low <= min(values) < low + 0.1 * (high - low) and high - 0.1 * (high - low) < max(values) <= high
     assert all(physics.knee < physics.ceiling <= 200.0 for physics in drawn)
-    assert {physics.whole_powers for physics in drawn} == {True, False}
+    assert {physics.integer_powers for physics in drawn} == {True, False}
 
 
 @pytest.mark.parametrize('name', sorted(HELD_OUT_RANGES))
-def test_held_out_ranges_and_ranges_of_training_do_not_meet(name: str) -> None:
+def test_held_out_ranges_and_ranges_of_training_do_not_overlap(name: str) -> None:
     (low, high), (held_low, held_high) = TRAINED_RANGES[name], HELD_OUT_RANGES[name]
     assert held_low > high or held_high < low
 

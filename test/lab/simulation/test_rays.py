@@ -1,4 +1,4 @@
-"""Rays and walls, against every ray tried on every wall."""
+"""Rays and walls, compared with every ray on every wall."""
 
 from __future__ import annotations
 
@@ -15,13 +15,15 @@ AZIMUTHS = 90
 Array = NDArray[np.float64]
 
 
-def reflectors(walls: ArrayLike, through: Sequence[float] | Array) -> Reflectors:
+def reflectors(walls: ArrayLike, transmission: Sequence[float] | Array) -> Reflectors:
     empty = np.empty((0, 2))
-    return Reflectors(np.asarray(walls, float), np.ones(len(through)), np.asarray(through, float), empty, np.empty(0))
+    return Reflectors(
+        np.asarray(walls, float), np.ones(len(transmission)), np.asarray(transmission, float), empty, np.empty(0)
+    )
 
 
-def tried(walls: Array, poses: Array, max_range_m: float) -> list[tuple[int, int, float]]:
-    """Rows, walls and ranges of all meetings, one ray and one wall at a time, by solving for the crossing."""
+def all_hits(walls: Array, poses: Array, max_range_m: float) -> list[tuple[int, int, float]]:
+    """Row, wall and range of every hit, one ray and one wall at a time, by linear equations."""
     found = []
     for row, (x, y, heading) in enumerate(poses):
         angle = heading - row * 2 * np.pi / len(poses)
@@ -35,7 +37,7 @@ def tried(walls: Array, poses: Array, max_range_m: float) -> list[tuple[int, int
 
 
 @pytest.mark.parametrize('seed', range(8))
-def test_every_meeting_is_found_wherever_the_radar_moves(seed: int) -> None:
+def test_all_hits_are_found_while_the_radar_moves(seed: int) -> None:
     rng = np.random.default_rng(seed)
     middles, headings = rng.uniform(-40.0, 40.0, (30, 2)), rng.uniform(0.0, np.pi, 30)
     half = rng.uniform(1.0, 25.0, 30)[:, None] * np.stack([np.cos(headings), np.sin(headings)], axis=1)
@@ -44,7 +46,7 @@ def test_every_meeting_is_found_wherever_the_radar_moves(seed: int) -> None:
     poses = np.stack([500.0 + 6.0 * along, -200.0 + 2.0 * along, 3.0 + 0.4 * along], axis=1)
     walls += np.array([503.0, -199.0])
     hits = cast_rays(reflectors(walls, np.full(30, 0.5)), poses, 45.0)
-    expected = tried(walls, poses, 45.0)
+    expected = all_hits(walls, poses, 45.0)
     ranges = {(row, wall): range_m for row, wall, range_m in expected}
     for row, wall, range_m in zip(hits.rows, hits.walls, hits.range_m, strict=True):
         assert ranges[row, wall] == pytest.approx(range_m)
@@ -53,27 +55,27 @@ def test_every_meeting_is_found_wherever_the_radar_moves(seed: int) -> None:
         np.testing.assert_allclose(hits.range_m[hits.rows == row], of_row[:DEPTH])
 
 
-def test_each_wall_takes_its_share() -> None:
+def test_transmissions_of_walls_multiply() -> None:
     walls = [((x, -5.0), (x, 5.0)) for x in (10.0, 20.0, 30.0)]
     hits = cast_rays(reflectors(walls, [0.5, 0.1, 0.9]), np.zeros((AZIMUTHS, 3)), 100.0)
     ahead = hits.rows == 0
-    np.testing.assert_allclose(hits.left[ahead], [1.0, 0.5, 0.05])
+    np.testing.assert_allclose(hits.transmission[ahead], [1.0, 0.5, 0.05])
     np.testing.assert_allclose(hits.cosine[ahead], 1.0)
     rows = np.zeros(5, np.intp)
     np.testing.assert_allclose(
-        hits.left_at(rows, np.array([5.0, 15.0, 25.0, 35.0, 95.0])), [1.0, 0.5, 0.05, 0.045, 0.045]
+        hits.transmission_at(rows, np.array([5.0, 15.0, 25.0, 35.0, 95.0])), [1.0, 0.5, 0.05, 0.045, 0.045]
     )
-    np.testing.assert_allclose(hits.left_at(rows + AZIMUTHS // 2, np.full(5, 99.0)), 1.0)
+    np.testing.assert_allclose(hits.transmission_at(rows + AZIMUTHS // 2, np.full(5, 99.0)), 1.0)
     squared = cast_rays(reflectors(walls, [0.5, 0.1, 0.9]), np.zeros((AZIMUTHS, 3)), 100.0, occlusion=2.0)
-    np.testing.assert_allclose(squared.left[ahead], [1.0, 0.25, 0.0025])
+    np.testing.assert_allclose(squared.transmission[ahead], [1.0, 0.25, 0.0025])
 
 
-def test_nothing_to_meet() -> None:
+def test_a_world_without_walls() -> None:
     hits = cast_rays(reflectors(np.empty((0, 2, 2)), []), np.zeros((AZIMUTHS, 3)), 50.0)
-    assert not len(hits.rows) and np.all(np.isinf(hits.fronts_m)) and np.all(hits.left_behind == 1.0)
+    assert not len(hits.rows) and np.all(np.isinf(hits.wall_ranges_m)) and np.all(hits.transmission_behind == 1.0)
 
 
-def test_within_keeps_all_that_may_be_nearer() -> None:
+def test_within_keeps_all_reflectors_in_range() -> None:
     rng = np.random.default_rng(3)
     walls = rng.uniform(-100.0, 100.0, (400, 2, 2))
     points = rng.uniform(-100.0, 100.0, (400, 2))

@@ -1,4 +1,4 @@
-"""TUM drives: read back as written, and driven as recorded."""
+"""Recorded paths: read from TUM files, and driven as recorded."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def write_tum(path: Path, seconds: Array, poses: Array) -> Path:
     )
 )
 @settings(max_examples=40, deadline=None)
-def test_a_drive_is_read_as_it_was_written(
+def test_a_path_is_read_as_it_was_written(
     tmp_path_factory: pytest.TempPathFactory, rows: list[tuple[float, ...]]
 ) -> None:
     table = np.array(rows, np.float64)
@@ -57,7 +57,7 @@ def test_a_drive_is_read_as_it_was_written(
 @pytest.mark.parametrize(
     'text', ['', '0 0 0 0 0 0 0 1\n', '0 0 0\n', '0 0 0 0 0 0 0 0\n1 0 0 0 0 0 0 0\n', '1 a 0 0 0 0 0 1\n']
 )
-def test_a_damaged_drive_is_refused(tmp_path: Path, text: str) -> None:
+def test_a_damaged_file_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / 'drive.tum').write_text(text)
     with pytest.raises(DataError, match=r'drive\.tum'):
         load_tum(tmp_path / 'drive.tum')
@@ -70,7 +70,7 @@ def path() -> RecordedPath:
     return RecordedPath(seconds, np.column_stack([10.0 * np.clip(seconds - 5.0, 0.0, 10.0), 0 * seconds, 0 * seconds]))
 
 
-def test_it_may_stand_still(path: RecordedPath) -> None:
+def test_a_path_may_stand_still(path: RecordedPath) -> None:
     assert path.duration_s == 20.0 and path.scans() == 80
     assert path.driven_m[-1] == pytest.approx(100.0)
     assert path.seconds_at(0.0) == 0.0 and path.seconds_at(50.0) == pytest.approx(10.0)
@@ -80,7 +80,7 @@ def test_it_may_stand_still(path: RecordedPath) -> None:
     assert standing.route().length_m > 0.0
 
 
-def test_it_is_driven_at_its_own_speed_in_another_lane_and_backwards(path: RecordedPath) -> None:
+def test_a_path_is_driven_at_its_speed_with_a_lane_offset_and_backwards(path: RecordedPath) -> None:
     at = np.array([0.0, 2.0, 7.0, 30.0])
     np.testing.assert_allclose(
         PathMotion(SessionPlan(left_m=2.0), path).at(at), [(0, 2, 0), (0, 2, 0), (20, 2, 0), (100, 2, 0)], atol=1e-9
@@ -90,7 +90,7 @@ def test_it_is_driven_at_its_own_speed_in_another_lane_and_backwards(path: Recor
     np.testing.assert_allclose(back, [(100, -2, np.pi), (80, -2, np.pi), (30, -2, np.pi), (0, -2, np.pi)], atol=1e-9)
 
 
-def test_a_city_may_be_driven_along_it(path: RecordedPath) -> None:
+def test_a_city_may_be_driven_along_a_path(path: RecordedPath) -> None:
     city = make_city(CityPlan(seed=1, blocks=(2, 2), route_m=400.0))
     assert city.route is not None
     start = city.route.at(np.array([30.0]))[0]

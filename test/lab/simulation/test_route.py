@@ -1,4 +1,4 @@
-"""Routes by arc length."""
+"""Routes as a function of arc length."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def test_arc_length_is_distance_driven_and_the_heading_follows_it(closed: bool) 
     assert np.abs(np.diff(np.unwrap(poses[:, 2]))).max() < 0.05
 
 
-def test_a_closed_route_goes_round() -> None:
+def test_a_closed_route_repeats() -> None:
     route = Route(SQUARE, closed=True)
     assert 280.0 < route.length_m < 360.0
     arc = np.array([0.0, 12.0, 250.0])
@@ -31,7 +31,7 @@ def test_a_closed_route_goes_round() -> None:
     np.testing.assert_allclose(np.exp(1j * once[:, 2]), np.exp(1j * again[:, 2]), atol=1e-6)
 
 
-def test_an_open_route_ends_at_its_ends() -> None:
+def test_an_open_route_stays_at_its_ends() -> None:
     route = Route(SQUARE, closed=False)
     np.testing.assert_allclose(route.at(np.array([-5.0, 1e6]))[:, :2], [(0.0, 0.0), (0.0, 80.0)], atol=1e-9)
 
@@ -39,8 +39,3 @@ def test_an_open_route_ends_at_its_ends() -> None:
 def test_left_is_left_of_the_heading() -> None:
     route = Route(np.array([(0.0, 0.0), (50.0, 0.0)]), closed=False)
     np.testing.assert_allclose(route.at(np.array([20.0]), 3.0), [(20.0, 3.0, 0.0)], atol=1e-9)
-
-
-def test_distance_to_the_line() -> None:
-    route = Route(np.array([(0.0, 0.0), (50.0, 0.0)]), closed=False)
-    np.testing.assert_allclose(route.distance_to(np.array([(20.0, 7.0), (60.0, 0.0)])), [7.0, 10.0], atol=1.0)

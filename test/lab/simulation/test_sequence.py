@@ -1,4 +1,4 @@
-"""Simulated drives: reproducible, and true to their ground truth."""
+"""Simulated drives: reproducible, and consistent with their ground truth."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def drive(town: World, **plan: Any) -> SimulatedSequence:
     return SimulatedSequence(town, SessionPlan(**({'scans': 20} | plan)), SENSOR)
 
 
-def test_it_is_a_radar_sequence(town: World) -> None:
+def test_a_simulated_drive_is_a_radar_sequence(town: World) -> None:
     sequence = drive(town, name='monday')
     assert isinstance(sequence, RadarSequence)
     assert (sequence.name, sequence.layout, len(sequence)) == ('monday', 'simulation', 20)
@@ -44,7 +44,7 @@ def test_it_is_a_radar_sequence(town: World) -> None:
             sequence.scan(index)
 
 
-def test_a_seed_gives_the_same_bytes_in_any_order(town: World) -> None:
+def test_the_same_seed_gives_the_same_bytes_in_any_order(town: World) -> None:
     one, other = (
         drive(town, seed=3, degraded=0.5),
         drive(make_city(CityPlan(seed=1, blocks=(2, 2), route_m=500.0)), seed=3, degraded=0.5),
@@ -88,7 +88,7 @@ def test_the_plan_sets_start_speed_lane_and_direction(town: World) -> None:
     assert (back[5, :2] - back[0, :2]) @ ahead > 5.0
 
 
-def test_the_ground_truth_names_every_degraded_scan(town: World) -> None:
+def test_the_ground_truth_lists_every_degraded_scan(town: World) -> None:
     sequence = drive(town, scans=90, degraded=1 / 3)
     kinds = [degradation.kind for degradation in sequence.degradations if degradation]
     assert len(kinds) == 30 and set(kinds) == set(DegradationKind)
@@ -96,15 +96,15 @@ def test_the_ground_truth_names_every_degraded_scan(town: World) -> None:
     assert not any(drive(town).degradations)
 
 
-def test_degraded_scans_differ_from_those_of_a_clean_drive_and_no_others_do(town: World) -> None:
-    spoiled, clean = drive(town, scans=30, degraded=0.5), drive(town, scans=30)
-    for index, degradation in enumerate(spoiled.degradations):
-        alike = spoiled.scan(index).power.tobytes() == clean.scan(index).power.tobytes()
-        assert alike == (degradation is None)
+def test_only_degraded_scans_differ_from_those_of_a_clean_drive(town: World) -> None:
+    degraded, clean = drive(town, scans=30, degraded=0.5), drive(town, scans=30)
+    for index, degradation in enumerate(degraded.degradations):
+        same = degraded.scan(index).power.tobytes() == clean.scan(index).power.tobytes()
+        assert same == (degradation is None)
 
 
-def test_the_same_place_looks_alike_on_another_drive_and_another_place_does_not(town: World) -> None:
-    """Mean power against range, recognised across drives: a ring key in three lines."""
+def test_a_place_is_recognised_on_another_drive(town: World) -> None:
+    """By the mean power over azimuths at each range, a simple ring key."""
 
     def keys(sequence: SimulatedSequence, indices: NDArray[np.int64]) -> NDArray[np.float64]:
         rows = np.stack([sequence.scan(int(i)).power[:, 10:].astype(float) for i in indices])
@@ -113,10 +113,10 @@ def test_the_same_place_looks_alike_on_another_drive_and_another_place_does_not(
     assert town.route is not None
     scans = int(town.route.length_m / 8.0 / 0.25)
     mapping, driving = drive(town, seed=5, scans=scans), drive(town, seed=6, scans=scans, start_m=20.0)
-    mapped, asked = np.arange(0, scans, 2), np.arange(0, scans, 9)
-    distances = np.linalg.norm(keys(driving, asked)[:, None] - keys(mapping, mapped)[None], axis=2)
+    mapped, queried = np.arange(0, scans, 2), np.arange(0, scans, 9)
+    distances = np.linalg.norm(keys(driving, queried)[:, None] - keys(mapping, mapped)[None], axis=2)
     found = mapping.poses[mapped][distances.argmin(axis=1), :2]
-    assert np.mean(np.hypot(*(found - driving.poses[asked, :2]).T) < 25.0) > 0.7
+    assert np.mean(np.hypot(*(found - driving.poses[queried, :2]).T) < 25.0) > 0.7
 
 
 def test_parked_cars_and_traffic_change_from_drive_to_drive(town: World) -> None:
@@ -125,7 +125,7 @@ def test_parked_cars_and_traffic_change_from_drive_to_drive(town: World) -> None
     assert (busy > 60).sum() > (quiet > 60).sum()
 
 
-def test_an_origin_elsewhere_moves_the_trajectory_only(town: World) -> None:
+def test_another_origin_moves_only_the_trajectory(town: World) -> None:
     moved = SimulatedSequence(town, SessionPlan(scans=2), SENSOR, dataclasses.replace(ORIGIN, latitude_deg=-33.0))
     assert moved.trajectory.positions[0, 0] == pytest.approx(-33.0, abs=0.01)
     assert moved.scan(0).power.tobytes() == drive(town, scans=2).scan(0).power.tobytes()

@@ -1,4 +1,4 @@
-"""Weather against sums over drops."""
+"""Weather against sums over drops and flakes."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def mie(size: float, index: complex) -> tuple[float, float]:
 
 
 def summed(numbers: Array, diameters_mm: Array, index: complex) -> tuple[float, float]:
-    """Decibels a kilometre and m² a m³, of drops in numbers a m³ and millimetre."""
+    """Attenuation, dB/km, and backscatter, m²/m³, of `numbers` of drops per cubic metre and millimetre of diameter."""
     step = diameters_mm[1] - diameters_mm[0]
     extinction = backward = 0.0
     for number, diameter in zip(numbers, diameters_mm, strict=True):
@@ -52,9 +52,9 @@ def summed(numbers: Array, diameters_mm: Array, index: complex) -> tuple[float, 
 
 
 def eta_of(weather: Weather) -> float:
-    """m² a m³ behind the backscatter at 10 m, from the cell's volume and 45 dB for a square metre."""
+    """Backscatter, m²/m³, from that of a cell at 10 m, its volume and the 45 dB of a square metre."""
     volume_m3 = math.pi / 4 * 0.0314 * 0.06 * 100.0 * 0.175
-    at_10_m = weather.backscatter(np.array([10.0]))[0] / weather.left(np.array([10.0]))[0]
+    at_10_m = weather.backscatter(np.array([10.0]))[0] / weather.transmission(np.array([10.0]))[0]
     return float(at_10_m / volume_m3 / 10**4.5)
 
 
@@ -82,15 +82,15 @@ def test_snow_against_gunn_and_marshalls_flakes(snow_mm_h: float) -> None:
     assert eta_of(weather) == pytest.approx(eta, rel=0.2)
 
 
-def test_power_falls_there_and_back() -> None:
+def test_attenuation_is_two_way() -> None:
     weather = Weather(rain_mm_h=25.0)
     ranges = np.array([0.0, 50.0, 100.0])
-    np.testing.assert_allclose(-10 * np.log10(weather.left(ranges)), 2 * ranges * weather.attenuation_db_m())
+    np.testing.assert_allclose(-10 * np.log10(weather.transmission(ranges)), 2 * ranges * weather.attenuation_db_m())
 
 
-def test_clear_air_changes_nothing_and_more_weather_changes_more() -> None:
+def test_clear_air_changes_nothing_and_worse_weather_attenuates_more() -> None:
     ranges = np.linspace(1.0, 200.0, 50)
-    assert np.all(CLEAR.left(ranges) == 1.0) and np.all(CLEAR.backscatter(ranges) == 0.0)
+    assert np.all(CLEAR.transmission(ranges) == 1.0) and np.all(CLEAR.backscatter(ranges) == 0.0)
     for field, values in (('rain_mm_h', (1, 5, 50)), ('snow_mm_h', (0.5, 2, 5)), ('fog_visibility_m', (500, 100, 50))):
-        left = [Weather(**{field: value}).left(ranges)[-1] for value in values]
-        assert 1.0 > left[0] > left[1] > left[2]
+        transmissions = [Weather(**{field: value}).transmission(ranges)[-1] for value in values]
+        assert 1.0 > transmissions[0] > transmissions[1] > transmissions[2]

@@ -1,4 +1,4 @@
-"""Cached drives made up in memory: patterns of reflectors that belong to places, under speckle."""
+"""Drives in memory: a pattern of reflectors for each place, with speckle."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def pattern_drive(
     degraded: tuple[int, ...] = (),
     speckle: float = 8.0,
 ) -> Drive:
-    """One scan a place, at x = spacing · place; places look alike only to themselves, whatever the drive."""
+    """One scan per place, at x = spacing · place; the pattern of a place is the same in all drives of a world."""
     noise = np.random.default_rng([*name.encode()])
     power = np.empty((places, AZIMUTHS, BINS), np.uint8)
     for place in range(places):
@@ -65,7 +65,7 @@ def make_drive() -> Callable[..., Drive]:
 
 
 def line_drive(name: str, world: str, positions_m: NDArray[np.float64], degraded: NDArray[np.bool_]) -> Drive:
-    """A drive of which only positions and faults matter."""
+    """A drive with positions and faults, and scans without content."""
     count = len(positions_m)
     poses = np.column_stack([positions_m, np.zeros(count)])
     kinds = np.where(degraded, 'blocked', '')

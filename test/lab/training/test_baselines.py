@@ -1,4 +1,4 @@
-"""Objectives of the methods compared with: against slow loops, with gradients only where they belong."""
+"""Objectives of the methods with which ours is compared: against slow loops, and their gradients."""
 
 from __future__ import annotations
 
@@ -69,13 +69,13 @@ def places(count: int = 4) -> torch.Tensor:
     return torch.from_numpy(np.minimum(views, 255).astype(np.uint8))
 
 
-def seen(images: torch.Tensor) -> Views:
+def views_of(images: torch.Tensor) -> Views:
     return Views(images, torch.full((len(images),), torch.nan))
 
 
 def learn(objective: Objective, step: int) -> float:
     """The loss of `places()`, whose gradients it leaves in the network."""
-    loss = torch.stack(list(objective.losses(seen(places()), step).values())).sum()
+    loss = torch.stack(list(objective.losses(views_of(places()), step).values())).sum()
     torch.autograd.backward(loss)
     return loss.item()
 
@@ -86,32 +86,32 @@ def method(request: pytest.FixtureRequest) -> str:
     return name
 
 
-def test_every_parameter_that_an_embedding_is_made_of_learns(method: str) -> None:
+def test_every_parameter_has_a_gradient(method: str) -> None:
     objective = objective_of(method)
     learn(objective, 0)
-    without = {name for name, tensor in objective.network.named_parameters() if tensor.grad is None}
-    still = {
+    missing = {name for name, tensor in objective.network.named_parameters() if tensor.grad is None}
+    zero = {
         name
         for name, tensor in objective.network.named_parameters()
         if tensor.grad is not None and not tensor.grad.abs().sum() > 0
     }
-    assert (without, still) == (set(), set())
+    assert (missing, zero) == (set(), set())
 
 
 def test_a_few_steps_on_one_batch_lower_the_loss(method: str) -> None:
     objective = objective_of(method)
     optimiser = torch.optim.Adam(objective.network.parameters(), 1e-3)
-    course = []
+    losses = []
     for step in range(30):
         optimiser.zero_grad()
-        course.append(learn(objective, step))
+        losses.append(learn(objective, step))
         optimiser.step()
-    assert all(math.isfinite(value) for value in course)
-    assert np.mean(course[-5:]) < 0.9 * course[0]
+    assert all(math.isfinite(value) for value in losses)
+    assert np.mean(losses[-5:]) < 0.9 * losses[0]
 
 
 @pytest.mark.parametrize('method', ['bc_radar', 'mc_dropout'])
-def test_one_batch_learned_by_heart_is_recalled(method: str) -> None:
+def test_a_network_trained_on_one_batch_recognises_it(method: str) -> None:
     contrast = ContrastConfig(on='z_i', temperature=0.1, negative_weight=1.0)
     objective = objective_of(method, loss=LossConfig(invariant=contrast))
     optimiser = torch.optim.Adam(objective.network.parameters(), 1e-3)
@@ -126,7 +126,7 @@ def test_one_batch_learned_by_heart_is_recalled(method: str) -> None:
 
 
 @pytest.mark.parametrize('criterion', ['temperature', 'hedged'])
-def test_criteria_that_use_a_variance_become_plain_cross_entropy(criterion: str) -> None:
+def test_criteria_with_a_variance_reduce_to_nt_xent(criterion: str) -> None:
     points = torch.randn(6, 5, generator=torch.Generator().manual_seed(0), dtype=torch.float64)
     unit = (points / points.norm(dim=1, keepdim=True)).numpy()
     total = 0.0
@@ -150,11 +150,11 @@ def test_distillation_against_a_loop() -> None:
     assert loss.item() == pytest.approx(total / 12)
 
 
-def test_distillation_is_least_where_the_variance_is_the_distance() -> None:
+def test_distillation_is_least_if_the_variance_is_the_distance() -> None:
     student, teacher = torch.zeros(1, 2), torch.tensor([[0.0, 2.0]])
-    around = torch.linspace(0.0, 1.0, 101)
-    losses = [distillation(student, torch.full((1, 2), float(value)), teacher).item() for value in around]
-    assert float(around[int(np.argmin(losses))]) == pytest.approx(math.log(2.0), abs=0.01)
+    log_variances = torch.linspace(0.0, 1.0, 101)
+    losses = [distillation(student, torch.full((1, 2), float(value)), teacher).item() for value in log_variances]
+    assert float(log_variances[int(np.argmin(losses))]) == pytest.approx(math.log(2.0), abs=0.01)
 
 
 def test_gaussian_distillation_is_the_mean_likelihood_of_the_teacher() -> None:
@@ -173,7 +173,7 @@ def test_a_student_that_is_its_teacher_has_finite_gradients() -> None:
     assert torch.isfinite(mean.grad).all()
 
 
-def test_the_teacher_is_asked_and_never_changed() -> None:
+def test_the_teacher_does_not_change() -> None:
     teacher = teacher_network()
     before = {name: tensor.clone() for name, tensor in teacher.state_dict().items()}
     objective = make_objective(training('stun'), teacher)
@@ -213,10 +213,10 @@ def test_a_teacher_of_another_method_is_refused() -> None:
         make_objective(training('stun'), VaeNetwork(network_config('vae')))
 
 
-def test_auto_encoders_bound_against_a_loop() -> None:
+def test_the_auto_encoders_loss_against_a_loop() -> None:
     objective = objective_of('vae', loss=LossConfig(kl_weight=0.5, kl_warmup_steps=4, reconstruction_weight=2.0))
     network = objective.network.eval()
-    terms = objective.losses(seen(places()), 1)
+    terms = objective.losses(views_of(places()), 1)
     output = network(places())
     mu, log_variance = output.mu.detach().numpy(), output.log_variance.detach().numpy()
     divergence = errors = 0.0
@@ -229,7 +229,7 @@ def test_auto_encoders_bound_against_a_loop() -> None:
     assert terms['reconstruction'].item() == pytest.approx(2.0 * errors / 8, rel=1e-4)
 
 
-def test_the_auto_encoders_target_is_the_image_and_teaches_nothing_by_itself() -> None:
+def test_the_auto_encoders_target_has_no_gradient() -> None:
     objective = objective_of('vae')
     output = objective.network(places())
     assert not output.target.requires_grad
@@ -237,8 +237,8 @@ def test_the_auto_encoders_target_is_the_image_and_teaches_nothing_by_itself() -
 
 
 @pytest.mark.parametrize('method', ['bc_radar', 'mc_dropout'])
-def test_a_contrast_of_no_weight_is_refused(method: str) -> None:
-    with pytest.raises(ConfigError, match=f'loss.invariant.weight: {method} learns by this term'):
+def test_a_contrastive_term_of_weight_zero_is_refused(method: str) -> None:
+    with pytest.raises(ConfigError, match=f'loss.invariant.weight: {method} has no other term'):
         make_objective(training(method, loss=LossConfig(invariant=ContrastConfig(weight=0.0))))
 
 

@@ -1,4 +1,4 @@
-"""Statistics of batch normalisation are those of all batches alike, not of the last ones."""
+"""Statistics of batch normalisation are means over all batches, not over the last ones."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ def network() -> nn.Sequential:
     return nn.Sequential(nn.Conv2d(1, 4, 3, bias=False), nn.BatchNorm2d(4), nn.ReLU())
 
 
-def test_statistics_are_means_over_batches_whatever_was_there() -> None:
+def test_statistics_are_means_over_batches() -> None:
     net = network()
     convolution, normalisation, _ = net
     assert isinstance(normalisation, nn.BatchNorm2d)
@@ -32,7 +32,7 @@ def test_statistics_are_means_over_batches_whatever_was_there() -> None:
     assert torch.allclose(normalisation.running_var, variance, rtol=1e-4)
 
 
-def test_weights_and_momentum_stay_and_the_network_is_left_in_evaluation() -> None:
+def test_weights_and_momentum_do_not_change_and_the_network_is_in_evaluation_mode() -> None:
     net = network().train()
     before = {name: value.clone() for name, value in net.named_parameters()}
     reestimate_batch_norm(net, [torch.randn(6, 1, 8, 8)])
@@ -41,7 +41,7 @@ def test_weights_and_momentum_stay_and_the_network_is_left_in_evaluation() -> No
     assert all(torch.equal(value, before[name]) for name, value in net.named_parameters())
 
 
-def test_a_network_without_normalisation_takes_no_batch() -> None:
+def test_a_network_without_normalisation_needs_no_batch() -> None:
     net = nn.Sequential(nn.Conv2d(1, 4, 3), nn.ReLU()).train()
     reestimate_batch_norm(net, iter([]))
     assert not net.training

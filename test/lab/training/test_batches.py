@@ -1,4 +1,4 @@
-"""Which scans are put together: checked pair by pair, in plain loops."""
+"""Batches, checked pair by pair in plain loops."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ MakeLine = Callable[..., Drive]
 
 
 def worlds(make_line: MakeLine, seed: int = 0) -> list[Drive]:
-    """Three worlds of two drives each, wandering about 600 m, a third of the scans degraded."""
+    """Three worlds of two drives each, about 600 m long, with a third of the scans degraded."""
     rng = np.random.default_rng(seed)
     drives = []
     for world in 'abc':
@@ -46,15 +46,15 @@ def test_views_of_a_place_are_near_and_of_two_places_far(
             a, b = batch.scans[i], batch.scans[j]
             assert a != b
             same_world = sampler.world_of[a] == sampler.world_of[b]
-            away_m = math.dist(sampler.positions_m[a], sampler.positions_m[b])
+            distance_m = math.dist(sampler.positions_m[a], sampler.positions_m[b])
             if i - j == places:
                 assert same_world
-                assert away_m <= 20.0
+                assert distance_m <= 20.0
             else:
-                assert not same_world or away_m > 50.0
+                assert not same_world or distance_m > 50.0
 
 
-def test_a_batch_is_the_same_whenever_it_is_drawn(make_line: MakeLine) -> None:
+def test_a_batch_depends_on_seed_rank_and_step_alone(make_line: MakeLine) -> None:
     drives = worlds(make_line)
     one, another = (BatchSampler(drives, BatchConfig(places=6), 3) for _ in range(2))
     for step in range(5):
@@ -66,7 +66,7 @@ def test_a_batch_is_the_same_whenever_it_is_drawn(make_line: MakeLine) -> None:
 
 
 @pytest.mark.parametrize('share', [0.0, 0.35, 1.0])
-def test_each_view_is_degraded_as_often_as_asked(make_line: MakeLine, share: float) -> None:
+def test_the_share_of_degraded_views_is_that_of_the_configuration(make_line: MakeLine, share: float) -> None:
     sampler = BatchSampler(worlds(make_line), BatchConfig(places=8, degraded_views=share), 1)
     pairs = np.concatenate([sampler.batch(step).scans.reshape(2, 8) for step in range(60)], axis=1)
     is_degraded = np.array([sampler.kinds[scan] != '' for scan in pairs.ravel()]).reshape(pairs.shape)
@@ -83,15 +83,15 @@ def test_neighbours_in_time_are_of_one_drive(make_line: MakeLine) -> None:
         assert ((steps == 1) | (steps == 2)).all()
 
 
-def test_views_are_turned_by_any_azimuth_or_by_none(make_line: MakeLine) -> None:
+def test_views_are_rotated_by_any_number_of_azimuths_or_not_at_all(make_line: MakeLine) -> None:
     drives = worlds(make_line)
     spins = np.concatenate([BatchSampler(drives, BatchConfig(places=8), 1).batch(step).spins for step in range(20)])
     assert set(spins.tolist()) == set(range(8))
-    still = BatchSampler(drives, BatchConfig(places=8, spin=False), 1).batch(0).spins
-    assert not still.any()
+    unrotated = BatchSampler(drives, BatchConfig(places=8, spin=False), 1).batch(0).spins
+    assert not unrotated.any()
 
 
-def test_too_little_room_is_said(make_line: MakeLine) -> None:
+def test_too_few_places_are_reported(make_line: MakeLine) -> None:
     drive = make_line('a', 'w', np.column_stack([np.linspace(0, 120, 30), np.zeros(30)]), np.zeros(30, bool))
     with pytest.raises(DataError, match=r'30 scans of 1 worlds: expected fewer batch.places or more data'):
         BatchSampler([drive], BatchConfig(places=4), 1).batch(0)
@@ -99,7 +99,7 @@ def test_too_little_room_is_said(make_line: MakeLine) -> None:
         BatchSampler([], BatchConfig(), 1)
 
 
-def test_a_batch_keeps_to_as_many_worlds_as_asked(make_line: MakeLine) -> None:
+def test_a_batch_is_drawn_from_the_configured_number_of_worlds(make_line: MakeLine) -> None:
     sampler = BatchSampler(worlds(make_line), BatchConfig(places=4, worlds=2), 1)
     drawn = [frozenset(sampler.world_of[sampler.batch(step).scans].tolist()) for step in range(30)]
     assert all(len(found) <= 2 for found in drawn)

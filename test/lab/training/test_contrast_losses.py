@@ -1,4 +1,4 @@
-"""Losses against slow loops, and their gradients against differences."""
+"""Losses compared with slow loops, and their gradients with finite differences."""
 
 from __future__ import annotations
 
@@ -54,15 +54,15 @@ def slow_nt_xent(rows: list[list[float]], uncertainties: list[float], temperatur
 
 
 @pytest.mark.parametrize(('temperature', 'weight'), [(0.1, 1.0), (0.5, 1.0), (1.0, 1.0), (2.0, 0.5)])
-def test_batch_contrast_is_the_sum_that_it_says(temperature: float, weight: float) -> None:
+def test_batch_contrast_equals_its_formula(temperature: float, weight: float) -> None:
     x = points()
     assert float(batch_contrast(x, temperature, weight)) == pytest.approx(
         slow_batch_contrast(x.tolist(), temperature, weight), rel=1e-9
     )
 
 
-def test_the_papers_setting_lies_where_it_was_worked_out() -> None:
-    """m = 8, τ = 1, ω = 0.1: 1.630 for points all alike, 0.718 at best (each place one corner of a simplex)."""
+def test_batch_contrast_has_the_known_values_of_the_papers_setting() -> None:
+    """m = 8, τ = 1, ω = 0.1: 1.630 for equal points, at best 0.718 (each place a corner of a simplex)."""
     alike = torch.ones(16, 8, dtype=torch.float64)
     assert float(batch_contrast(alike, 1.0, 0.1)) == pytest.approx(1.630, abs=1e-3)
     corners = torch.eye(8, dtype=torch.float64) - 1.0 / 8.0
@@ -70,14 +70,14 @@ def test_the_papers_setting_lies_where_it_was_worked_out() -> None:
 
 
 @pytest.mark.parametrize('weight', [0.1, 1.0])
-def test_batch_contrast_knows_the_way_down(weight: float) -> None:
+def test_batch_contrast_has_the_gradient_of_finite_differences(weight: float) -> None:
     x = points(6, 4).requires_grad_()
     assert torch.autograd.gradcheck(lambda p: batch_contrast(p, 0.7, weight), (x,))
 
 
-def test_batch_contrast_stays_finite_at_the_ends() -> None:
-    for ends in (torch.zeros(6, 4), torch.ones(6, 4), torch.cat([torch.eye(3), -torch.eye(3)]) * 1e6):
-        x = ends.requires_grad_()
+def test_batch_contrast_is_finite_for_extreme_points() -> None:
+    for extreme in (torch.zeros(6, 4), torch.ones(6, 4), torch.cat([torch.eye(3), -torch.eye(3)]) * 1e6):
+        x = extreme.requires_grad_()
         for temperature in (0.01, 1.0):
             loss = batch_contrast(x, temperature, 0.1)
             (gradient,) = torch.autograd.grad(loss, x)
@@ -85,11 +85,11 @@ def test_batch_contrast_stays_finite_at_the_ends() -> None:
             assert torch.isfinite(gradient).all()
 
 
-def test_without_weight_nothing_is_lost_by_negatives() -> None:
+def test_negatives_of_weight_zero_have_no_loss() -> None:
     assert float(batch_contrast(points(), 0.5, 0.0)) == pytest.approx(0.0)
 
 
-def test_nt_xent_is_the_sum_that_it_says() -> None:
+def test_nt_xent_equals_its_formula() -> None:
     x = points(seed=1)
     u = np.random.default_rng(2).uniform(0.2, 3.0, len(x))
     assert float(nt_xent(x, torch.from_numpy(u), 0.3)) == pytest.approx(
@@ -97,13 +97,13 @@ def test_nt_xent_is_the_sum_that_it_says() -> None:
     )
 
 
-def test_nt_xent_knows_the_way_down() -> None:
+def test_nt_xent_has_the_gradient_of_finite_differences() -> None:
     x = points(6, 4).requires_grad_()
     u = torch.from_numpy(np.random.default_rng(3).uniform(0.3, 2.0, 6)).requires_grad_()
     assert torch.autograd.gradcheck(lambda p, v: nt_xent(p, v, 0.5), (x, u))
 
 
-def test_a_scan_that_is_mistaken_gains_by_a_higher_u_and_one_that_is_not_by_a_lower() -> None:
+def test_gradients_raise_u_of_a_confused_scan_and_lower_u_of_a_distinct_one() -> None:
     """Row 0 is nearer to row 1 than to its other view, row 2; row 3 is near its own."""
     x = torch.tensor([[1.0, 0.0], [1.0, 0.1], [0.0, 1.0], [0.9, 0.2]], dtype=torch.float64)
     u = torch.ones(4, dtype=torch.float64, requires_grad=True)
@@ -112,7 +112,7 @@ def test_a_scan_that_is_mistaken_gains_by_a_higher_u_and_one_that_is_not_by_a_lo
     assert gradient[3] > 0.0
 
 
-def test_the_more_uncertain_view_may_answer_for_both() -> None:
+def test_the_greater_u_may_be_used_for_both_views() -> None:
     x = points(seed=1)
     u = np.random.default_rng(2).uniform(0.2, 3.0, len(x))
     greater = np.maximum(u, np.roll(u, len(u) // 2))
@@ -122,7 +122,7 @@ def test_the_more_uncertain_view_may_answer_for_both() -> None:
 
 
 @pytest.mark.parametrize('answers', ['greater', 'worse'])
-def test_the_less_uncertain_view_then_learns_nothing_from_a_failure(answers: str) -> None:
+def test_the_lower_u_then_has_no_gradient(answers: str) -> None:
     x = points(6, 4)
     u = torch.tensor([0.5, 2.0, 0.7, 1.5, 0.3, 1.1], dtype=torch.float64, requires_grad=True)
     loss = nt_xent(x, u, 0.3, answers)
@@ -148,20 +148,20 @@ def test_hedged_contrast_is_the_log_of_the_mean_over_samples() -> None:
     assert float(loss) == pytest.approx(expected, rel=1e-9)
 
 
-def test_hedged_contrast_knows_the_way_down() -> None:
+def test_hedged_contrast_has_the_gradient_of_finite_differences() -> None:
     inputs = points(4, 3).requires_grad_(), (points(4, 3, seed=5) / 6.0).detach().requires_grad_()
     assert torch.autograd.gradcheck(
         lambda c, v: hedged_contrast(c, v, 0.6, 2, torch.Generator().manual_seed(1)), inputs
     )
 
 
-def test_without_variance_hedged_contrast_and_nt_xent_are_one() -> None:
+def test_without_variance_hedged_contrast_equals_nt_xent() -> None:
     x = points()
-    sure = hedged_contrast(x, torch.full_like(x, -80.0), 0.3, 2)
-    assert float(sure) == pytest.approx(float(nt_xent(x, torch.ones(len(x), dtype=x.dtype), 0.3)))
+    certain = hedged_contrast(x, torch.full_like(x, -80.0), 0.3, 2)
+    assert float(certain) == pytest.approx(float(nt_xent(x, torch.ones(len(x), dtype=x.dtype), 0.3)))
 
 
-def test_divergence_is_that_of_torchs_distributions() -> None:
+def test_divergence_equals_that_of_torch() -> None:
     mu, log_variance = points(), points(seed=6) / 4.0
     prior = torch.distributions.Normal(torch.zeros_like(mu), torch.ones_like(mu))
     posterior = torch.distributions.Normal(mu, torch.exp(0.5 * log_variance))
@@ -170,7 +170,7 @@ def test_divergence_is_that_of_torchs_distributions() -> None:
     assert float(prior_divergence(torch.zeros(3, 4), torch.zeros(3, 4))) == 0.0
 
 
-def test_free_nats_are_free() -> None:
+def test_dimensions_below_the_free_nats_have_no_gradient() -> None:
     mu, log_variance = points().requires_grad_(), torch.zeros(8, 5, dtype=torch.float64)
     each = 0.5 * mu.detach().square().mean(dim=0)
     free = float(each.median())
@@ -181,12 +181,12 @@ def test_free_nats_are_free() -> None:
     assert (gradient[:, each > free] != 0.0).all()
 
 
-def test_divergence_knows_the_way_down() -> None:
+def test_divergence_has_the_gradient_of_finite_differences() -> None:
     assert torch.autograd.gradcheck(prior_divergence, (points().requires_grad_(), points(seed=8).requires_grad_()))
 
 
 @pytest.mark.parametrize('kind', ['mse', 'l2'])
-def test_reconstruction_is_the_sum_that_it_says_and_moves_only_the_decoder(kind: str) -> None:
+def test_reconstruction_equals_its_formula_and_has_gradients_for_the_decoder_alone(kind: str) -> None:
     rng = np.random.default_rng(0)
     decoded = torch.from_numpy(rng.normal(size=(3, 2, 4, 4))).requires_grad_()
     features = torch.from_numpy(rng.normal(size=(3, 2, 4, 4))).requires_grad_()
@@ -203,6 +203,6 @@ def test_reconstruction_is_the_sum_that_it_says_and_moves_only_the_decoder(kind:
 
 
 @pytest.mark.parametrize('rows', [2, 5])
-def test_a_batch_that_is_no_pairs_of_places_is_refused(rows: int) -> None:
+def test_a_batch_that_does_not_have_two_views_of_two_places_is_refused(rows: int) -> None:
     with pytest.raises(ValueError, match='two views each of two places'):
         batch_contrast(points(rows), 1.0, 1.0)

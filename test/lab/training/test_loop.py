@@ -1,4 +1,4 @@
-"""The loop learns, says what it does, stops when told to, and goes on as if it had not stopped."""
+"""The loop trains, logs, stops, and is resumed with the same result."""
 
 from __future__ import annotations
 
@@ -55,9 +55,14 @@ CONFIG = TrainingConfig(
 )
 
 
+def two_drives(make_drive: MakeDrive, degraded: tuple[int, ...] = (2, 5), speckle: float = 8.0) -> list[Drive]:
+    """Two drives past the same eight places; some scans of the second are degraded."""
+    return [make_drive('a', speckle=speckle), make_drive('b', lane_m=5.0, degraded=degraded, speckle=speckle)]
+
+
 @pytest.fixture
 def make_loop(make_drive: MakeDrive, tmp_path: Path) -> Callable[..., Loop]:
-    """A run over two drives of eight places, which it is also validated on."""
+    """A run on two drives of eight places, with the same drives for validation."""
 
     def make(
         name: str = 'run',
@@ -66,7 +71,7 @@ def make_loop(make_drive: MakeDrive, tmp_path: Path) -> Callable[..., Loop]:
         degraded: tuple[int, ...] = (2, 5),
         speckle: float = 8.0,
     ) -> Loop:
-        drives = [make_drive('a', speckle=speckle), make_drive('b', lane_m=5.0, degraded=degraded, speckle=speckle)]
+        drives = two_drives(make_drive, degraded, speckle)
         out = tmp_path / name
         out.mkdir(exist_ok=True)
         torch.manual_seed(config.seed)
@@ -104,7 +109,9 @@ class StopAfter:
 
 
 @pytest.mark.parametrize('criterion', ['temperature', 'batch'])
-def test_a_few_places_are_learnt_by_heart(make_loop: Callable[..., Loop], criterion: str) -> None:
+def test_a_few_places_are_recognised_after_training(
+    make_loop: Callable[..., Loop], make_drive: MakeDrive, criterion: str
+) -> None:
     variant = ContrastConfig(criterion=criterion, on='mean', temperature=0.1, negative_weight=1.0)
     validation = ValidationConfig(every_steps=60)
     config = dataclasses.replace(
@@ -115,7 +122,8 @@ def test_a_few_places_are_learnt_by_heart(make_loop: Callable[..., Loop], criter
         steps=60,
     )
     loop = make_loop(config=config, degraded=(), speckle=28.0)
-    before = validate(loop.objective.network.eval().embed, loop._validation, validation, torch.device('cpu'))
+    drives = validation_drives(two_drives(make_drive, (), 28.0), CONFIG.network, 1)
+    before = validate(loop.objective.network.eval().embed, drives, validation, torch.device('cpu'))
     assert before['recall_at_1'] < 1.0
     assert loop.run()
     (after,) = read_log(loop.out / 'validation.jsonl')
@@ -126,7 +134,7 @@ def test_a_few_places_are_learnt_by_heart(make_loop: Callable[..., Loop], criter
 
 
 @pytest.mark.parametrize(('optimiser', 'stop'), [('adam', 4), ('adamw', 6)])
-def test_a_resumed_run_is_the_run(make_loop: Callable[..., Loop], optimiser: str, stop: int) -> None:
+def test_a_resumed_run_gives_the_same_result(make_loop: Callable[..., Loop], optimiser: str, stop: int) -> None:
     settings = dataclasses.replace(CONFIG.optimiser, name=optimiser, weight_decay=0.01)
     config = dataclasses.replace(CONFIG, optimiser=settings)
     whole = make_loop('whole', config)
@@ -144,13 +152,13 @@ def test_a_resumed_run_is_the_run(make_loop: Callable[..., Loop], optimiser: str
             for run in (whole, parts)
         ]
         at = {line['step']: line for line in kept[0]}
-        # Means over the steps since the last line differ where the run was cut within them.
+        # Means over the steps since the last line differ if the run was stopped between two lines.
         assert [line for line in kept[1] if line['step'] > stop + 3] == [at[s] for s in at if s > stop + 3]
         assert [line['step'] for line in kept[1]] == list(at)
 
 
-def test_steps_after_the_last_checkpoint_are_taken_again(make_loop: Callable[..., Loop]) -> None:
-    """As after a power cut: the log has gone further than the checkpoint."""
+def test_steps_after_the_last_checkpoint_are_repeated(make_loop: Callable[..., Loop]) -> None:
+    """As after a power cut: the log has more steps than the checkpoint."""
     config = dataclasses.replace(CONFIG, checkpoint_steps=5)
     whole = make_loop('whole', config)
     whole.run()
@@ -168,7 +176,7 @@ def test_steps_after_the_last_checkpoint_are_taken_again(make_loop: Callable[...
     assert [line['step'] for line in read_log(again.out / 'log.jsonl')] == [3, 6, 9, 12, 15]
 
 
-def test_the_same_seed_gives_the_same_weights_and_another_others(make_loop: Callable[..., Loop]) -> None:
+def test_the_same_seed_gives_the_same_weights_and_another_seed_others(make_loop: Callable[..., Loop]) -> None:
     runs = [make_loop(str(i), dataclasses.replace(CONFIG, steps=4, seed=seed)) for i, seed in enumerate((1, 1, 2))]
     for loop in runs:
         loop.run()
@@ -176,7 +184,7 @@ def test_the_same_seed_gives_the_same_weights_and_another_others(make_loop: Call
     assert not equal(weights(runs[0].out), weights(runs[2].out))
 
 
-def test_the_best_weights_are_kept(make_loop: Callable[..., Loop]) -> None:
+def test_the_best_weights_are_saved(make_loop: Callable[..., Loop], make_drive: MakeDrive) -> None:
     loop = make_loop()
     loop.run()
     validated = read_log(loop.out / 'validation.jsonl')
@@ -185,11 +193,12 @@ def test_the_best_weights_are_kept(make_loop: Callable[..., Loop]) -> None:
     assert loop.best == (best['score'], best['step'])
     network, header = load_network(loop.out / BEST)
     assert header.description.startswith(f'step {best["step"]}: score {best["score"]:.3f}')
-    again = validate(network.embed, loop._validation, CONFIG.validation, torch.device('cpu'))
+    drives = validation_drives(two_drives(make_drive), CONFIG.network, 1)
+    again = validate(network.embed, drives, CONFIG.validation, torch.device('cpu'))
     assert again['score'] == pytest.approx(best['score'])
 
 
-def test_the_time_limit_leaves_a_checkpoint(make_loop: Callable[..., Loop]) -> None:
+def test_a_run_that_reaches_its_time_limit_writes_a_checkpoint(make_loop: Callable[..., Loop]) -> None:
     loop = make_loop()
     assert not loop.run(deadline_s=time.monotonic())
     assert loop.step == 1
@@ -200,7 +209,9 @@ def test_the_time_limit_leaves_a_checkpoint(make_loop: Callable[..., Loop]) -> N
 
 
 @pytest.mark.parametrize(('precision', 'channels_last'), [('bf16', True), ('fp32', False)])
-def test_other_arithmetic_learns_too(make_loop: Callable[..., Loop], precision: str, channels_last: bool) -> None:
+def test_other_precisions_and_memory_layouts_train(
+    make_loop: Callable[..., Loop], precision: str, channels_last: bool
+) -> None:
     loop = make_loop(config=dataclasses.replace(CONFIG, steps=3, precision=precision, channels_last=channels_last))
     assert loop.run()
     (line,) = read_log(loop.out / 'log.jsonl')
@@ -216,7 +227,7 @@ def test_a_loss_that_is_not_finite_stops_the_run(make_loop: Callable[..., Loop])
         loop.run()
 
 
-def test_a_checkpoint_that_does_not_fit_is_named(make_loop: Callable[..., Loop]) -> None:
+def test_a_checkpoint_that_does_not_fit_is_refused(make_loop: Callable[..., Loop]) -> None:
     loop = make_loop(config=dataclasses.replace(CONFIG, steps=1))
     loop.run()
     other = dataclasses.replace(CONFIG, network=dataclasses.replace(CONFIG.network, dimension=8))
@@ -242,7 +253,7 @@ def test_logs_are_lines_of_json_without_nan(make_loop: Callable[..., Loop]) -> N
 
 
 class Oracle:
-    """Knows every image's place and writes it as an angle; says U as it is told."""
+    """Embeds the known place of each image as an angle, with the given U."""
 
     def __init__(self, images: list[np.ndarray], places: list[float], uncertainties: list[float]) -> None:
         self.known = {image.tobytes(): (p, u) for image, p, u in zip(images, places, uncertainties, strict=True)}
@@ -254,16 +265,14 @@ class Oracle:
         return mean, torch.tensor([[u, u] for _, u in found])
 
 
-def test_validation_counts_what_a_plain_count_counts(make_drive: MakeDrive) -> None:
-    """Eight places, two drives; in the second, places 2 and 5 are degraded and taken for their neighbours."""
-    drives = validation_drives(
-        [make_drive('a'), make_drive('b', lane_m=5.0, degraded=(2, 5))], CONFIG.network, threads=1
-    )
+def test_validation_figures_against_a_plain_count(make_drive: MakeDrive) -> None:
+    """Eight places, two drives; in the second, places 2 and 5 are degraded and confused with their neighbours."""
+    drives = validation_drives(two_drives(make_drive), CONFIG.network, 1)
     images = [image for drive in drives for image in drive.images]
     places = [0, 1, 2, 3, 4, 5, 6, 7, 0, 1, 3.4, 3, 4, 6.4, 6, 7]
     uncertainties = [0.5] * 8 + [0.5, 0.5, 2.0, 0.5, 0.5, 0.4, 0.5, 0.5]
     figures = validate(Oracle(images, places, uncertainties).embed, drives, CONFIG.validation, torch.device('cpu'))
-    # Each way the second and the fifth place go to a neighbour.
+    # In both directions the answers for places 2 and 5 are wrong.
     assert figures['recall_at_1'] == pytest.approx(12 / 16)
     assert figures['recall_at_1_clean'] == pytest.approx(12 / 14)
     wrong = [0.5, 0.5, 2.0, 0.4]

@@ -1,4 +1,4 @@
-"""Two processes learn from the mean of their gradients, and from the first one's buffers."""
+"""Two processes train with the mean of their gradients and the buffers of the first."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ import torch
 from torch import nn
 
 from offradar_ros.lab.training.objective import Views
-from offradar_ros.lab.training.parallel import joined_group
+from offradar_ros.lab.training.parallel import process_group
 
 PROJECT = Path(__file__).resolve().parents[3]
 
@@ -51,8 +51,8 @@ def views_of(rank: int, step: int) -> Views:
 
 
 def compare() -> None:
-    """What each of two processes checks."""
-    with joined_group('cpu') as group:
+    """Run and checked by each of two processes."""
+    with process_group('cpu') as group:
         assert group.size == 2
         ours, alone = LineObjective(), [LineObjective() for _ in range(2)]
         losses = group.data_parallel(ours)
@@ -73,20 +73,20 @@ def compare() -> None:
             expected = alone[group.rank].running_mean
             assert torch.allclose(ours.running_mean, expected, rtol=1e-5, atol=1e-7)
             alone[1].normalisation.load_state_dict(alone[0].normalisation.state_dict())
-        assert group.first_says((1.0 + group.rank, 2.0)) == (1.0, 2.0)
+        assert group.broadcast((1.0 + group.rank, 2.0)) == (1.0, 2.0)
         assert group.any(group.rank == 1)
         assert not group.any(False)
         print('agreed', flush=True)
 
 
-def test_one_process_calculates_the_losses_themselves() -> None:
-    with joined_group('cpu') as group:
+def test_one_process_uses_the_losses_directly() -> None:
+    with process_group('cpu') as group:
         objective = LineObjective()
         assert group.data_parallel(objective) == objective.losses
 
 
 @pytest.mark.timeout(600)
-def test_two_processes_learn_from_the_mean_of_their_gradients() -> None:
+def test_two_processes_average_their_gradients() -> None:
     command = [sys.executable, '-m', 'torch.distributed.run', '--standalone', '--nproc-per-node', '2', __file__]
     environment = {**os.environ, 'PYTHONPATH': str(PROJECT), 'OMP_NUM_THREADS': '1'}
     done = subprocess.run(command, cwd=PROJECT, env=environment, capture_output=True, text=True, check=False)

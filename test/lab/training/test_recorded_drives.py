@@ -1,4 +1,4 @@
-"""Training on a split: nothing of its test region or the buffer around it is seen."""
+"""Training on a split: no scan of its test region or the buffer around it is used."""
 
 from __future__ import annotations
 
@@ -64,19 +64,19 @@ def test_sequences_of_a_split_may_be_bags(data_set: DataConfig, street: Callable
     np.testing.assert_array_equal(sunday.open().stamps_ns, tuesday.open().stamps_ns)
 
 
-def test_missing_sequences_are_named(data_set: DataConfig) -> None:
+def test_missing_sequences_are_listed(data_set: DataConfig) -> None:
     found = training_sequences(data_set)
     assert found is not None
     assert found.missing == ['sunday']
     assert [folder.name for folder in found.found] == ['monday', 'tuesday']
 
 
-def test_without_a_split_there_is_nothing_to_find() -> None:
+def test_without_a_split_there_are_no_sequences() -> None:
     assert training_sequences(DataConfig()) is None
     assert recorded_drives(DataConfig()) == []
 
 
-def test_what_cannot_be_trained_on_is_one_line(data_set: DataConfig, tmp_path: Path) -> None:
+def test_a_split_without_data_is_an_error_of_one_line(data_set: DataConfig, tmp_path: Path) -> None:
     (tmp_path / 'empty').mkdir()
     for changes, message in (
         ({'root': ''}, 'key data.root: expected the folder that holds the sequences of split street'),
@@ -98,7 +98,7 @@ def test_a_sequence_within_the_region_is_an_error(data_set: DataConfig) -> None:
 
 
 @pytest.mark.timeout(900)
-def test_a_run_learns_from_the_split_and_says_what_is_missing(data_set: DataConfig, tmp_path: Path) -> None:
+def test_a_run_trains_on_the_split_and_reports_missing_sequences(data_set: DataConfig, tmp_path: Path) -> None:
     settings = ['data.worlds=0', f'data.split={data_set.split}', f'data.root={data_set.root}', 'steps=2']
     settings += ['validation.worlds=0', 'batch.places=2', 'batch.negative_m=3', 'batch.positive_m=1.5']
     assert read_config(SMOKE, settings).data.split == data_set.split
@@ -108,13 +108,13 @@ def test_a_run_learns_from_the_split_and_says_what_is_missing(data_set: DataConf
     assert done.exit_code == 0, done.output
     assert '1 of 3 training sequences of split' in done.output
     assert done.output.count('sunday') == 1
-    said = json.loads((out / 'run.jsonl').read_text().splitlines()[0])
-    assert said['drives'] == 2
-    assert said['scans'] == sum(len(drive.open()) for drive in recorded_drives(data_set))
+    record = json.loads((out / 'run.jsonl').read_text().splitlines()[0])
+    assert record['drives'] == 2
+    assert record['scans'] == sum(len(drive.open()) for drive in recorded_drives(data_set))
 
 
 @pytest.mark.timeout(900)
-def test_a_run_learns_from_bags(street_bag: Callable[..., Path], tmp_path: Path) -> None:
+def test_a_run_trains_on_bags(street_bag: Callable[..., Path], tmp_path: Path) -> None:
     bags = [str(street_bag(name, lane_m=lane_m, noise_seed=7)) for name, lane_m in (('first', 0.0), ('second', 1.0))]
     settings = ['data.worlds=0', f'data.sequences=[{", ".join(bags)}]', 'steps=2', 'validation.worlds=0']
     settings += ['batch.places=2', 'batch.negative_m=3', 'batch.positive_m=1.5']
@@ -122,6 +122,6 @@ def test_a_run_learns_from_bags(street_bag: Callable[..., Path], tmp_path: Path)
     out = tmp_path / 'out'
     done = CliRunner().invoke(app, ['train', '--config', str(SMOKE), '--out', str(out), '--device', 'cpu', *chosen])
     assert done.exit_code == 0, done.output
-    said = json.loads((out / 'run.jsonl').read_text().splitlines()[0])
+    record = json.loads((out / 'run.jsonl').read_text().splitlines()[0])
     # A drive of 24 scans 1.25 m apart; data.sequence_spacing_m is 1 m.
-    assert (said['drives'], said['scans']) == (2, 48)
+    assert (record['drives'], record['scans']) == (2, 48)

@@ -1,4 +1,4 @@
-"""The second stage teaches the variance, and nothing else, which scans are not found."""
+"""The second stage trains the variance, and nothing else, with the answers of searches."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from offradar_ros.lab.drives.drive import Drive  # noqa: E402
 from offradar_ros.lab.evaluation.metrics.auroc import auroc  # noqa: E402
 from offradar_ros.lab.training.config import RefinementConfig, TrainingConfig  # noqa: E402
 from offradar_ros.lab.training.images import images_of  # noqa: E402
-from offradar_ros.lab.training.refinement import Lessons, feature_maps, lessons, refine  # noqa: E402
+from offradar_ros.lab.training.refinement import SearchedScans, feature_maps, refine, search_scans  # noqa: E402
 from offradar_ros.lab.training.run_log import read_log  # noqa: E402
 from offradar_ros.lab.training.validation import ValidationDrive, validation_drives  # noqa: E402
 
@@ -35,7 +35,7 @@ CONFIG = TrainingConfig(
 
 @pytest.fixture(scope='module')
 def drives(make_drive: MakeDrive) -> list[Drive]:
-    """Three drives of which one has scans that are found nowhere, and one through a world of its own."""
+    """Three drives, one with scans that are not recognised, and one through another world."""
     return [
         make_drive('a'),
         make_drive('b', lane_m=5.0, degraded=(2, 5)),
@@ -51,8 +51,8 @@ def network() -> VariationalNetwork:
 
 
 @pytest.fixture(scope='module')
-def taught(network: VariationalNetwork, drives: list[Drive]) -> Lessons:
-    return lessons(network, drives, feature_maps(network, drives, 1))
+def searched(network: VariationalNetwork, drives: list[Drive]) -> SearchedScans:
+    return search_scans(network, drives, feature_maps(network, drives, 1))
 
 
 @pytest.fixture(scope='module')
@@ -61,21 +61,21 @@ def validation(drives: list[Drive]) -> tuple[ValidationDrive, ...]:
 
 
 def refined(
-    taught: Lessons, validation: tuple[ValidationDrive, ...], out: Path, **changes: float
+    searched: SearchedScans, validation: tuple[ValidationDrive, ...], out: Path, **changes: float
 ) -> VariationalNetwork:
     torch.manual_seed(1)
     network = VariationalNetwork(CONFIG.network).eval()
     config = dataclasses.replace(CONFIG, refinement=dataclasses.replace(CONFIG.refinement, **changes))  # type: ignore[arg-type]
-    refine(config, network, taught, validation, out)
+    refine(config, network, searched, validation, out)
     return network
 
 
-def test_lessons_say_which_scans_are_not_found(
-    network: VariationalNetwork, drives: list[Drive], taught: Lessons
+def test_wrong_answers_and_margins_are_those_of_searches(
+    network: VariationalNetwork, drives: list[Drive], searched: SearchedScans
 ) -> None:
     with torch.inference_mode():
         descriptors = [network.embed(torch.from_numpy(images_of(drive, CONFIG.network)))[0] for drive in drives[:3]]
-    # A scan of each of eight places, 60 m apart: each is searched for in two maps, which both spacings leave whole.
+    # A scan of each of eight places, 60 m apart: each is searched for in two maps, which keep all scans.
     for number, own in enumerate(descriptors):
         margins = []
         for other in (descriptors[k] for k in range(3) if k != number):
@@ -84,17 +84,17 @@ def test_lessons_say_which_scans_are_not_found(
             margins.append(right - (cosines - 9.0 * torch.eye(8)).max(dim=1).values)
         expected = torch.stack(margins)
         rows = slice(8 * number, 8 * number + 8)
-        assert taught.margins[rows].numpy() == pytest.approx(expected.mean(dim=0).numpy(), abs=1e-3)
-        assert taught.wrong[rows].numpy() == pytest.approx((expected <= 0.0).float().mean(dim=0).numpy())
-    assert 0.0 < float(taught.wrong.mean()) < 1.0
-    assert len(taught.features) == 24, 'the drive that meets no other has nothing to teach'
-    assert taught.severities.numpy() == pytest.approx(np.concatenate([drive.severities for drive in drives[:3]]))
+        assert searched.margins[rows].numpy() == pytest.approx(expected.mean(dim=0).numpy(), abs=1e-3)
+        assert searched.wrong[rows].numpy() == pytest.approx((expected <= 0.0).float().mean(dim=0).numpy())
+    assert 0.0 < float(searched.wrong.mean()) < 1.0
+    assert len(searched.features) == 24, 'a drive alone in its world is not searched for'
+    assert searched.severities.numpy() == pytest.approx(np.concatenate([drive.severities for drive in drives[:3]]))
 
 
-def test_u_learns_to_tell_and_descriptors_stay(
-    network: VariationalNetwork, taught: Lessons, validation: tuple[ValidationDrive, ...], tmp_path: Path
+def test_u_detects_degraded_scans_better_and_descriptors_do_not_change(
+    network: VariationalNetwork, searched: SearchedScans, validation: tuple[ValidationDrive, ...], tmp_path: Path
 ) -> None:
-    after = refined(taught, validation, tmp_path)
+    after = refined(searched, validation, tmp_path)
     images = torch.from_numpy(validation[1].images)
     with torch.inference_mode():
         (descriptor, before_u), (same, after_u) = network.embed(images), after.embed(images)
@@ -109,20 +109,22 @@ def test_u_learns_to_tell_and_descriptors_stay(
     assert log[-1]['loss'] < log[0]['loss']
 
 
-def test_the_better_weights_are_kept(taught: Lessons, validation: tuple[ValidationDrive, ...], tmp_path: Path) -> None:
+def test_the_better_weights_are_kept(
+    searched: SearchedScans, validation: tuple[ValidationDrive, ...], tmp_path: Path
+) -> None:
     better, worse = tmp_path / 'better', tmp_path / 'worse'
     for out in (better, worse):
         out.mkdir()
-    refined(taught, validation, better)
-    # Taught the opposite: what is found well is to be uncertain.
-    refined(taught._replace(wrong=-taught.wrong, margins=-taught.margins), validation, worse)
+    refined(searched, validation, better)
+    # The opposite targets: scans that are recognised well get a high U.
+    refined(searched._replace(wrong=-searched.wrong, margins=-searched.margins), validation, worse)
     for out, step in ((better, 60), (worse, 0)):
         scores = {line['step']: line['score'] for line in read_log(out / 'validation.jsonl')}
         assert max(scores, key=lambda at: scores[at]) == step
         assert f'second stage, step {step}: score' in load_network(out / 'best.safetensors')[1].description
 
 
-def test_drives_that_never_meet_teach_nothing(network: VariationalNetwork, drives: list[Drive]) -> None:
+def test_drives_of_different_worlds_are_refused(network: VariationalNetwork, drives: list[Drive]) -> None:
     alone = [drives[0], drives[3]]
     with pytest.raises(DataError, match='refinement: no scan has a place of another drive'):
-        lessons(network, alone, feature_maps(network, alone, 1))
+        search_scans(network, alone, feature_maps(network, alone, 1))

@@ -1,4 +1,4 @@
-"""Drives are searched for in the maps of one another."""
+"""Each drive is searched for in the maps of the others."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from offradar_ros.lab.drives.drive import Drive
-from offradar_ros.lab.training.searches import NO_OTHER_PLACE, TOLERANCE_M, searches
+from offradar_ros.lab.training.searches import NO_OTHER_PLACE, TOLERANCE_M, search_pairs
 
 MakeLine = Callable[..., Drive]
 
@@ -20,19 +20,19 @@ def line(make_line: MakeLine, name: str, world: str, x_m: list[float], left_m: f
 
 def test_every_drive_is_searched_for_in_the_others_of_its_world(make_line: MakeLine) -> None:
     drives = [line(make_line, name, world, [0.0, 40.0]) for name, world in (('a', 'v'), ('b', 'v'), ('c', 'w'))]
-    found = searches(drives, [np.eye(2)] * 3, 5.0)
-    assert [search.driven for search in found] == [1, 0]
+    found = search_pairs(drives, [np.eye(2)] * 3, 5.0)
+    assert [search.queried for search in found] == [1, 0]
     assert all(search.queries.tolist() == [0, 1] for search in found)
 
 
 @pytest.mark.parametrize('spacing_m', [5.0, 15.0])
-def test_a_margin_is_of_the_nearest_place_and_the_nearest_mistake(make_line: MakeLine, spacing_m: float) -> None:
+def test_margins_compare_the_nearest_right_and_wrong_places(make_line: MakeLine, spacing_m: float) -> None:
     rng = np.random.default_rng(4)
     mapped = line(make_line, 'map', 'w', np.cumsum(rng.uniform(2.0, 9.0, 40)).tolist())
     driven = line(make_line, 'drive', 'w', rng.uniform(-60.0, 260.0, 50).tolist(), 6.0)
-    # Descriptors of any length: what is nearest is asked, not at what angle.
+    # Descriptors that are not L2-normalised: distance decides, not the angle.
     descriptors = [rng.normal(size=(40, 3)), rng.normal(size=(50, 3))]
-    search = searches([mapped, driven], descriptors, spacing_m)[0]
+    search = search_pairs([mapped, driven], descriptors, spacing_m)[0]
     cells = (mapped.poses[:, 0] - mapped.poses[0, 0]) // spacing_m
     places = [i for i in range(40) if i == 0 or cells[i] != cells[i - 1]]
     queries: list[int] = []
@@ -49,13 +49,13 @@ def test_a_margin_is_of_the_nearest_place_and_the_nearest_mistake(make_line: Mak
     assert search.queries.tolist() == queries
 
 
-def test_where_there_is_no_other_place_every_answer_is_right(make_line: MakeLine) -> None:
+def test_without_a_wrong_place_every_answer_is_right(make_line: MakeLine) -> None:
     drives = [line(make_line, name, 'w', [0.0]) for name in 'ab']
-    (search, _) = searches(drives, [np.array([[1.0, 0.0]]), np.array([[0.0, 1.0]])], 5.0)
+    (search, _) = search_pairs(drives, [np.array([[1.0, 0.0]]), np.array([[0.0, 1.0]])], 5.0)
     assert search.margins.tolist() == [NO_OTHER_PLACE]
 
 
-def test_descriptors_far_from_all_places_are_found_too(make_line: MakeLine) -> None:
+def test_queries_far_from_all_places_have_margins_too(make_line: MakeLine) -> None:
     drives = [line(make_line, name, 'w', [0.0, 100.0]) for name in 'ab']
-    search, _ = searches(drives, [np.array([[3.0, 0.0], [10.0, 0.0]]), np.array([[0.0, 0.0], [12.0, 0.0]])], 5.0)
+    search, _ = search_pairs(drives, [np.array([[3.0, 0.0], [10.0, 0.0]]), np.array([[0.0, 0.0], [12.0, 0.0]])], 5.0)
     assert search.margins.tolist() == [(100.0 - 9.0) / 2.0, (81.0 - 4.0) / 2.0]

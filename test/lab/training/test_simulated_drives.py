@@ -1,4 +1,4 @@
-"""Simulated training drives: of one city, over the same streets."""
+"""Simulated training drives of one city share its streets."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ def test_simulated_drives_of_a_world_meet_in_both_directions() -> None:
     spacing_m = np.linalg.norm(np.diff(opened[0].poses[:, :2], axis=0), axis=1)
     assert spacing_m.mean() == pytest.approx(6.0, rel=0.35)
     for other in opened[1:]:
-        away_m = np.linalg.norm(opened[0].poses[:, None, :2] - other.poses[None, :, :2], axis=-1).min(axis=1)
-        assert (away_m < 15.0).mean() > 0.7
+        distance_m = np.linalg.norm(opened[0].poses[:, None, :2] - other.poses[None, :, :2], axis=-1).min(axis=1)
+        assert (distance_m < 15.0).mean() > 0.7
     turn = np.cos(opened[0].poses[20, 2] - opened[1].poses[20, 2])
     assert turn > 0.5
     back = np.linalg.norm(opened[2].poses[:, :2] - opened[0].poses[20, :2], axis=1).argmin()

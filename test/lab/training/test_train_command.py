@@ -1,4 +1,4 @@
-"""`offradar train` as a user runs it."""
+"""`offradar train` from the command line, and its runs."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ PROJECT = Path(__file__).resolve().parents[3]
 SMOKE = PROJECT / 'params' / 'train' / 'smoke.yaml'
 ALONE = {**os.environ, 'OMP_NUM_THREADS': '1', 'CUDA_VISIBLE_DEVICES': ''}
 WAIT_S = 900.0
-"""Until a run is given up: many times what it takes, as the machine may be busy."""
+"""Time limit of a run: many times its usual duration, because the machine may be busy."""
 pytestmark = pytest.mark.timeout(2 * WAIT_S)
 
 
@@ -48,7 +48,7 @@ def command(out: Path, cache: Path, *more: str) -> list[str]:
     return [*fixed, '--device', 'cpu', *more]
 
 
-def trained(out: Path, cache: Path, *more: str) -> subprocess.CompletedProcess[str]:
+def train(out: Path, cache: Path, *more: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [sys.executable, *command(out, cache, *more)],
         cwd=PROJECT,
@@ -59,12 +59,12 @@ def trained(out: Path, cache: Path, *more: str) -> subprocess.CompletedProcess[s
     )
 
 
-def test_a_run_leaves_weights_that_encode_and_all_that_made_them(tmp_path: Path, cache: Path) -> None:
-    done = trained(tmp_path / 'out', cache)
+def test_a_run_writes_weights_that_encode_and_a_record_of_its_settings(tmp_path: Path, cache: Path) -> None:
+    done = train(tmp_path / 'out', cache)
     assert done.returncode == 0, done.stderr
     assert f'{tmp_path / "out"}/best.safetensors: written, validation score' in done.stdout
-    made = {path.name for path in (tmp_path / 'out').iterdir()}
-    assert made >= {
+    written = {path.name for path in (tmp_path / 'out').iterdir()}
+    assert written >= {
         'best.safetensors',
         'last.safetensors',
         'checkpoint.safetensors',
@@ -74,37 +74,37 @@ def test_a_run_leaves_weights_that_encode_and_all_that_made_them(tmp_path: Path,
         'validation.jsonl',
     }
     assert read_config(tmp_path / 'out' / 'config.yaml') == read_config(SMOKE)
-    said = json.loads((tmp_path / 'out' / 'run.jsonl').read_text())
-    assert (said['scans'], said['drives'], said['processes']) == (20, 2, 1)
-    assert said['torch'] and said['numpy'] and '--config' in said['command']
+    record = json.loads((tmp_path / 'out' / 'run.jsonl').read_text())
+    assert (record['scans'], record['drives'], record['processes']) == (20, 2, 1)
+    assert record['torch'] and record['numpy'] and '--config' in record['command']
     encoder = make_encoder(EncoderConfig('variational', str(tmp_path / 'out' / 'best.safetensors')))
     scan = city_drive(3, 0, DataConfig(scans=1, degraded=0.0, physics='nominal')).open().scan(0)
     embedding = encoder.encode(scan)
     assert embedding.mean.shape == embedding.variance.shape == (16,)
     assert 0.0 < embedding.uncertainty < 100.0
 
-    again = trained(tmp_path / 'out', cache)
+    again = train(tmp_path / 'out', cache)
     assert again.returncode == 1
     assert again.stderr.splitlines()[-1] == (
-        f'error: {tmp_path / "out"}: a training run is there: expected --resume to go on with it, or another folder'
+        f'error: {tmp_path / "out"}: has a training run already: expected --resume to continue it, or another folder'
     )
 
 
-def test_a_run_that_was_stopped_goes_on(tmp_path: Path, cache: Path) -> None:
+def test_a_stopped_run_is_resumed(tmp_path: Path, cache: Path) -> None:
     options = RunOptions(cache, device='cpu')
     config = read_config(SMOKE)
     stopped = run(config, tmp_path / 'out', options._replace(minutes=0.0))
     assert (stopped.finished, stopped.step) == (False, 1)
     with pytest.raises(ConfigError, match='its run was started with another seed: expected 1'):
         run(read_config(SMOKE, ['seed=2']), tmp_path / 'out', options._replace(resume=True))
-    judged_more = read_config(SMOKE, ['validation.every_steps=2', 'log_steps=1'])
-    resumed = run(judged_more, tmp_path / 'out', options._replace(resume=True))
+    validated_more_often = read_config(SMOKE, ['validation.every_steps=2', 'log_steps=1'])
+    resumed = run(validated_more_often, tmp_path / 'out', options._replace(resume=True))
     assert (resumed.finished, resumed.step) == (True, 6)
     with pytest.raises(DataError, match='no checkpoint to resume from'):
         run(config, tmp_path / 'other', options._replace(resume=True))
 
 
-def test_a_checkpoint_of_before_there_was_a_key_goes_on(tmp_path: Path, cache: Path) -> None:
+def test_a_checkpoint_without_a_newer_key_is_resumed(tmp_path: Path, cache: Path) -> None:
     options = RunOptions(cache, device='cpu')
     run(read_config(SMOKE), tmp_path / 'out', options._replace(minutes=0.0))
     checkpoint = tmp_path / 'out' / 'checkpoint.safetensors'
@@ -148,7 +148,7 @@ def test_a_second_stage_follows_the_first(tmp_path: Path, cache: Path, stop_firs
     assert [line['step'] for line in read_log(tmp_path / 'out' / 'validation.jsonl')] == [0, 3]
     assert [line['step'] for line in read_log(tmp_path / 'out' / 'log.jsonl')] == [2, 3]
     first = tmp_path / 'out' / 'first' / 'best.safetensors'
-    with pytest.raises(DataError, match='a training run is there'):
+    with pytest.raises(DataError, match='has a training run already'):
         run(config, tmp_path / 'out', options)
 
     given = read_config(SMOKE, [*REFINED, f'refinement.weights={first}'])
@@ -158,7 +158,7 @@ def test_a_second_stage_follows_the_first(tmp_path: Path, cache: Path, stop_firs
     assert read_header(again.best).fingerprint == read_header(done.best).fingerprint
 
 
-def test_what_cannot_be_refined_is_refused(tmp_path: Path, cache: Path) -> None:
+def test_a_second_stage_that_does_not_fit_is_refused(tmp_path: Path, cache: Path) -> None:
     options = RunOptions(cache, device='cpu')
     with pytest.raises(ConfigError, match=r'key refinement\.steps: expected 0, as bc_radar has no second stage'):
         run(read_config(SMOKE, [*REFINED, 'network.method=bc_radar']), tmp_path / 'bc_radar', options)
@@ -173,13 +173,13 @@ def test_what_cannot_be_refined_is_refused(tmp_path: Path, cache: Path) -> None:
         run(read_config(SMOKE, [*REFINED, 'fit=rad_vlad']), tmp_path / 'rad_vlad', options)
 
 
-def test_a_run_keeps_the_stages_that_it_was_started_with(tmp_path: Path, cache: Path) -> None:
+def test_a_resumed_run_has_the_stages_of_its_start(tmp_path: Path, cache: Path) -> None:
     options = RunOptions(cache, device='cpu', minutes=0.0)
     one, two = read_config(SMOKE), read_config(SMOKE, REFINED)
     run(one, tmp_path / 'one', options)
     run(two, tmp_path / 'two', options)
-    for out, other, said in (('one', two, 'without'), ('two', one, 'with')):
-        with pytest.raises(ConfigError, match=f'its run was started {said} a second stage'):
+    for out, other, word in (('one', two, 'without'), ('two', one, 'with')):
+        with pytest.raises(ConfigError, match=f'its run was started {word} a second stage'):
             run(other, tmp_path / out, options._replace(resume=True))
 
 
@@ -200,48 +200,46 @@ def test_without_validation_the_last_weights_are_the_result(tmp_path: Path, cach
 
 
 @pytest.mark.parametrize(
-    ('setting', 'said'),
+    ('setting', 'message'),
     [
         ('data.worlds=0', 'nothing to train on: expected data.worlds, data.sequences or data.split'),
         ('batch.places=400', 'expected fewer batch.places or more data'),
         ('validation.drives=1', 'validation: expected two drives or more through at least one world'),
     ],
 )
-def test_too_little_data_is_said_before_anything_is_learnt(
-    tmp_path: Path, cache: Path, setting: str, said: str
-) -> None:
-    with pytest.raises(DataError, match=said):
+def test_too_little_data_is_reported_before_training(tmp_path: Path, cache: Path, setting: str, message: str) -> None:
+    with pytest.raises(DataError, match=message):
         run(read_config(SMOKE, [setting]), tmp_path / 'out', RunOptions(cache, device='cpu'))
     assert not list((tmp_path / 'out').glob('*.safetensors'))
 
 
-def test_what_cannot_be_learnt_is_said_before_a_scan_is_made(tmp_path: Path) -> None:
-    for settings, said in (
+def test_settings_that_cannot_be_trained_are_reported_before_a_scan_is_made(tmp_path: Path) -> None:
+    for settings, message in (
         (['network.method=stun', 'teacher.weights=nowhere.safetensors'], 'nowhere.safetensors: no such weights file'),
         (['network.method=bc_radar', 'loss.invariant.weight=0'], 'key loss.invariant.weight'),
     ):
-        with pytest.raises((ConfigError, ModelError), match=said):
+        with pytest.raises((ConfigError, ModelError), match=message):
             run(read_config(SMOKE, settings), tmp_path / 'out', RunOptions(tmp_path / 'cache', device='cpu'))
     assert not (tmp_path / 'cache').exists()
 
 
-def test_an_unknown_device_is_one_line(tmp_path: Path, cache: Path) -> None:
+def test_an_unknown_device_is_an_error_of_one_line(tmp_path: Path, cache: Path) -> None:
     done = CliRunner().invoke(app, [*command(tmp_path, cache)[2:], '--device', 'tpu'])
     assert isinstance(done.exception, ConfigError)
     assert str(done.exception) == "--device: expected one of auto, cpu, cuda, got 'tpu'"
 
 
-def test_ctrl_c_leaves_a_checkpoint(tmp_path: Path, cache: Path) -> None:
+def test_ctrl_c_writes_a_checkpoint(tmp_path: Path, cache: Path) -> None:
     out = tmp_path / 'out'
     slow = ['--set', 'steps=100000', '--set', 'log_steps=1', '--set', 'validation.every_steps=100000']
     process = subprocess.Popen(
         [sys.executable, *command(out, cache, *slow)], cwd=PROJECT, env=ALONE, stderr=subprocess.PIPE
     )
     try:
-        until_s = time.monotonic() + WAIT_S
+        deadline_s = time.monotonic() + WAIT_S
         while not ((out / 'log.jsonl').exists() and (out / 'log.jsonl').read_text()):
             assert process.poll() is None
-            assert time.monotonic() < until_s
+            assert time.monotonic() < deadline_s
             time.sleep(0.1)
         process.send_signal(signal.SIGINT)
         process.communicate(timeout=WAIT_S)
@@ -252,7 +250,7 @@ def test_ctrl_c_leaves_a_checkpoint(tmp_path: Path, cache: Path) -> None:
     assert resumed.step > 1
 
 
-def test_processes_of_torchrun_learn_one_network(tmp_path: Path, cache: Path) -> None:
+def test_processes_of_torchrun_train_one_network(tmp_path: Path, cache: Path) -> None:
     out = tmp_path / 'out'
     done = subprocess.run(
         [sys.executable, '-m', 'torch.distributed.run', '--standalone', '--nproc-per-node', '2', *command(out, cache)],

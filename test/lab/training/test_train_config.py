@@ -1,4 +1,4 @@
-"""What a training configuration may say, and how it is told what it may not."""
+"""Training configurations: presets, valid and invalid values, and learning rates."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def test_every_learned_method_has_a_preset() -> None:
     assert {config.method for config in presets if config.fit == 'network'} == set(LEARNED)
 
 
-def test_the_papers_preset_says_what_the_paper_says() -> None:
+def test_the_preset_paper_has_the_settings_of_the_paper() -> None:
     config = read_config(PRESETS / 'paper.yaml')
     assert (config.network.backbone, config.network.side_px, config.network.resolution_m) == ('vgg16', 256, 0.5)
     assert (config.network.dimension, config.batch.places, config.optimiser.learning_rate) == (128, 8, 1e-5)
@@ -47,7 +47,7 @@ def test_what_is_written_is_read_as_it_was(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ('text', 'said'),
+    ('text', 'message'),
     [
         ('stepps: 3', 'key stepps is unknown: did you mean steps?'),
         ('loss: {variant: {tau: 1.0}}', 'key loss.variant.tau is unknown'),
@@ -66,13 +66,13 @@ def test_what_is_written_is_read_as_it_was(tmp_path: Path) -> None:
         ('a: [', 'not a readable YAML file'),
     ],
 )
-def test_what_it_may_not_say_is_one_line_with_file_and_key(tmp_path: Path, text: str, said: str) -> None:
+def test_an_invalid_value_is_an_error_of_one_line_with_file_and_key(tmp_path: Path, text: str, message: str) -> None:
     path = tmp_path / 'mine.yaml'
     path.write_text(text)
     with pytest.raises(ConfigError) as caught:
         read_config(path)
     assert str(caught.value).startswith(f'{path}: ')
-    assert said in str(caught.value)
+    assert message in str(caught.value)
     assert '\n' not in str(caught.value)
 
 
@@ -95,7 +95,7 @@ def test_settings_change_keys(tmp_path: Path) -> None:
         st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5) | st.lists(st.integers()),
     )
 )
-def test_any_values_are_taken_or_refused_in_one_line(values: dict[str, object]) -> None:
+def test_any_value_is_accepted_or_refused_in_one_line(values: dict[str, object]) -> None:
     try:
         config = with_values(TrainingConfig(), values, 'mine.yaml')
     except ConfigError as error:
@@ -108,7 +108,7 @@ def test_any_values_are_taken_or_refused_in_one_line(values: dict[str, object]) 
             assert found == (tuple(value) if isinstance(value, list) else value) or str(value) == str(found)
 
 
-def test_schedules_rise_and_fall_as_they_say() -> None:
+def test_schedules_increase_and_decrease() -> None:
     rates = {
         name: [learning_rate(OptimiserConfig(learning_rate=2.0, schedule=name, warmup=0.2), s, 100) for s in range(100)]
         for name in ('constant', 'cosine', 'one_cycle')

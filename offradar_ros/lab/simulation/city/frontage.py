@@ -1,4 +1,4 @@
-"""One side of a street: buildings or gardens, what divides them from the road, poles, trees and places to park."""
+"""One side of a street: buildings or gardens, hedges, fences, trees, poles and parking places."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from offradar_ros.lab.simulation.route import polyline_at
 Array = NDArray[np.float64]
 
 _CORNER_M = 9.0
-"""Crossings are kept free this far along every street."""
+"""Distance from a crossing along each street that is kept free."""
 
 
 class Frontage:
-    """The left of a street, as one walks along its (M, 2) line."""
+    """The left side of a street along its (M, 2) line."""
 
     def __init__(self, rng: np.random.Generator, line_m: Array, half_width_m: float, patches: Patches) -> None:
         self._rng, self._line, self._patches = rng, line_m, patches
@@ -30,7 +30,7 @@ class Frontage:
         self._shift_m = float(rng.normal(0.0, 0.8))
 
     def add_to(self, scenery: Scenery, ground: Ground) -> None:
-        """Plot after plot, then what stands on the kerb."""
+        """Add all plots along the street, then the objects on the kerb."""
         along = _CORNER_M
         while along < self._length_m - _CORNER_M:
             along += self._add_plot(scenery, ground, along)
@@ -44,11 +44,12 @@ class Frontage:
         return self._patches.at(self._frame(along_m, self._half_width_m + 10.0).corner_m)
 
     def _add_plot(self, scenery: Scenery, ground: Ground, along_m: float) -> float:
-        """Whatever is on the plot that starts here; how far along the next one starts."""
+        """Add the plot that starts at `along_m`; returns the distance to the start of the next."""
         rng, style = self._rng, self._style(along_m)
         width, depth = float(rng.uniform(*style.width_m)), float(rng.uniform(*style.depth_m))
         setback = max(1.2, style.setback_m + self._shift_m + float(rng.normal(0.0, style.uneven_m)))
-        kerb = Frame(*_corner_and_axis(self._frame(along_m + width / 2, self._half_width_m), width))
+        middle = self._frame(along_m + width / 2, self._half_width_m)
+        kerb = Frame(middle.corner_m - middle.along * width / 2, middle.along)
         front = Frame(kerb.place(np.array([(0.0, setback)]))[0], kerb.along)
         if rng.random() < style.built:
             if not ground.claim(footprint(front, width, depth), 0.1):
@@ -58,7 +59,7 @@ class Frontage:
         return width + (float(rng.uniform(*style.gap_m)) if rng.random() < style.gaps else 0.0)
 
     def _add_garden(self, scenery: Scenery, kerb: Frame, style: Style, width_m: float, setback_m: float) -> None:
-        """A hedge or fence with a gap for the drive, and trees."""
+        """Add a hedge or fence with a gap for the driveway, trees, and perhaps a parking place."""
         rng = self._rng
         if setback_m > 2.5:
             border = float(rng.uniform(1.2, min(3.0, setback_m - 1.0)))
@@ -99,7 +100,3 @@ class Frontage:
             places = polyline_at(self._line, spots, np.full(len(spots), half - 1.1))
             for x, y, heading in places.tolist():
                 scenery.add_parking(np.array([(x, y)]), heading)
-
-
-def _corner_and_axis(middle: Frame, width_m: float) -> tuple[Array, Array]:
-    return middle.corner_m - middle.along * width_m / 2, middle.along

@@ -1,4 +1,4 @@
-"""Which ground of a city is road, and which is free to build on."""
+"""Which ground of a city is road, and which is free."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ Mask = NDArray[np.bool_]
 _CELL_M = 0.5
 _KERB_M = 1.0
 _DRIVEN_M = 3.5
-"""Lanes reach this far from the middle of a street; cars park beyond."""
+"""Width of the lanes on each side of a street's centre line; cars park outside them."""
 
 
 class Ground:
-    """Half-metre squares between two corners of the city; what lies outside is never free."""
+    """Half-metre cells between two corners of the city; what lies outside is never free."""
 
     def __init__(self, low_m: Array, high_m: Array) -> None:
         self._low_m = low_m
@@ -24,7 +24,7 @@ class Ground:
         self._taken, self._road, self._driven = (np.zeros((height, width), np.uint8) for _ in range(3))
 
     def pave(self, line_m: Array, half_width_m: float) -> None:
-        """Take a street, (M, 2) metres along its middle, and its kerbs."""
+        """Mark a street, (M, 2) metres of its centre line, and its kerbs as taken."""
         cells = np.rint((line_m - self._low_m) / _CELL_M).astype(np.int32)
         for mask, half_m in (
             (self._taken, half_width_m + _KERB_M),
@@ -34,9 +34,9 @@ class Ground:
             cv2.polylines(mask, [cells], isClosed=False, color=1, thickness=round(2 * half_m / _CELL_M))
 
     def claim(self, polygon_m: Array, overlap: float = 0.0) -> bool:
-        """Take a convex polygon, (K, 2) metres, if it is off the road and no more than `overlap` of it is taken.
+        """Mark a convex polygon, (K, 2) metres, as taken if it is off the road and at most `overlap` of it is taken.
 
-        Tells whether.
+        Returns whether it was free.
         """
         cells = np.rint((polygon_m - self._low_m) / _CELL_M).astype(np.int32)
         (left, bottom), (right, top) = cells.min(axis=0), cells.max(axis=0)
@@ -52,11 +52,11 @@ class Ground:
         return True
 
     def points_off_the_road(self, points_m: Array) -> Mask:
-        """(N,) whether each of (N, 2) points is beside every street."""
+        """(N,) whether each of (N, 2) points is on no street."""
         return ~self._at(self._road, points_m)
 
     def walls_off_the_road(self, walls_m: Array) -> Mask:
-        """(W,) whether each of (W, 2, 2) walls is beside every street along its whole length."""
+        """(W,) whether each of (W, 2, 2) walls is on no street along its whole length."""
         steps = max(2, int(np.hypot(*(walls_m[:, 1] - walls_m[:, 0]).T).max(initial=0.0)) + 1)
         off = np.ones(len(walls_m), np.bool_)
         for share in np.linspace(0.0, 1.0, steps):
@@ -64,7 +64,7 @@ class Ground:
         return off
 
     def cars_off_the_lanes(self, points_m: Array) -> Mask:
-        """(N,) whether each of (N, 2) parked cars is out of the way."""
+        """(N,) whether each of (N, 2) parked cars is outside of all lanes."""
         return ~self._at(self._driven, points_m)
 
     def _at(self, mask: NDArray[np.uint8], points_m: Array) -> Mask:

@@ -1,4 +1,4 @@
-"""What lies away from the streets, within blocks and beyond the last of them."""
+"""Objects away from the streets, within blocks and outside of the outermost."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def add_infill(
     low_m: NDArray[np.float64],
     high_m: NDArray[np.float64],
 ) -> None:
-    """Back buildings, yards and groves at random points between two corners, where the ground is free."""
+    """Add buildings, yards and groves at random points between two corners, where the ground is free."""
     hectares = float(np.prod(high_m - low_m)) / _HECTARE_M2
     for attribute in ('infill_ha', 'yards_ha', 'groves_ha'):
         most = max(getattr(style, attribute) for style in patches.styles)

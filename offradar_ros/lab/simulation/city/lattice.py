@@ -1,4 +1,4 @@
-"""Streets of a city: an uneven, bent lattice with missing edges."""
+"""Streets of a city: an irregular, bent grid without some of its edges."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Array = NDArray[np.float64]
 
 
 def make_streets(rng: np.random.Generator, plan: CityPlan) -> Streets:
-    """Streets around and between the plan's blocks, and one block more on every side."""
+    """Streets around and between the blocks of the plan, and one block more on every side."""
     columns, rows = plan.blocks[0] + 3, plan.blocks[1] + 3
     nodes = _nodes(rng, plan, columns, rows)
     index = np.arange(columns * rows).reshape(columns, rows)
@@ -31,7 +31,7 @@ def make_streets(rng: np.random.Generator, plan: CityPlan) -> Streets:
 
 
 def _nodes(rng: np.random.Generator, plan: CityPlan, columns: int, rows: int) -> Array:
-    """(columns · rows, 2): uneven gaps, jitter, two long waves, and the whole turned."""
+    """(columns · rows, 2) crossings: irregular distances, jitter, two long waves, and one rotation of all."""
     axes = [np.cumsum(np.clip(np.exp(rng.normal(0.0, 0.25, n)), 0.6, 1.6)) for n in (columns, rows)]
     nodes = np.stack(np.meshgrid(axes[0] - axes[0].mean(), axes[1] - axes[1].mean(), indexing='ij'), axis=-1)
     nodes = nodes.reshape(-1, 2) + rng.uniform(-0.1, 0.1, (columns * rows, 2))
@@ -45,37 +45,37 @@ def _nodes(rng: np.random.Generator, plan: CityPlan, columns: int, rows: int) ->
     return np.asarray(turned * plan.block_m)
 
 
-def _thinned(rng: np.random.Generator, edges: list[Edge], inner: NDArray[np.bool_], fewer: int) -> list[Edge]:
-    """Edges without up to `fewer` of them; all, and the inner ones alone, stay connected and without dead ends."""
+def _thinned(rng: np.random.Generator, edges: list[Edge], inner: NDArray[np.bool_], remove: int) -> list[Edge]:
+    """Edges without up to `remove` of them; all edges, and the inner ones alone, stay connected without dead ends."""
     kept = set(edges)
     for i in rng.permutation(len(edges)):
         left = kept - {edges[i]}
         if (
-            fewer
+            remove
             and _connected(left, len(inner))
             and _connected({e for e in left if inner[list(e)].all()}, inner.sum())
         ):
             kept = left
-            fewer -= 1
+            remove -= 1
     return sorted(kept)
 
 
 def _connected(edges: set[Edge], nodes: int) -> bool:
-    """Whether `edges` join that many nodes into one net without dead ends."""
-    around = neighbours(edges)
-    if len(around) < nodes or min(map(len, around.values())) < 2:
+    """Whether `edges` join `nodes` nodes to one network without dead ends."""
+    joined = neighbours(edges)
+    if len(joined) < nodes or min(map(len, joined.values())) < 2:
         return False
-    first = next(iter(around))
+    first = next(iter(joined))
     seen, waiting = {first}, [first]
     while waiting:
-        fresh = set(around[waiting.pop()]) - seen
+        fresh = set(joined[waiting.pop()]) - seen
         seen |= fresh
         waiting += fresh
     return len(seen) == nodes
 
 
 def _bent(start: Array, end: Array, bend: float) -> Array:
-    """(M, 2) points about 4 m apart on a curve that leaves the straight line by half of `bend` times its length."""
+    """(M, 2) points about 4 m apart on a quadratic curve, at most `bend` / 2 of its length from the straight line."""
     control = (start + end) / 2 + bend * np.array([start[1] - end[1], end[0] - start[0]])
     t = np.linspace(0.0, 1.0, max(3, round(float(np.hypot(*(end - start))) / 4.0)))[:, None]
     return np.asarray((1 - t) ** 2 * start + 2 * t * (1 - t) * control + t**2 * end)

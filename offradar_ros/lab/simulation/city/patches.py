@@ -12,7 +12,7 @@ _BLOCKS_A_PATCH = 4
 
 
 class Patches:
-    """Districts around scattered centres, every kind of the plan before any comes again."""
+    """Districts around random centres; each kind of the plan occurs once before any occurs again."""
 
     def __init__(self, rng: np.random.Generator, plan: CityPlan, nodes_m: NDArray[np.float64]) -> None:
         count = max(len(plan.districts), round((plan.blocks[0] + 2) * (plan.blocks[1] + 2) / _BLOCKS_A_PATCH))
@@ -27,7 +27,7 @@ class Patches:
 
 
 def _spread(rng: np.random.Generator, count: int, nodes_m: NDArray[np.float64], jitter_m: float) -> NDArray[np.float64]:
-    """(count, 2) points near nodes, each the one of eight drawn that is farthest from those before it."""
+    """(count, 2) points near nodes; each is the one of eight random points that is farthest from all before it."""
     points = np.empty((0, 2))
     while len(points) < count:
         drawn = nodes_m[rng.integers(len(nodes_m), size=8)] + rng.uniform(-0.5, 0.5, (8, 2)) * jitter_m

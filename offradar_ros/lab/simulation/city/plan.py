@@ -1,4 +1,4 @@
-"""What a city is made from."""
+"""Parameters of a simulated city."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from offradar_ros.errors import ConfigError
 
 
 class District(str, enum.Enum):
-    """Kinds of surroundings. Two districts of one kind differ in every measure that their style draws."""
+    """Kinds of districts. Two districts of one kind differ in all measures that are drawn for them (`Style`)."""
 
     DENSE = 'dense'
     SUBURB = 'suburb'
@@ -20,14 +20,14 @@ class District(str, enum.Enum):
 
 @dataclasses.dataclass(frozen=True)
 class CityPlan:
-    """The same plan makes the same city.
+    """Parameters of a city; the same plan makes the same city.
 
     Attributes:
-        seed: of everything.
-        blocks: blocks that routes go through, east and north before the city is turned; one more lies on every side.
-        block_m: mean distance between streets, metres; from street to street it varies by a quarter.
-        districts: kinds to choose from; about one for every four blocks is laid out.
-        route_m: least length of the world's route.
+        seed: seed of everything that is random.
+        blocks: number of blocks, east and north before the city is rotated; a margin of one block surrounds them.
+        block_m: mean distance between streets, metres, with a standard deviation of about a quarter.
+        districts: kinds of districts; there is about one district for every four blocks.
+        route_m: minimum length of the world's route.
         closed: whether that route is a loop.
     """
 

@@ -1,4 +1,4 @@
-"""What a district of each kind is built like: ranges that each single district draws its own measures from."""
+"""The measures of a district: for each kind there are ranges from which each district's measures are drawn."""
 
 from __future__ import annotations
 
@@ -14,21 +14,23 @@ Range = tuple[float, float]
 
 @dataclasses.dataclass(frozen=True)
 class Style:
-    """One district's measures. Ranges are drawn from anew for every building; lengths are metres, powers decibels.
+    """The measures of one district. A `Range` holds the limits of values that are drawn per building.
+
+    Lengths are in metres, powers in decibels.
 
     Attributes:
-        kind: what it is a district of.
-        angle_rad: how buildings away from streets lie.
-        built: share of the plots along streets that hold a building.
-        width_m, depth_m: of a building.
-        setback_m: from the kerb to the front; varies by `uneven_m` from plot to plot.
-        gap_m: between plots, where there is a gap at all (share `gaps`).
-        wall_db: of a face seen head on.
+        kind: kind of the district.
+        angle_rad: orientation of buildings away from streets.
+        built: share of the plots along streets that have a building.
+        width_m, depth_m: size of a building.
+        setback_m: distance from the kerb to the front; `uneven_m` is its standard deviation from plot to plot.
+        gap_m: gap between plots, for the share `gaps` of them.
+        wall_db: power of a wall at normal incidence.
         bays: share of the bays of a front that are recessed; balconies: share that have one.
         hedges, fences, rails: share of the plots (rails: of the streets) with one along the kerb.
-        trees: a plot; poles_m: distance between poles on the kerb; pole_db: their power.
+        trees: mean number per 20 m of plots; poles_m: distance between poles on the kerb; pole_db: their power.
         parking: share of the kerbs where cars park.
-        infill_ha, groves_ha, yards_ha: buildings, groups of trees and yards of metal goods a hectare off the streets.
+        infill_ha, groves_ha, yards_ha: buildings, groups of trees and yards of metal objects per hectare.
     """
 
     kind: District
@@ -55,9 +57,8 @@ class Style:
     yards_ha: float
 
 
-# Single measures are drawn between the two numbers; pairs of ranges give the range of a range's middle and its width.
-_Drawn = dict[str, Range]
-_NUMBERS: dict[District, _Drawn] = {
+# Numbers are drawn between two limits. Ranges are drawn by their middle and their width, each between two limits.
+_NUMBERS: dict[District, dict[str, Range]] = {
     District.DENSE: {
         'built': (0.85, 1.0), 'setback_m': (1.5, 5.0), 'uneven_m': (0.1, 1.2), 'gaps': (0.05, 0.3), 'bays': (0.1, 0.6),
         'balconies': (0.0, 0.5), 'hedges': (0.0, 0.1), 'fences': (0.0, 0.15), 'rails': (0.0, 0.15), 'trees': (0.0, 0.8),
@@ -115,7 +116,7 @@ _MIDDLES: dict[District, dict[str, tuple[Range, Range]]] = {
 
 
 def draw_style(rng: np.random.Generator, kind: District) -> Style:
-    """One district of a kind."""
+    """The measures of one district of a kind."""
     drawn: dict[str, Any] = {name: float(rng.uniform(*bounds)) for name, bounds in _NUMBERS[kind].items()}
     drawn |= {name: _range(rng, *bounds) for name, bounds in _MIDDLES[kind].items()}
     return Style(kind=kind, angle_rad=float(rng.uniform(0.0, np.pi)), **drawn)

@@ -1,4 +1,4 @@
-"""Metal goods that stand about in yards: containers in rows, tanks, stacks."""
+"""Metal objects in yards: rows of containers, and tanks."""
 
 from __future__ import annotations
 
@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 from offradar_ros.lab.simulation.city.ground import Ground
 from offradar_ros.lab.simulation.city.scenery import Frame, Scenery
 
-_THROUGH = 0.02
+_TRANSMISSION = 0.02
 
 
 def add_yard(
     scenery: Scenery, ground: Ground, rng: np.random.Generator, at_m: NDArray[np.float64], angle_rad: float
 ) -> None:
-    """One to eight containers side by side, or a round tank, where there is room."""
+    """Add one to eight containers side by side, or a round tank, where the ground is free."""
     decibels = float(rng.uniform(54.0, 66.0))
     if rng.random() < 0.3:
         radius, turn = float(rng.uniform(2.0, 7.0)), np.arange(10) * (2 * np.pi / 10)
@@ -26,5 +26,5 @@ def add_yard(
         outlines = [frame.place(box + np.array([0.0, k * spacing])) for k in range(int(rng.integers(1, 9)))]
     for outline in outlines:
         if ground.claim(outline, 0.05):
-            scenery.add_walls(outline, decibels, _THROUGH, closed=True)
+            scenery.add_walls(outline, decibels, _TRANSMISSION, closed=True)
             scenery.add_points(outline, decibels - rng.uniform(6.0, 16.0, len(outline)))

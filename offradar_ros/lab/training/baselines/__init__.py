@@ -1,1 +1,1 @@
-"""Objectives of the methods that ours is compared with, one a file."""
+"""Objectives of the methods with which ours is compared, one per file."""

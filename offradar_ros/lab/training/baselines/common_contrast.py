@@ -1,4 +1,4 @@
-"""The contrastive term that all metric-learning methods have in common (Sec. IV-B of the paper)."""
+"""The contrastive term of all metric-learning methods (Sec. IV-B of the paper)."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ from offradar_ros.lab.training.losses.nt_xent import nt_xent
 
 
 def common_contrast(config: ContrastConfig, points: torch.Tensor) -> torch.Tensor:
-    """Weighted scalar loss of (2m, d) embeddings without a variance, by the criterion that ours is trained with.
+    """Weighted scalar loss of (2m, d) embeddings without a variance, with the criterion of our method.
 
-    The criteria that use a variance become, for one that is 1 or 0 everywhere, NT-Xent.
+    The criteria with a variance reduce to NT-Xent: for U = 1 (temperature) and for a variance of 0 (hedged).
     """
     if config.criterion == 'batch':
         return config.weight * batch_contrast(points, config.temperature, config.negative_weight)

@@ -1,4 +1,4 @@
-"""BCRadar and MC Dropout: the common contrastive term on their embeddings, and nothing else."""
+"""BCRadar and MC Dropout: the common contrastive term on their embeddings alone."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from offradar_ros.lab.training.objective import Views
 
 
 class ContrastiveObjective:
-    """L = w L_m(z), with criterion and weight of ``loss.invariant``; in training MC Dropout's z is thinned at random.
+    """L = w L_m(z), with criterion and weight of ``loss.invariant``; in training, dropout is applied to MC Dropout's z.
 
-    Spins and temporally near positives (Gadd et al., 2021) are the batch's, not the loss's.
+    Rotations and temporally near positives (Gadd et al., 2021) are settings of the batch.
     """
 
     def __init__(self, config: TrainingConfig) -> None:
-        """ConfigError for a contrastive term of weight 0, which would leave nothing to learn."""
+        """ConfigError for a contrastive term of weight 0, because there is no other term."""
         self.config = config.loss.invariant
         if not self.config.weight:
-            raise ConfigError(f'key loss.invariant.weight: {config.method} learns by this term: expected more than 0')
+            raise ConfigError(f'key loss.invariant.weight: {config.method} has no other term: expected more than 0')
         self.network = make_network(config.network)
 
     def losses(self, views: Views, step: int) -> dict[str, torch.Tensor]:  # noqa: ARG002

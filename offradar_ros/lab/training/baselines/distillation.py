@@ -6,7 +6,7 @@ import torch
 
 
 def distillation(student: torch.Tensor, log_variance: torch.Tensor, teacher: torch.Tensor) -> torch.Tensor:
-    """Scalar loss of the student's means and log s² and the teacher's means, all (N, d), as their code has it.
+    """Scalar loss of the student's means and log s² and the teacher's means, all (N, d), as in the authors' code.
 
     L = mean over scans and dimensions of ‖μ_s − μ_t‖₂ / s² + log s²; the norm is of the whole row and not squared. No
     gradient flows to the teacher.
@@ -17,7 +17,7 @@ def distillation(student: torch.Tensor, log_variance: torch.Tensor, teacher: tor
 
 
 def gaussian_distillation(student: torch.Tensor, log_variance: torch.Tensor, teacher: torch.Tensor) -> torch.Tensor:
-    """The same with a Gaussian in each dimension, as their paper's equation reads, for variances that are free.
+    """The loss with a Gaussian in each dimension, as in the equation of the paper, for unbounded variances.
 
     L = ½ · mean over scans and dimensions of (μ_s − μ_t)² / s² + log s².
     """

@@ -1,4 +1,4 @@
-"""FFT-RadVLAD learns its centres from the scans that networks are trained on: one pass, no gradients."""
+"""Fits the centres of FFT-RadVLAD to the training scans, without gradients."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ CENTRES_FILE = 'rad_vlad.safetensors'
 
 
 def fit_centres(config: TrainingConfig, drives: Sequence[Drive], out: Path) -> Path:
-    """Write the configuration and the centres of spectra as far as the network's image reaches; returns their file.
+    """Fit the centres, write them and the configuration into `out`, and return the file of the centres.
 
-    Of at most `SCANS` scans, drawn by `config.seed`. DataError where there are too few, ModelError for a folder that
-    cannot be written.
+    They are fitted to spectra of at most `SCANS` random scans, up to the range of the network's image. DataError for
+    too few scans, ModelError for a folder that cannot be written.
     """
     rng = np.random.default_rng(config.seed)
     rows = [(drive, row) for drive in drives for row in range(len(drive))]

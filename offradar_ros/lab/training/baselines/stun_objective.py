@@ -1,4 +1,4 @@
-"""STUN: a student learns the embedding of a trained teacher, and how far from it to expect itself."""
+"""STUN: a student is trained to give the embedding of a trained teacher, and the expected distance to it."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from offradar_ros.lab.training.objective import Views
 
 
 class StunObjective:
-    """The student's network, and a teacher that is asked but never changed.
+    """The network of the student, and a frozen teacher.
 
-    The student starts fresh, as in its authors' code, or with ``teacher.student: teacher`` from the teacher's
-    backbone and head, as the paper's "finetuned" reads; then there is less left to be unsure of.
+    The student starts from random weights, as in its authors' code, or, with ``teacher.student: teacher``, from the
+    teacher's backbone and head, as "finetuned" in the paper suggests; its uncertainty is then lower.
     """
 
     def __init__(self, config: TrainingConfig, teacher: nn.Module | None) -> None:
-        """ModelError for a teacher that is no `BcRadarNetwork` or of another dimension or image (and so backbone)."""
+        """ModelError for a teacher that is no `BcRadarNetwork` or has another dimension or image (and so backbone)."""
         if not isinstance(teacher, BcRadarNetwork):
             raise ModelError(f'teacher: expected a trained bc_radar network, got {type(teacher).__name__}')
         self.network = StunNetwork(config.network)
         for name in ('dimension', 'image'):
-            asked, found = getattr(config.network, name), getattr(teacher.config, name)
-            if asked != found:
-                raise ModelError(f"teacher: expected the student's {name} = {asked}, got {found}")
+            expected, found = getattr(config.network, name), getattr(teacher.config, name)
+            if expected != found:
+                raise ModelError(f"teacher: expected the student's {name} = {expected}, got {found}")
         if config.teacher.student == 'teacher':
             self.network.features.load_state_dict(teacher.features.state_dict())
             self.network.head.load_state_dict(teacher.head.state_dict())
@@ -38,8 +38,8 @@ class StunObjective:
         """Term ``distillation``."""
         self.teacher.to(views.images.device)
         with torch.no_grad():
-            taught, _ = self.teacher.embed(views.images)
+            target, _ = self.teacher.embed(views.images)
         mean, log_variance = self.network(views.images)
         loss = gaussian_distillation if self.network.config.student == 'free' else distillation
         with torch.autocast(views.images.device.type, enabled=False):
-            return {'distillation': loss(mean.float(), log_variance.float(), taught.float())}
+            return {'distillation': loss(mean.float(), log_variance.float(), target.float())}

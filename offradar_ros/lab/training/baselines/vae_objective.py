@@ -9,15 +9,15 @@ from offradar_ros.lab.training.config import TrainingConfig
 from offradar_ros.lab.training.losses.prior_divergence import prior_divergence
 from offradar_ros.lab.training.objective import Views
 
-# Of the Gaussian that a pixel is drawn from, as a share of full power: about what speckle leaves after averaging.
 PIXEL_DEVIATION = 0.1
+"""Standard deviation of a pixel, as a share of full power: about that of averaged speckle."""
 
 
 class VaeObjective:
     """L = (w_r Σ_p (x_p − x̂_p)² / 2·0.1² + w_k KL(N(μ, σ²) ‖ N(0, I))) / d, mean over the scans.
 
-    With ``loss.reconstruction_weight`` and ``loss.kl_weight`` 1 this is the bound itself (up to a constant), in nats a
-    dimension; the latter rises over ``loss.kl_warmup_steps``.
+    With ``loss.reconstruction_weight`` and ``loss.kl_weight`` 1 this is the bound itself (up to a constant), in nats
+    per dimension; the weight of KL increases from 0 over ``loss.kl_warmup_steps``.
     """
 
     def __init__(self, config: TrainingConfig) -> None:
@@ -31,8 +31,8 @@ class VaeObjective:
         with torch.autocast(views.images.device.type, enabled=False):
             errors = (output.reconstruction.float() - output.target.float()).square().sum(dim=(1, 2, 3))
             divergence = prior_divergence(output.mu.float(), output.log_variance.float(), config.free_nats)
-            risen = min(1.0, (step + 1) / config.kl_warmup_steps) if config.kl_warmup_steps else 1.0
+            warmup = min(1.0, (step + 1) / config.kl_warmup_steps) if config.kl_warmup_steps else 1.0
             return {
-                'kl': config.kl_weight * risen * divergence / dimension,
+                'kl': config.kl_weight * warmup * divergence / dimension,
                 'reconstruction': config.reconstruction_weight * errors.mean() / (2.0 * PIXEL_DEVIATION**2 * dimension),
             }

@@ -1,1 +1,1 @@
-"""One loss a file. Rows i and i + m of a batch of 2m are one place."""
+"""One loss per file. Rows i and i + m of a batch of 2m are of the same place."""

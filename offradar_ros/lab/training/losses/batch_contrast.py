@@ -8,20 +8,20 @@ import torch
 
 from offradar_ros.lab.training.losses.cosines import cosines, other_views
 
-# P is cut off here for log(1 − P): with ω < 1 a negative nearer than the other view can pass 1.
-_NEAREST_TO_ONE = 1.0 - 1e-6
+# Upper limit of P for log(1 − P): with ω < 1, P of a negative nearer than the other view may exceed 1.
+_MAX_PROBABILITY = 1.0 - 1e-6
 
 
 def batch_contrast(points: torch.Tensor, temperature: float, negative_weight: float) -> torch.Tensor:
-    """Scalar loss of (2m, d) points, which are normalised here.
+    """Scalar loss of (2m, d) points, which are L2-normalised here.
 
     With s_ij = cos(x_i, x_j) / τ, i' the other view of i, ω the weight of the negatives and
     D_i = e^{s_ii'} + ω Σ_{k ∉ {i, i'}} e^{s_ik}:
 
     L = −1/2m Σ_i [ log(e^{s_ii'} / D_i) + ω Σ_{j ∉ {i, i'}} log(1 − e^{s_ij} / D_i) ].
 
-    The paper's "negative margin" is ω (0.1) beside τ = 1. Unlike the published code, which detaches one side of each
-    pair, gradients flow through both.
+    The "negative margin" of the paper is ω (0.1), with τ = 1. Gradients flow through both views of a pair, unlike in
+    the published code, which detaches one of them.
     """
     similarity = cosines(points) / temperature
     count = len(points)
@@ -34,6 +34,6 @@ def batch_contrast(points: torch.Tensor, temperature: float, negative_weight: fl
     negatives = similarity[is_negative].view(count, count - 2)
     weight = math.log(negative_weight) if negative_weight else -math.inf
     total = torch.logsumexp(torch.cat([positive[:, None], negatives + weight], dim=1), dim=1)
-    mistaken = torch.exp(negatives - total[:, None]).clamp(max=_NEAREST_TO_ONE)
-    terms = positive - total + negative_weight * torch.log1p(-mistaken).sum(dim=1)
+    probabilities = torch.exp(negatives - total[:, None]).clamp(max=_MAX_PROBABILITY)
+    terms = positive - total + negative_weight * torch.log1p(-probabilities).sum(dim=1)
     return -terms.mean()

@@ -1,4 +1,4 @@
-"""Similarities of a batch, shared by the contrastive losses."""
+"""Cosine similarities of a batch, for the contrastive losses."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ def cosines(points: torch.Tensor) -> torch.Tensor:
 
 
 def other_views(count: int, device: torch.device) -> torch.Tensor:
-    """(N,) int64: the row that shows the same place as row i of N = 2m."""
+    """(N,) int64, for each of N = 2m rows the row of the other view of its place; ValueError for N odd or below 4."""
     if count % 2 or count < 4:
         raise ValueError(f'expected two views each of two places or more, got {count} rows')
     return torch.arange(count, device=device).roll(count // 2)

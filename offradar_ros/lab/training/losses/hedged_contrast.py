@@ -16,10 +16,10 @@ def hedged_contrast(
     samples: int,
     generator: torch.Generator | None = None,
 ) -> torch.Tensor:
-    """Scalar loss of (2m, d) centres with (2m, d) log variances; points are sampled, then normalised, here.
+    """Scalar loss of (2m, d) centres with (2m, d) log variances; points are sampled, then L2-normalised here.
 
     L = −1/2m Σ_i log 1/S Σ_s softmax_{j ≠ i}(cos(z_i^s, z_j^s) / τ) at i', z^s ~ N(centre, σ²): the log of the mean
-    over S samples, not the mean of the logs, so that a scan that matches in some samples is forgiven the others.
+    over S samples, not the mean of the logs, so that a scan needs to match in some of the samples only.
     """
     count = len(centres)
     other = other_views(count, centres.device)

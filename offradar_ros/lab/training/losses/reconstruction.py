@@ -1,4 +1,4 @@
-"""How well the decoder rebuilds the feature map (eq. 4 of the paper)."""
+"""Reconstruction error of the feature map (eq. 4 of the paper)."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ import torch
 
 
 def reconstruction_error(decoded: torch.Tensor, features: torch.Tensor, kind: str) -> torch.Tensor:
-    """Scalar error of (N, …) decoded features: ``mse``, or ``l2``, the Euclidean norm a scan, mean over N.
+    """Scalar error of (N, …) decoded features: ``mse``, or ``l2``, the mean over N of the Euclidean norm per scan.
 
-    No gradient reaches `features`: a target that may move would shrink.
+    `features` gets no gradient, because it would shrink the target.
     """
     difference = (decoded - features.detach()).flatten(1)
     if kind == 'mse':

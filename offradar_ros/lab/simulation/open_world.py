@@ -1,4 +1,4 @@
-"""Worlds by the names that people give them on a command line."""
+"""Worlds from the text of a command-line option."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The part of a world that is near the radar, without looking at all of it."""
+"""A spatial index of reflectors: those near the radar, without a search of the whole world."""
 
 from __future__ import annotations
 
@@ -11,39 +11,26 @@ Array = NDArray[np.float64]
 
 _CELL_M = 25.0
 _STRIDE = 2**20
-"""Cells of a column have neighbouring keys; the columns are this far apart."""
+"""Cells of a column have consecutive keys; keys of neighbouring columns differ by this."""
 
 
-class Surroundings:
-    """Reflectors sorted by the square cell that each lies in, a wall by its middle."""
+class ReflectorIndex:
+    """Reflectors sorted by square cell; a wall lies in the cell of its middle."""
 
     def __init__(self, reflectors: Reflectors) -> None:
         middles = reflectors.walls_m.mean(axis=1)
         lengths = np.hypot(*(reflectors.walls_m[:, 1] - reflectors.walls_m[:, 0]).T)
-        self._reach_m = float(lengths.max(initial=0.0)) / 2
+        self._half_length_m = float(lengths.max(initial=0.0)) / 2
         walls, points = _keys(middles), _keys(reflectors.scatterers_m)
         by_wall, by_point = np.argsort(walls, kind='stable'), np.argsort(points, kind='stable')
         self._walls, self._points = walls[by_wall], points[by_point]
-        self._sorted = Reflectors(
-            reflectors.walls_m[by_wall],
-            reflectors.wall_powers[by_wall],
-            reflectors.wall_through[by_wall],
-            reflectors.scatterers_m[by_point],
-            reflectors.scatterer_powers[by_point],
-        )
+        self._sorted = reflectors.select(by_wall, by_point)
 
     def near(self, centre_m: Array, range_m: float) -> Reflectors:
-        """All that come nearer than `range_m` to a (2,) point, and some of those around."""
-        walls = _slices(self._walls, centre_m, range_m + self._reach_m)
+        """All within `range_m` of a (2,) point, and some that are further away."""
+        walls = _slices(self._walls, centre_m, range_m + self._half_length_m)
         points = _slices(self._points, centre_m, range_m)
-        found = self._sorted
-        return Reflectors(
-            found.walls_m[walls],
-            found.wall_powers[walls],
-            found.wall_through[walls],
-            found.scatterers_m[points],
-            found.scatterer_powers[points],
-        )
+        return self._sorted.select(walls, points)
 
 
 def _keys(points_m: Array) -> NDArray[np.int64]:

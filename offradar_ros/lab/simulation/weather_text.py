@@ -1,4 +1,4 @@
-"""Weather by the words that people give it on a command line."""
+"""Weather from the text of a command-line option."""
 
 from __future__ import annotations
 
@@ -10,7 +10,10 @@ _FIELDS = {'rain': 'rain_mm_h', 'snow': 'snow_mm_h', 'fog': 'fog_visibility_m'}
 
 
 def parse_weather(text: str) -> Weather:
-    """``clear``, or some of ``rain=MM_H``, ``snow=MM_H`` and ``fog=VISIBILITY_M`` with commas between; ConfigError."""
+    """``clear``, or some of ``rain=MM_H``, ``snow=MM_H`` and ``fog=VISIBILITY_M``, separated by commas.
+
+    ConfigError for other text and for numbers outside 0 to 150, 0 to 10 and 5 to 100,000.
+    """
     if text == 'clear':
         return CLEAR
     values = {}

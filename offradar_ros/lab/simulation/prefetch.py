@@ -1,4 +1,4 @@
-"""Simulated scans made ahead by several processes, in order."""
+"""Simulated scans rendered in advance by several processes, in order."""
 
 from __future__ import annotations
 
@@ -17,46 +17,47 @@ from offradar_ros.types import PolarScan
 
 T = TypeVar('T')
 
-_AHEAD = 4
-"""Scans that are waiting or being made, for each process."""
+_PER_WORKER = 4
+"""Scans that are rendered or waiting, for each process."""
 
 _job: tuple[SimulatedSequence, Callable[[PolarScan], object]]
 
 
-def made_ahead(sequence: SimulatedSequence, make: Callable[[PolarScan], T], workers: int) -> Iterator[T]:
-    """`make(scan)` of every scan, in order; the same whatever the number of processes, 1 for this one alone.
+def prefetch(sequence: SimulatedSequence, convert: Callable[[PolarScan], T], workers: int) -> Iterator[T]:
+    """`convert(scan)` of every scan, in order, by `workers` processes; with 1 in this process.
 
-    `make` is a function of a module, and what it returns travels between processes. DataError where one was killed.
+    The result does not depend on the number of processes. `convert` and what it returns must be picklable. DataError
+    if a process was killed.
     """
     if workers <= 1 or len(sequence) < 2:
-        yield from (make(sequence.scan(index)) for index in range(len(sequence)))
+        yield from (convert(sequence.scan(index)) for index in range(len(sequence)))
         return
-    with worker_pool(workers, _start, (sequence, make)) as pool:
+    with worker_pool(workers, _start, (sequence, convert)) as pool:
         waiting: collections.deque[concurrent.futures.Future[Any]] = collections.deque()
         for index in range(len(sequence)):
-            waiting.append(pool.submit(_made, index))
-            if len(waiting) >= _AHEAD * workers:
+            waiting.append(pool.submit(_converted, index))
+            if len(waiting) >= _PER_WORKER * workers:
                 yield waiting.popleft().result()
         while waiting:
             yield waiting.popleft().result()
 
 
-def _start(sequence: SimulatedSequence, make: Callable[[PolarScan], object]) -> None:
+def _start(sequence: SimulatedSequence, convert: Callable[[PolarScan], object]) -> None:
     global _job  # noqa: PLW0603
-    _job = sequence, make
+    _job = sequence, convert
 
 
-def _made(index: int) -> object:
-    sequence, make = _job
-    return make(sequence.scan(index))
+def _converted(index: int) -> object:
+    sequence, convert = _job
+    return convert(sequence.scan(index))
 
 
-class ScansAhead:
-    """A simulated sequence whose scans several processes make; they can be asked for once each, in order."""
+class PrefetchedSequence:
+    """A simulated sequence whose scans several processes render; each can be read once, in order."""
 
     def __init__(self, sequence: SimulatedSequence, workers: int) -> None:
         self._sequence = sequence
-        self._scans = enumerate(made_ahead(sequence, _as_it_is, workers))
+        self._scans = enumerate(prefetch(sequence, _unchanged, workers))
         self.name, self.layout = sequence.name, sequence.layout
         self.stamps_ns: NDArray[np.int64] = sequence.stamps_ns
         self.trajectory: Trajectory = sequence.trajectory
@@ -68,9 +69,9 @@ class ScansAhead:
         """The next scan; IndexError for any other."""
         at, scan = next(self._scans, (-1, None))
         if at != index or scan is None:
-            raise IndexError(f'scan {index}: scans made ahead are given once each, in order')
+            raise IndexError(f'scan {index}: prefetched scans can be read once each, in order')
         return scan
 
 
-def _as_it_is(scan: PolarScan) -> PolarScan:
+def _unchanged(scan: PolarScan) -> PolarScan:
     return scan
