@@ -10,7 +10,7 @@ from launch_ros.substitutions import FindPackageShare
 
 from launch import LaunchDescription
 
-# Read by Jazzy's Fast DDS; other middlewares pass it over.
+# Read by Jazzy's Fast DDS; other middlewares ignore it.
 DDS_PROFILE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
 
 
@@ -35,7 +35,7 @@ def generate_launch_description() -> LaunchDescription:
             output='screen',
             parameters=[params, sim_time, *parameters],
             remappings=remappings,
-            # Not for the whole launch: who includes this file has nodes of their own.
+            # For these nodes alone: a launch file that includes this one may have others.
             additional_env={DDS_PROFILE: LaunchConfiguration('dds_profile')},
         )
 
@@ -60,7 +60,7 @@ def generate_launch_description() -> LaunchDescription:
             ),
             DeclareLaunchArgument(
                 'dds_profile',
-                # One that is set to nothing is none, as everywhere with us; the substitution would take it.
+                # An empty variable counts as not set, as in the rest of this package.
                 default_value=os.environ.get(DDS_PROFILE) or shipped,
                 description='XML profile of Fast DDS; ours, unless the environment names one, has room for scans',
             ),

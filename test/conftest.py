@@ -13,7 +13,7 @@ from street_sequence import StreetSequence
 
 from offradar_ros.recordings.bags.writer import write_bag
 
-pytest_plugins = ('commands', 'own_packages')
+pytest_plugins = ('commands', 'own_packages', 'ros_domain')
 
 # A busy machine must not fail a test.
 settings.register_profile('any_machine', deadline=None, suppress_health_check=[HealthCheck.too_slow])

@@ -3,8 +3,8 @@
 import importlib.util
 import os
 
-# Read by NumPy when it is imported: a search of a map in several threads waits for them, on a busy machine many times
-# as long as it computes.
+# Read by NumPy when it is imported. A search of a map in several threads waits for all of them: on a busy machine many
+# times longer than it computes.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 if importlib.util.find_spec('rclpy') is None:

@@ -1,7 +1,7 @@
 """Polar images in, embeddings out.
 
-A callback only takes each scan; a worker decodes, encodes and publishes, so that no scan waits for more than is in hand
-and `encoder.backlog` others. ONNX Runtime and NumPy let the interpreter go while they compute.
+A callback only queues each scan; a worker decodes, encodes and publishes. So no scan waits for more than the one in
+progress and `encoder.backlog` others. ONNX Runtime and NumPy release the interpreter's lock while they compute.
 """
 
 from __future__ import annotations
@@ -34,14 +34,14 @@ B_SCANS = 'radar_data/b_scan_msg'
 
 @dataclasses.dataclass(frozen=True)
 class Received:
-    """A scan as it came, and what was known then.
+    """A scan message that was received.
 
     Attributes:
-        topic: where it came.
+        topic: the topic that it was received on.
         header: its std_msgs/Header.
-        decode: makes a scan of it, or raises RefusedInput.
-        recording: number of recordings that had been announced before it.
-        received_s: when, by the steady clock.
+        decode: returns the scan in it, or raises RefusedInput.
+        recording: number of recordings that were announced before it.
+        received_s: time of reception by the steady clock.
     """
 
     topic: str
@@ -82,7 +82,7 @@ class EncoderNode(StageNode):
         self._worker = NewestWorker(self._answer, self._overtaken, self.config.encoder.backlog)
 
     def activated(self) -> None:
-        """Tell the map and the query which model this is."""
+        """Publish the model for the map server and the query node."""
         info = self.stage.encoder.info
         self._model.publish(model_message(info))
         device = self.stage.encoder.runs_on
@@ -93,22 +93,22 @@ class EncoderNode(StageNode):
         )
 
     def deactivating(self) -> None:
-        """Answer what is in hand, and forget what waits."""
+        """Answer the scan in progress, and forget the scans that wait."""
         if self._worker:
             self._worker.forget()
 
     def close(self) -> None:
-        """End the worker, after what it has in hand."""
+        """End the worker after the scan in progress."""
         if self._worker:
             self._worker.stop()
 
     def destroy_node(self) -> None:
-        """End the worker too: the process of who composes nodes, and ends them by this alone, would never end."""
+        """Also end the worker: a process that composes nodes and only destroys them would never exit otherwise."""
         self.close()
         super().destroy_node()
 
     def _on_image(self, message: Image) -> None:
-        # The same scan comes with its angles on the other topic, stamped by another clock.
+        # The driver also sends this scan on the other topic, with its angles and a stamp of another clock.
         if not self._has_b_scans:
             self._receive(SCANS, message.header, functools.partial(scan_from_image, message, self._radar))
 
@@ -125,22 +125,22 @@ class EncoderNode(StageNode):
         self._radar = navtech.configured(self.config.radar, message)
 
     def _start_recording(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """The next scan is the first of a recording, whatever its stamp.
+        """Take the next scan as the first of a recording, with any stamp.
 
-        Stamps alone cannot tell: a recording that is played again, and is shorter than `radar.restart_after_s`, looks
-        like scans that were sent twice or late, which are refused. Who plays it knows, and calls this service.
+        Stamps alone do not show it: a recording that is shorter than `radar.restart_after_s` and played again looks
+        like scans that were sent twice or late, which are refused. The player knows, and calls this service.
         """
         response.success = self.active
         response.message = 'the encoder is not active'
         if self.active:
             self._has_b_scans = False
-            # Those that still wait are of the recording before.
+            # Scans that still wait belong to the recording before.
             self._recording += 1
             response.message = 'a recording starts with the next scan'
         return response
 
     def _overtaken(self, scan: Received) -> None:
-        problem = 'scans come faster than they are encoded: the newest go first'
+        problem = 'scans arrive faster than they are encoded: the newest go first'
         self.refuse(RefusedInput('overtaken', problem), scan.topic)
 
     def _answer(self, scan: Received) -> None:

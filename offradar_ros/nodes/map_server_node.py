@@ -30,7 +30,7 @@ from offradar_ros.stages.map import Form, MapStage, MapUpdate
 from offradar_ros.types import PlaceTable
 
 POLL_S = 0.02
-"""How often a session that ends looks whether positions are still coming in."""
+"""Time between two checks, at the end of a session, whether positions still arrive."""
 
 
 class MapServerNode(StageNode):
@@ -59,8 +59,10 @@ class MapServerNode(StageNode):
             'save': self._save,
             'clear': self._clear,
         }.items():
-            # In a group of its own: positions go on coming in while a session waits for the last of them.
-            self.create_service(Trigger, f'~/{name}', self._answering(serve), callback_group=ReentrantCallbackGroup())
+            # In a separate callback group: positions arrive while the end of a session waits for the last of them.
+            self.create_service(
+                Trigger, f'~/{name}', self._service_callback(serve), callback_group=ReentrantCallbackGroup()
+            )
         self._last_stamp_ns = 0
         self._map: SessionMap | None = None
 
@@ -77,7 +79,7 @@ class MapServerNode(StageNode):
             self.get_logger().info(self._start_session())
 
     def close(self) -> None:
-        """End the running session, so that nothing of it is lost, and close the file; MapError if it cannot be."""
+        """End the running session, so that none of it is lost, and close the file; MapError if that fails."""
         if self._map is None:
             return
         if self._map.running_session_id is not None:
@@ -107,7 +109,7 @@ class MapServerNode(StageNode):
         try:
             self._publish_updates(self.stage.add_embedding(embedding_record(message, 'embedding')))
         finally:
-            # For a replay in lockstep, which sends the next scan when this one is in the map, or refused.
+            # For a replay in lockstep: it sends the next scan when this one is in the map, or refused.
             if self._handled.get_subscription_count():
                 self._handled.publish(Header(stamp=message.header.stamp))
 
@@ -143,7 +145,7 @@ class MapServerNode(StageNode):
         model = self.stage.map.model
         return descriptors_message(PlaceRows(table, model.fingerprint if model else '', committed), stamp)
 
-    def _answering(self, serve: Callable[[], str]) -> Callable[..., Awaitable[Trigger.Response]]:
+    def _service_callback(self, serve: Callable[[], str]) -> Callable[..., Awaitable[Trigger.Response]]:
         async def answer(_request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
             await self._wait_for_positions()
             try:
@@ -164,23 +166,23 @@ class MapServerNode(StageNode):
         return answer
 
     async def _wait_for_positions(self) -> None:
-        """Wait while scans wait for positions that are still coming in."""
+        """Wait while scans wait for positions that still arrive."""
         while self._map is not None and self.stage.expects_positions:
-            turn = Future()
+            elapsed = Future()
             timer = self.create_timer(
                 POLL_S,
-                partial(turn.set_result, None),
+                partial(elapsed.set_result, None),
                 ReentrantCallbackGroup(),
                 Clock(clock_type=ClockType.STEADY_TIME),
             )
-            await turn
+            await elapsed
             self.destroy_timer(timer)
 
     def _start_session(self) -> str:
         return self.stage.start_session(self.now_ns())
 
     def _end_session(self) -> str:
-        # What is merged now stays merged and is published, also where the session cannot be committed.
+        # Scans that are merged now stay merged and are published, even if the session cannot be committed.
         self._publish_updates(self.stage.flush())
         updates, report = self.stage.end_session()
         self._publish_updates(updates)

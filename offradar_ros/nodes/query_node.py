@@ -48,11 +48,11 @@ class QueryNode(StageNode):
             self.get_logger().warning(f'query.map_path: {path} does not exist yet: waiting for the map server')
 
     def activated(self) -> None:
-        """Say what is searched."""
+        """Log the size of the map and the threshold."""
         self.get_logger().info(f'active: {self.stage.places} places, rejects U above {self.stage.threshold:.4f}')
 
     def apply(self, config: Config) -> None:
-        """Thresholds may change while the node runs."""
+        """Use the new thresholds, which may change while the node runs."""
         if config == self.config:
             return
         super().apply(config)
@@ -60,7 +60,7 @@ class QueryNode(StageNode):
         self.get_logger().info(f'rejects U above {self.stage.threshold:.4f}')
 
     def periodic(self) -> None:
-        """Say what is searched, and with which threshold."""
+        """Report the size of the map, the threshold and the mean of U."""
         self.status.facts |= {'places': str(self.stage.places), 'threshold': f'{self.stage.threshold:.4f}'}
         if math.isfinite(self.stage.mean_uncertainty):
             self.status.facts['mean_uncertainty'] = f'{self.stage.mean_uncertainty:.4f}'

@@ -1,6 +1,6 @@
-"""Plays a bag into the nodes: at a rate, or in lockstep, as fast as they answer and with nothing dropped.
+"""Plays a bag into the nodes: at a rate, or in lockstep, as fast as they answer and without dropped scans.
 
-The recorded bytes are published as they are, never decoded and encoded again.
+The recorded bytes are published unchanged.
 """
 
 from __future__ import annotations
@@ -68,7 +68,7 @@ def _play(node: Node, argv: Sequence[str], arguments: argparse.Namespace) -> int
                 player.play()
                 answers += player.take_answers()
         except Exception:
-            # Whatever was at work when the context went away: that is how an interrupt shows.
+            # An interrupt shuts the context down, and then any call may fail.
             if rclpy.ok():
                 raise
             answers += player.take_answers()
@@ -90,7 +90,7 @@ def _play(node: Node, argv: Sequence[str], arguments: argparse.Namespace) -> int
 def _end_session(node: Node, argv: Sequence[str], timeout_s: float) -> str:
     if rclpy.ok():
         return SessionClient(node, timeout_s).end()
-    # Interrupted: what was mapped so far is kept all the same, however often the signal comes again.
+    # Interrupted: what was mapped so far is kept, even if the signal is sent again.
     rclpy.signals.uninstall_signal_handlers()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, signal.SIG_IGN)

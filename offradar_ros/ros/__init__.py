@@ -1,1 +1,1 @@
-"""Messages, parameters and diagnostics: what stands between the core and rclpy."""
+"""Messages, parameters and diagnostics: the layer between the core and rclpy."""

@@ -1,4 +1,4 @@
-"""What running nodes answer to the scans of a replay: received by stamp, and counted."""
+"""Answers of running nodes to the scans of a replay: received by stamp, and counted."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from offradar_ros.ros import qos
 from offradar_ros.ros.outcome_message import rejection_record
 
 REPLIES = ('matches', 'rejections')
-"""One of the two answers each embedding."""
+"""The two topics of answers; each embedding is answered on one of them."""
 
 HANDLED = 'map_server/handled'
-"""The stamp of each scan that the map server has dealt with, published only while somebody listens."""
+"""The stamp of each scan that the map server has handled, published only while there is a subscriber."""
 
 TOPICS = ('embedding', *REPLIES, HANDLED)
 
@@ -60,7 +60,7 @@ class Answers:
 
 
 class AnswerLog:
-    """Listens to every topic that answers a scan."""
+    """Subscribes to every topic that answers a scan."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
@@ -68,14 +68,14 @@ class AnswerLog:
         self._reasons: dict[int, str] = {}
         self.awaited: tuple[str, ...] = ()
         for topic, kind in (('embedding', PointCloud2), ('matches', PointCloud2), (HANDLED, Header)):
-            note = functools.partial(self._note, topic)
-            node.create_subscription(kind, topic, note, qos.UPDATES, raw=True)
-        node.create_subscription(DiagnosticArray, 'rejections', self._note_rejection, qos.UPDATES)
+            receive = functools.partial(self._receive, topic)
+            node.create_subscription(kind, topic, receive, qos.UPDATES, raw=True)
+        node.create_subscription(DiagnosticArray, 'rejections', self._receive_rejection, qos.UPDATES)
 
-    def _note(self, topic: str, cdr: bytes) -> None:
+    def _receive(self, topic: str, cdr: bytes) -> None:
         self._received[topic][header_stamp_ns(cdr)] += 1
 
-    def _note_rejection(self, message: DiagnosticArray) -> None:
+    def _receive_rejection(self, message: DiagnosticArray) -> None:
         stamp = stamp_ns(message.header.stamp)
         self._received['rejections'][stamp] += 1
         try:
@@ -89,12 +89,12 @@ class AnswerLog:
             received.clear()
         self._reasons.clear()
 
-    def present(self) -> tuple[str, ...]:
-        """The topics that somebody publishes."""
+    def published(self) -> tuple[str, ...]:
+        """The topics with a publisher."""
         return tuple(t for t in TOPICS if self._node.count_publishers(self._node.resolve_topic_name(t)))
 
     def missing(self, stamp: int) -> tuple[str, ...]:
-        """The awaited topics on which nothing has come for a scan."""
+        """The awaited topics on which nothing has been received for a scan."""
         silent = tuple(topic for topic in self.awaited if stamp not in self._received[topic])
         replied = any(stamp in self._received[topic] for topic in REPLIES)
         return tuple(topic for topic in silent if not (replied and topic in REPLIES))

@@ -1,4 +1,4 @@
-"""Structured arrays as PointCloud2: any ROS 2 machine can record, echo and plot them with nothing of ours installed."""
+"""Structured arrays as PointCloud2, which any ROS 2 machine can record, echo and plot without this package."""
 
 from __future__ import annotations
 

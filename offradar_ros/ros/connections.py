@@ -1,8 +1,8 @@
 """Which publishers and subscriptions are connected: as this node has discovered it, and as their publishers report it.
 
-Two nodes find one another in two steps, one on each side. A subscriber may know of a publisher that does not know of it
-yet, and what is published until then is lost. Only the publisher's node can tell, so each node of ours answers the
-service ``~/subscribers``. Nobody calls it but who must not lose a message: a replay in lockstep, a test.
+Discovery takes two steps, one on each side. A subscriber may know a publisher that does not know it yet, and what is
+published until then is lost. Only the publisher's node knows when it is connected, so each of our nodes answers the
+service ``~/subscribers``. Only a process that must not lose a message calls it: a replay in lockstep, a test.
 """
 
 from __future__ import annotations
@@ -22,15 +22,15 @@ from std_srvs.srv import Trigger
 
 SERVICE = 'subscribers'
 ASK_S = 0.05
-"""Time between two questions to one node."""
+"""Time between two calls to one node."""
 LOST_S = 1.0
-"""An answer that takes longer is lost: it was sent before the two had found one another."""
+"""A call without an answer after this time is repeated: it was made before discovery was complete."""
 UNKNOWN = '_NODE_NAME_UNKNOWN_'
-"""What the graph calls a node of which only the topics are known so far."""
+"""The name in the graph of a node of which only the topics are known so far."""
 
 
 def serve_subscribers(node: Node, outputs: Sequence[Publisher]) -> None:
-    """Let `node` answer ``~/subscribers``: a JSON object of how many subscriptions each output is connected to."""
+    """Let `node` answer ``~/subscribers``: as JSON, the number of subscriptions that each output is connected to."""
 
     def answer(_request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         response.success = True
@@ -43,8 +43,8 @@ def serve_subscribers(node: Node, outputs: Sequence[Publisher]) -> None:
 def count_reachable(node: Node, topic: str, offer: TopicEndpointInfo) -> int:
     """How many subscriptions of the resolved name `topic` the publisher `offer` can reach.
 
-    Those of another type, or that ask for more than is offered, are never connected to it. `offer` is as the graph has
-    it: the profile that a publisher was made with leaves deadline and lease open, and would seem to reach nobody.
+    Subscriptions of another type or with an incompatible quality of service are never connected to it. `offer` must
+    come from the graph: the profile that a publisher was created with has no deadline and lease, and fits none.
     """
     return sum(
         subscription.topic_type == offer.topic_type
@@ -56,8 +56,8 @@ def count_reachable(node: Node, topic: str, offer: TopicEndpointInfo) -> int:
 class Connections:
     """How many subscriptions the publishers of a topic are connected to, as their nodes report it.
 
-    Nothing here waits: each call asks the nodes again, and returns their answers to earlier calls. Call it until the
-    answer is the one you wait for, while an executor spins `node`.
+    No method waits: each one calls the nodes again, and returns their answers to earlier calls. Repeat it until the
+    result is as expected, while an executor spins `node`.
     """
 
     def __init__(self, node: Node) -> None:
@@ -94,7 +94,7 @@ class Connections:
         client, now_s = self._clients[server], time.monotonic()
         asked_s, call = self._asked_s.get(server, -LOST_S), self._calls.get(server)
         if call is not None and call.done():
-            # Another's service of this name may answer anything.
+            # A service of this name of another package may answer anything.
             with contextlib.suppress(ValueError, TypeError, AttributeError):
                 self._counts[server] = {k: int(v) for k, v in json.loads(call.result().message).items()}
         elif call is not None and now_s - asked_s >= LOST_S:

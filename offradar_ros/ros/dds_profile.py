@@ -1,4 +1,4 @@
-"""The Fast DDS profile that comes with us: shared memory large enough for scans."""
+"""The Fast DDS profile of this package: shared memory with room for scans."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ from collections.abc import Mapping
 from offradar_ros.shipped import installed_file
 
 VARIABLE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
-"""What Jazzy's Fast DDS 2.14 reads when a process makes its first node; not the FASTDDS_ one of later."""
+"""Read by Jazzy's Fast DDS 2.14 when a process creates its first node; later versions read a FASTDDS_ variable."""
 
 
 def with_profile(environment: Mapping[str, str]) -> dict[str, str]:
-    """The environment with our profile, unless it names one already or ours is not installed: all works without."""
+    """The environment with our profile, unless it names one already or ours is not installed; nodes work without it."""
     ours = installed_file('fastdds.xml')
     if environment.get(VARIABLE) or ours is None:
         return dict(environment)

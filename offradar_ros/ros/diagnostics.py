@@ -6,6 +6,7 @@ import collections
 import threading
 import time
 from collections import Counter
+from collections.abc import Callable
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
@@ -18,18 +19,19 @@ WINDOW = 256
 class NodeStatus:
     """Counts what a node handled and dropped; latencies in seconds over the last `WINDOW` messages.
 
-    `handle`, `drop` and `message` may be called by several threads.
+    `handle`, `drop` and `message` may be called by several threads. `clock` is the steady clock, in seconds.
     """
 
-    def __init__(self, name: str) -> None:
+    def __init__(self, name: str, clock: Callable[[], float] = time.monotonic) -> None:
         self._name = name
+        self._clock = clock
         self.handled = 0
         self.drops: Counter[str] = Counter()
         self.counts: Counter[str] = Counter()
         self.facts: dict[str, str] = {}
         self.warning = ''
         self._latencies_s: collections.deque[float] = collections.deque(maxlen=WINDOW)
-        self._last_report_s = time.monotonic()
+        self._last_report_s = clock()
         self._last_handled = 0
         self._last_drops = 0
         self._lock = threading.Lock()
@@ -38,7 +40,7 @@ class NodeStatus:
         """One message handled, received at `received_s` of the steady clock."""
         with self._lock:
             self.handled += 1
-            self._latencies_s.append(time.monotonic() - received_s)
+            self._latencies_s.append(self._clock() - received_s)
 
     def drop(self, cause: str) -> None:
         """One message dropped."""
@@ -51,7 +53,7 @@ class NodeStatus:
             return self._message(stamp_ns)
 
     def _message(self, stamp_ns: int) -> DiagnosticArray:
-        now_s = time.monotonic()
+        now_s = self._clock()
         rate_hz = (self.handled - self._last_handled) / max(now_s - self._last_report_s, 1e-9)
         dropped = self.drops.total()
         new_drops = dropped - self._last_drops

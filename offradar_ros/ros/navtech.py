@@ -1,4 +1,4 @@
-"""Navtech's own messages, where `navtech_msgs` is installed: encoder angles of every row, and the sensor's settings.
+"""Navtech's messages, if `navtech_msgs` is installed: encoder angles of every row, and the sensor's settings.
 
 RadarBScanMsg carries the image, `encoder_values` and `timestamps` (ns) a row; RadarConfigurationMessage carries
 `bin_size` in units of 1e-4 m.
@@ -35,7 +35,7 @@ def message_types() -> tuple[type, type] | None:
 
 
 def configured(config: RadarConfig, message: Any) -> RadarConfig:
-    """The radar configuration with what the sensor reports of itself; an explicit bin size or range offset wins."""
+    """The radar configuration with the settings that the sensor reports; an explicit bin size or range offset wins."""
     resolution_m = float(message.bin_size) * BIN_SIZE_UNIT_M * float(message.range_gain or 1.0)
     if not 0.0 < resolution_m < 10.0 or not message.azimuth_samples or not message.encoder_size:
         raise RefusedInput(

@@ -1,4 +1,4 @@
-"""A worker that never falls behind by more than a few: what waits for it too long is dropped for what is newer."""
+"""A worker with a short queue: when a newer item comes, the oldest one that waits is dropped."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ ItemT = TypeVar('ItemT')
 
 
 class NewestWorker(Generic[ItemT]):
-    """Handles items in a thread of its own, one by one and in order, while at most `backlog` others wait.
+    """Handles items in its own thread, one by one and in order, while at most `backlog` others wait.
 
-    One more makes the oldest that waits be dropped: `overtaken` is called with it, in the thread of `put`. An exception
-    of `handle` is printed and costs that item only.
+    One more, and the oldest one that waits is dropped: `overtaken` is called with it, in the thread of `put`. An
+    exception of `handle` is printed and concerns that item only.
     """
 
     def __init__(self, handle: Callable[[ItemT], None], overtaken: Callable[[ItemT], None], backlog: int = 1) -> None:
@@ -27,7 +27,7 @@ class NewestWorker(Generic[ItemT]):
         self._thread.start()
 
     def put(self, item: ItemT) -> None:
-        """Let an item wait; after `stop`, forget it. Never blocks for long."""
+        """Queue an item; after `stop`, ignore it. Never blocks for long."""
         dropped: list[ItemT] = []
         with self._changed:
             if self._stopped:
@@ -40,18 +40,18 @@ class NewestWorker(Generic[ItemT]):
             self._overtaken(each)
 
     def forget(self) -> None:
-        """Forget what waits, and return when nothing is in hand any more; not from `handle`."""
+        """Clear the queue, and return when the item in progress is done; not to be called from `handle`."""
         with self._changed:
             self._waiting.clear()
             self._changed.wait_for(lambda: not self._busy)
 
     def stop(self) -> None:
-        """Forget what waits and end the thread, after what it has in hand; may be called again, not from `handle`."""
+        """Clear the queue and end the thread after the item in progress; may be called again, but not from `handle`."""
         with self._changed:
             self._stopped = True
             self._waiting.clear()
             self._changed.notify_all()
-        # However long that takes: an interpreter that ends under a working thread may crash.
+        # Without a time-out: an interpreter that exits while the thread works may crash.
         self._thread.join()
 
     def _work(self) -> None:
@@ -68,5 +68,5 @@ class NewestWorker(Generic[ItemT]):
                 self._handle(item)
             except Exception:
                 traceback.print_exc()
-            # Else it lives on, 1.5 MB of it, until the next one comes.
+            # Otherwise its 1.5 MB stay in memory until the next item comes.
             del item

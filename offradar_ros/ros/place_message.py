@@ -1,4 +1,4 @@
-"""PlaceTable ↔ PointCloud2, for the search and for people to look at."""
+"""PlaceTable ↔ PointCloud2, for the search and for display."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MAP_FRAME = 'map'
 
 @dataclasses.dataclass(frozen=True)
 class PlaceRows:
-    """Rows of the map as they travel: of one model, committed or of the running session."""
+    """Rows of the map in a message: of one model, committed or of the running session."""
 
     table: PlaceTable
     model: str

@@ -21,12 +21,12 @@ from offradar_ros.recordings.bags.reader import Bag, RawMessage, scan_topic
 from offradar_ros.recordings.drive import in_lockstep_order
 from offradar_ros.ros import qos
 from offradar_ros.ros.answer_log import TOPICS, AnswerLog, Answers
-from offradar_ros.ros.audience import Audience
 from offradar_ros.ros.connections import Connections
+from offradar_ros.ros.replay_subscribers import ReplaySubscribers
 from offradar_ros.ros.spin import spin_for, spin_until
 from offradar_ros.ros.stamps import time_message
 
-# What the nodes themselves publish: a recording of it must not be mistaken for their answer.
+# Topics that the nodes publish: their recorded messages must not be taken for answers.
 OUTPUTS = (
     '/clock',
     '/diagnostics',
@@ -48,10 +48,11 @@ DISCOVERY_S = 4.0
 CONNECT_S = 4.5
 """Shortest wait for the nodes to connect; a longer --timeout holds."""
 QUIET_S = 1.0
-"""No answer for so long, and all are taken to have come."""
+"""After this time without an answer, no more answers are expected."""
 SILENT_SCANS = 3
+"""In lockstep, so many scans in a row without an answer end the replay."""
 BURST = 400
-"""Messages sent without an answer in between that a busy process can be trusted to have room for."""
+"""Messages in a row, without an answer, that the queues of a busy process have room for."""
 AHEAD_S = PositionConfig().max_gap_s
 
 
@@ -89,7 +90,7 @@ def starts_with_header(kind: type) -> bool:
 
 
 class Player:
-    """Publishes a bag's messages and listens for what the nodes answer."""
+    """Publishes a bag's messages and counts the answers of the nodes."""
 
     def __init__(self, node: Node, bag: Bag, options: PlayOptions) -> None:
         self._node, self._bag, self._options = node, bag, options
@@ -102,14 +103,14 @@ class Player:
         self._clock = node.create_publisher(Clock, '/clock', qos.RESULTS)
         self._log = AnswerLog(node)
         self._connections = Connections(node)
-        self._audience = Audience(node, self._publishers, bag.topics, self._scan_topic)
+        self._subscribers = ReplaySubscribers(node, self._publishers, bag.topics, self._scan_topic)
         self._sent: list[int] = []
         self._latencies_s: list[float] = []
 
     def wait_for_listeners(self) -> None:
-        """Wait until a node reads the scans and all who are to be waited for are connected.
+        """Wait until a node subscribes to the scans and every node whose answers are awaited is connected.
 
-        OffradarError if none reads them. Logs a warning where somebody may miss messages all the same.
+        OffradarError if no node subscribes to the scans. Logs a warning where a subscriber may still miss messages.
         """
         publisher, timeout_s = self._publishers[self._scan_topic], self._options.timeout_s
         if not spin_until(self._node, lambda: publisher.get_subscription_count() > 0, timeout_s):
@@ -119,18 +120,18 @@ class Player:
             )
         if not spin_until(self._node, lambda: not self._absent(), DISCOVERY_S):
             self._node.get_logger().info(f'no node publishes {", ".join(self._absent())}: not waiting for it')
-        self._log.awaited = self._log.present()
+        self._log.awaited = self._log.published()
         if not spin_until(self._node, self._are_connected, max(timeout_s, CONNECT_S)):
             self._node.get_logger().warning('the nodes are not all connected to one another: answers may be lost')
         if 'embedding' in self._log.awaited:
             spin_until(self._node, self._start_recording.service_is_ready, QUIET_S)
-        if not spin_until(self._node, lambda: not self._audience.unconnected(), timeout_s) and (
-            unconnected := self._audience.unconnected()
+        if not spin_until(self._node, lambda: not self._subscribers.unconnected(), timeout_s) and (
+            unconnected := self._subscribers.unconnected()
         ):
             self._node.get_logger().warning(f'not every subscriber of {", ".join(unconnected)} will receive all of it')
 
     def play(self) -> None:
-        """Play the bag once; OffradarError if in lockstep nothing answers any more."""
+        """Play the bag once; in lockstep, OffradarError if answers stop."""
         self._announce()
         if self._options.lockstep:
             self._play_in_lockstep()
@@ -139,29 +140,29 @@ class Player:
         self._wait_for_answers()
 
     def take_answers(self) -> Answers:
-        """What was answered since the last call, also where `play` was cut short."""
+        """Answers since the last call, also if `play` was interrupted."""
         answers = self._log.answers(self._sent, self._latencies_s)
         self._sent, self._latencies_s = [], []
         self._log.clear()
         return answers
 
     def finish(self) -> None:
-        """Stay until every subscriber has everything that was played in lockstep; may take a heartbeat of 3 s.
+        """After lockstep, wait until every subscriber has received everything; this may take a heartbeat of 3 s.
 
-        The nodes' answers show what those have received. Others may have to ask for something again.
+        The answers of the nodes show what they have received. Other subscribers may need a message sent again.
         """
         if self._options.lockstep:
             awaited = self._log.awaited
-            self._wait_for_acknowledgement([t for t in self._others if self._audience.has_others(t, awaited)])
+            self._wait_for_acknowledgement([t for t in self._others if self._subscribers.has_others(t, awaited)])
 
     def _announce(self) -> None:
-        """Tell the encoder that a recording starts: if it is short, its stamps do not show that it is played again."""
+        """Announce a recording to the encoder: the stamps of a short one do not show that it is played again."""
         if not self._start_recording.service_is_ready():
             return
         answer = self._start_recording.call_async(Trigger.Request())
         if not spin_until(self._node, answer.done, self._options.timeout_s):
             self._node.get_logger().warning(f'{self._start_recording.service_name}: no answer')
-        # What came late of the recording before has the stamps of this one.
+        # A late answer to the recording before has a stamp of this one.
         self._log.clear()
 
     def _play_in_lockstep(self) -> None:
@@ -192,7 +193,7 @@ class Player:
 
     def _play_at_rate(self) -> None:
         first_ns = next(self._bag.messages([self._scan_topic])).log_ns
-        # Positions from long before the drive are sent at once.
+        # Positions from long before the first scan are sent at once.
         base_ns = max(self._bag.start_ns, first_ns - round(AHEAD_S * 1e9))
         left, end_ns = self._bag.counts[self._scan_topic], 0
         started_s = time.monotonic()
@@ -221,7 +222,7 @@ class Player:
             self._clock.publish(Clock(clock=time_message(stamp_ns)))
 
     def _wait_for_answers(self) -> None:
-        """Wait for messages still on their way, then for answers: at most `timeout_s` each, and while some come."""
+        """Wait until messages are received, then for answers: at most `timeout_s` each, and while answers arrive."""
         if not self._options.lockstep:
             # In lockstep the answers show that everything arrived.
             self._wait_for_acknowledgement([*self._publishers])
@@ -235,7 +236,7 @@ class Player:
             spin_for(self._node, 0.01)
 
     def _wait_for_acknowledgement(self, topics: Sequence[str]) -> None:
-        """Until every subscriber has everything; may take a heartbeat of 3 s. One that is stuck is waited for once."""
+        """Wait until every subscriber has every message, which may take a heartbeat of 3 s; for a stuck one, once."""
         now = Duration(seconds=0)
 
         def missing() -> set[str]:
@@ -263,10 +264,10 @@ class Player:
                 yield topic, self._node.create_publisher(kind, topic.lstrip('/'), profile)
 
     def _absent(self) -> list[str]:
-        present = self._log.present()
-        return [topic for topic in TOPICS if topic not in present]
+        published = self._log.published()
+        return [topic for topic in TOPICS if topic not in published]
 
     def _are_connected(self) -> bool:
-        # Each asks the nodes again, so both are always asked.
+        # Each call asks the nodes again, so all are made.
         complete = [self._connections.is_complete(topic) for topic in self._log.awaited]
-        return all([self._audience.is_discovered(), *complete])
+        return all([self._subscribers.is_discovered(), *complete])

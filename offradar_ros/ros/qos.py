@@ -14,6 +14,6 @@ SCANS = _reliable(5, DurabilityPolicy.VOLATILE)
 # A replay in lockstep sends the positions of several seconds at once, at up to 200 a second.
 POSITIONS = _reliable(2000, DurabilityPolicy.VOLATILE)
 RESULTS = _reliable(10, DurabilityPolicy.VOLATILE)
-# A subscriber that falls behind on these would hold a map that is not the server's.
+# A subscriber that misses one would hold another map than the server.
 UPDATES = _reliable(1000, DurabilityPolicy.VOLATILE)
 LATCHED = _reliable(1, DurabilityPolicy.TRANSIENT_LOCAL)

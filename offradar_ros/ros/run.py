@@ -23,11 +23,11 @@ def run(make_node: Callable[[], StageNode], args: list[str] | None = None) -> in
     """Spin the node until the context is shut down; the exit status."""
     stray = _stray(sys.argv if args is None else ['', *args])
     if stray:
-        asked = stray[0] in ('-h', '--help')
-        print(
-            USAGE if asked else f'error: argument {stray[0]!r} is unknown. {USAGE}', file=None if asked else sys.stderr
-        )
-        return 0 if asked else 2
+        if stray[0] in ('-h', '--help'):
+            print(USAGE)
+            return 0
+        print(f'error: argument {stray[0]!r} is unknown. {USAGE}', file=sys.stderr)
+        return 2
     # rclpy's own handler still shuts the context down. Without this, a second SIGINT (ros2 launch sends two) raises
     # KeyboardInterrupt in the middle of the clean-up.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -47,12 +47,12 @@ def run(make_node: Callable[[], StageNode], args: list[str] | None = None) -> in
         print(f'error: {error}', file=sys.stderr)
         status = 1
     except Exception:
-        # A timer or service that was at work when the context went away cannot publish any more.
+        # A callback that ran when the context was shut down cannot publish any more.
         if rclpy.ok():
             raise
     finally:
         if node is not None:
-            status = max(status, _closed(node))
+            status = max(status, _close(node))
             node.destroy_node()
         rclpy.try_shutdown()
     return status
@@ -74,7 +74,7 @@ def _initialise(args: list[str] | None) -> None:
         raise OffradarError(f'ROS arguments: {str(error).splitlines()[0]}') from error
 
 
-def _closed(node: StageNode) -> int:
+def _close(node: StageNode) -> int:
     try:
         node.close()
     except OffradarError as error:

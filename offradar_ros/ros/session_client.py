@@ -19,16 +19,16 @@ POLL_S = 0.1
 
 
 class SessionClient:
-    """Calls the services of the node `map_server` and returns their answers; OffradarError if they refuse.
+    """Calls the services of the node `map_server` and returns their answers; OffradarError if they report a failure.
 
     Args:
         node: the node whose context and namespace are used.
         timeout_s: longest wait for the map server.
-        report: is given one line when a wait takes long; by default the node logs it.
-        check: is called some ten times a second while it waits, and may raise to end that.
+        report: called with one line when a wait takes long; by default the node logs it.
+        check: called about ten times a second during a wait, which it may end by raising.
 
     Attributes:
-        waiting_for: what it waits for, in words.
+        waiting_for: what it waits for, as text.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Spinning a node for a while, or until something is so."""
+"""Spinning a node for a time, or until a condition holds."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ POLL_S = 0.1
 
 
 def spin_for(node: Node, seconds: float) -> None:
-    """Handle what comes for so long."""
+    """Handle callbacks for `seconds`."""
     end_s = time.monotonic() + seconds
     while (left_s := end_s - time.monotonic()) > 0:
         rclpy.spin_once(node, timeout_sec=left_s)
 
 
 def spin_until(node: Node, done: Callable[[], bool], timeout_s: float) -> bool:
-    """Handle what comes until `done()`, which is asked after each callback and every 0.1 s; whether it came to that."""
+    """Handle callbacks until `done()`, checked after each one and every 0.1 s; False if `timeout_s` passes before."""
     end_s = time.monotonic() + timeout_s
     while not done():
         left_s = end_s - time.monotonic()

@@ -75,7 +75,7 @@ class StageNode(LifecycleNode):
         """Called when the node has become active."""
 
     def deactivating(self) -> None:
-        """Called when inputs are ignored already, and outputs can still be published."""
+        """Called when inputs are ignored already, while outputs can still be published."""
 
     def close(self) -> None:
         """Release the core objects; OffradarError, with nothing released, if that would lose something."""
@@ -106,7 +106,7 @@ class StageNode(LifecycleNode):
         result = super().on_activate(state)
         self.active = True
         self.activated()
-        # Sent once, perhaps while this node was inactive, and still in force.
+        # These were sent once, maybe while this node was inactive, and are still valid.
         for handle_again in list(self._latched.values()):
             handle_again()
         return result
@@ -119,14 +119,14 @@ class StageNode(LifecycleNode):
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lifecycle transition."""
-        return super().on_cleanup(state) if self._closed() else TransitionCallbackReturn.FAILURE
+        return super().on_cleanup(state) if self._try_close() else TransitionCallbackReturn.FAILURE
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lifecycle transition."""
         self.active = False
-        return super().on_shutdown(state) if self._closed() else TransitionCallbackReturn.FAILURE
+        return super().on_shutdown(state) if self._try_close() else TransitionCallbackReturn.FAILURE
 
-    def _closed(self) -> bool:
+    def _try_close(self) -> bool:
         try:
             self.close()
         except OffradarError as error:
@@ -175,7 +175,7 @@ class StageNode(LifecycleNode):
         except OffradarError as error:
             self.refuse(RefusedInput('not_possible', str(error)), topic)
         except Exception:
-            # What was in hand when the node was interrupted has nowhere to go.
+            # Work that was interrupted by a shutdown cannot publish any more.
             if self.context.ok():
                 self.refuse(RefusedInput('internal_error', traceback.format_exc()), topic)
         else:
@@ -183,14 +183,14 @@ class StageNode(LifecycleNode):
         return False
 
     def log_info(self, text: str) -> None:
-        """Log a line, also at exit, when rclpy cannot any more: then it is printed."""
+        """Log a line; at exit, when rclpy cannot log any more, print it."""
         if self.context.ok():
             self.get_logger().info(text)
         else:
             print(f'[{self.get_name()}]: {text}', flush=True)
 
     def refuse(self, problem: RefusedInput, topic: str) -> None:
-        """Count a drop and log why, each cause at most once in 5 s."""
+        """Count a drop and log its reason, each cause at most once in 5 s."""
         self.status.drop(problem.cause)
         now_s = time.monotonic()
         if self.context.ok() and now_s - self._last_logged_s.get(problem.cause, -LOG_PERIOD_S) >= LOG_PERIOD_S:

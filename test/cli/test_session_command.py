@@ -22,11 +22,11 @@ def test_it_says_what_it_needs(refused: Callable[..., str], monkeypatch: pytest.
 
 
 @pytest.mark.skipif(importlib.util.find_spec('rclpy') is None, reason='rclpy is not installed')
-def test_every_action_reaches_the_map_server(tmp_path: Path) -> None:
+def test_every_action_reaches_the_map_server(tmp_path: Path, domain_id: int) -> None:
     from offradar_ros.lab.live.node_processes import Stack  # noqa: PLC0415
 
     parameters = {'map.path': tmp_path / 'map.db', 'map.start_session': False}
-    with Stack(tmp_path / 'logs', 74, parameters, names=['map_server_node']) as nodes:
+    with Stack(tmp_path / 'logs', domain_id, parameters, names=['map_server_node']) as nodes:
         nodes.wait_until_ready()
 
         def call(action: str) -> tuple[int, str, str]:
@@ -49,12 +49,12 @@ def test_every_action_reaches_the_map_server(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(importlib.util.find_spec('rclpy') is None, reason='rclpy is not installed')
-def test_no_map_server_is_one_line() -> None:
+def test_no_map_server_is_one_line(domain_id: int) -> None:
     from offradar_ros.lab.live.node_processes import isolated_environment  # noqa: PLC0415
 
     command = [sys.executable, '-m', 'offradar_ros.cli.main', 'session', 'end', '--timeout', '0.5']
     ran = subprocess.run(
-        command, env=isolated_environment(75), capture_output=True, text=True, timeout=WAIT_S, check=False
+        command, env=isolated_environment(domain_id), capture_output=True, text=True, timeout=WAIT_S, check=False
     )
     assert (ran.returncode, ran.stdout) == (1, '')
     assert ran.stderr == 'error: service map_server/end_session: no map server within 0.5 s\n'

@@ -1,11 +1,7 @@
-"""Nodes in a ROS domain of their own: as processes, or within the test where messages are sent by hand."""
+"""Nodes in the test's ROS domain: as processes, or within the test's process."""
 
 from __future__ import annotations
 
-import fcntl
-import itertools
-import os
-import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -17,24 +13,7 @@ from rclpy.parameter import Parameter
 from offradar_ros.lab.live.node_processes import Stack
 from offradar_ros.ros.stage_node import StageNode
 
-# Domains above 101 use ports that Linux gives to other programs; each worker has twenty of its own.
-_FIRST = 10 + 20 * int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0').removeprefix('gw'))
 RING_KEY = {'encoder.name': 'ring_key'}
-_domains = itertools.cycle(range(_FIRST, _FIRST + 20))
-
-
-@pytest.fixture
-def domain_id() -> Iterator[int]:
-    """A domain that no other run of the tests on this machine uses meanwhile: their nodes would answer one another."""
-    for domain in itertools.islice(_domains, 20):
-        with Path(tempfile.gettempdir(), f'offradar_ros_test_domain_{domain}').open('w') as lock:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                continue
-            yield domain
-            return
-    pytest.fail('every ROS domain of this worker is in use by another run of the tests')
 
 
 @pytest.fixture

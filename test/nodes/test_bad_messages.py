@@ -1,4 +1,4 @@
-"""Whatever arrives, a node counts it, says why, and answers the next good message."""
+"""A node counts each bad message by cause, and answers the next good one."""
 
 from __future__ import annotations
 
@@ -74,9 +74,7 @@ def test_a_bad_image_is_counted_and_answered_as_invalid(observer: Observer, star
     assert embeddings[0].header.stamp.sec == 1
 
 
-def test_wrong_size_is_refused_where_the_parameters_say_what_to_expect(
-    observer: Observer, start_node: StartNode
-) -> None:
+def test_an_image_without_the_configured_metadata_columns_is_refused(observer: Observer, start_node: StartNode) -> None:
     node = start_node(EncoderNode, {'radar.metadata_columns': '11'})
     send = observer.publisher(Image, 'radar_data/b_scan_image', qos.SCANS)
     send(image(width=8))
@@ -97,7 +95,7 @@ def test_repeated_and_backward_stamps_are_dropped_and_a_restart_is_not(
     assert answers == [(100.0, 128), (100.25, 128), (100.0, 0), (100.5, 128), (50.0, 128), (50.25, 128)]
 
 
-def test_the_last_scan_again_is_answered_where_a_recording_starts(observer: Observer, start_node: StartNode) -> None:
+def test_a_repeated_scan_is_answered_at_the_start_of_a_recording(observer: Observer, start_node: StartNode) -> None:
     node = start_node(EncoderNode, {'encoder.backlog': 10})
     embeddings = observer.collect(PointCloud2, 'embedding')
     send = observer.publisher(Image, 'radar_data/b_scan_image', qos.SCANS)
@@ -110,6 +108,7 @@ def test_the_last_scan_again_is_answered_where_a_recording_starts(observer: Obse
         send(image(round(100.25 * SECOND)))
         wait_until(lambda: node.status.drops['repeated_stamp'])
         node.status.drops.clear()
+    wait_until(lambda: len(embeddings) >= 4)
     assert [message.width for message in embeddings] == [128] * 4
     node.trigger_deactivate()
     refused = observer.call(Trigger, 'encoder/start_recording', Trigger.Request())
@@ -138,17 +137,17 @@ def places(count: int = 3) -> PlaceTable:
     return PlaceTable.from_places(rows, 8)
 
 
-def spoiled(name: str, value: float) -> dict[str, Any]:
+def damaged(name: str, value: float) -> dict[str, Any]:
     array_ = np.ones(8, np.float32)
     array_[3] = value
     return {name: array_}
 
 
 BAD_EMBEDDINGS = {
-    'nan mean': (spoiled('mean', math.nan), 'invalid_embedding'),
-    'infinite mean': (spoiled('mean', math.inf), 'invalid_embedding'),
-    'nan variance': (spoiled('variance', math.nan), 'invalid_embedding'),
-    'negative variance': (spoiled('variance', -1.0), 'invalid_embedding'),
+    'nan mean': (damaged('mean', math.nan), 'invalid_embedding'),
+    'infinite mean': (damaged('mean', math.inf), 'invalid_embedding'),
+    'nan variance': (damaged('variance', math.nan), 'invalid_embedding'),
+    'negative variance': (damaged('variance', -1.0), 'invalid_embedding'),
     'no numbers': ({'mean': np.empty(0, np.float32), 'variance': np.empty(0, np.float32)}, 'invalid_embedding'),
     'another model': ({'model': 'cd' * 32}, 'wrong_model'),
     'another dimension': ({'mean': np.ones(5, np.float32), 'variance': np.ones(5, np.float32)}, 'wrong_model'),
@@ -174,7 +173,7 @@ def test_the_query_answers_a_bad_embedding_with_the_reason(
     assert not isinstance(outcomes[1], Rejection)
 
 
-def test_the_query_refuses_a_model_that_its_thresholds_are_not_of(observer: Observer, start_node: StartNode) -> None:
+def test_the_query_rejects_a_model_that_its_thresholds_are_not_for(observer: Observer, start_node: StartNode) -> None:
     start_node(QueryNode, {'query.model': 'cd' * 32})
     outcomes = observer.collect_outcomes()
     send = observer.publisher(PointCloud2, 'embedding', qos.RESULTS)
@@ -266,7 +265,7 @@ def test_embeddings_of_another_model_never_reach_the_map(mapping: Mapping) -> No
     mapping.fix(fix(10 * SECOND))
     mapping.fix(fix(11 * SECOND))
     mapping.embed(embedding_message(embedding(10 * SECOND + 1, 'cd' * 32), 'radar'))
-    mapping.embed(embedding_message(embedding(10 * SECOND + 2, **spoiled('mean', math.nan)), 'radar'))
+    mapping.embed(embedding_message(embedding(10 * SECOND + 2, **damaged('mean', math.nan)), 'radar'))
     mapping.embed(embedding_message(embedding(10 * SECOND + 3), 'radar'))
     wait_until(lambda: mapping.places == 1)
     assert mapping.node.status.drops == {'wrong_model': 1, 'invalid_embedding': 1}
@@ -305,16 +304,16 @@ def test_odometry_serves_as_position(observer: Observer, start_node: StartNode) 
         odometry = Odometry(header=header(second * SECOND, 'map'))
         odometry.pose.pose.position.x = x
         pose(odometry)
-    spoilt = Odometry(header=header(12 * SECOND, 'map'))
-    spoilt.pose.pose.position.y = math.nan
-    pose(spoilt)
+    damaged_pose = Odometry(header=header(12 * SECOND, 'map'))
+    damaged_pose.pose.pose.position.y = math.nan
+    pose(damaged_pose)
     embed(embedding_message(embedding(10 * SECOND + SECOND // 4), 'radar'))
     wait_until(lambda: len(node.stage.map) == 1)
     assert node.stage.map.places().positions_m[0].tolist() == [5.0, 0.0, 0.0]
     wait_until(lambda: node.status.drops == {'invalid_position': 1})
 
 
-def test_a_model_that_arrives_after_the_first_scans_loses_none(observer: Observer, start_node: StartNode) -> None:
+def test_no_scan_is_lost_if_the_model_arrives_after_the_first_ones(observer: Observer, start_node: StartNode) -> None:
     node = start_node(MapServerNode)
     send_fix = observer.publisher(NavSatFix, 'gps/fix', qos.POSITIONS)
     embed = observer.publisher(PointCloud2, 'embedding', qos.RESULTS)

@@ -1,4 +1,4 @@
-"""Nodes start by themselves or when asked, take parameters within bounds, and end cleanly without losing anything."""
+"""Nodes start by themselves or by transitions, accept parameters within bounds, and end cleanly without loss."""
 
 from __future__ import annotations
 
@@ -150,7 +150,7 @@ def run_node(name: str, environment: dict[str, str], *arguments: str) -> subproc
 
 
 @pytest.mark.parametrize(
-    ('name', 'arguments', 'said'),
+    ('name', 'arguments', 'expected'),
     [
         ('map_server_node', ['-p', 'map.path:=/no/such/folder/map.db'], '/no/such/folder'),
         ('map_server_node', ['-p', 'map.match_distance_m:=-1.0'], 'map.match_distance_m: expected at least 0.01 m'),
@@ -161,13 +161,13 @@ def run_node(name: str, environment: dict[str, str], *arguments: str) -> subproc
     ],
 )
 def test_a_start_that_must_fail_is_one_line_and_status_1(
-    stack: Callable[..., Stack], name: str, arguments: list[str], said: str
+    stack: Callable[..., Stack], name: str, arguments: list[str], expected: str
 ) -> None:
     ended = run_node(name, stack().environment, *arguments)
     errors = [line for line in ended.stderr.splitlines() if line.startswith('error: ')]
     assert ended.returncode == 1, ended.stderr
     assert len(errors) == 1
-    assert said in errors[0]
+    assert expected in errors[0]
     assert 'Traceback' not in ended.stderr
 
 
@@ -198,7 +198,7 @@ def test_an_interrupt_ends_the_session_and_keeps_it(
     assert len(stored.places) > 0
 
 
-def test_an_ended_session_survives_a_kill_and_is_searched_after(
+def test_an_ended_session_is_kept_after_a_kill_and_searched_then(
     stack: Callable[..., Stack], street_bag: Callable[..., Path], tmp_path: Path
 ) -> None:
     parameters = {'map.path': str(tmp_path / 'map.db'), 'query.delta': 100.0}
@@ -270,7 +270,7 @@ def test_no_node_loads_torch(domain_id: int) -> None:
 
 
 def test_the_encoder_encodes_without_torch(observer: Observer, stack: Callable[..., Stack], street: Any) -> None:
-    """What the process has mapped, once it has answered a scan with the trained encoder in ONNX."""
+    """Libraries that the process has mapped, once it has answered a scan with the trained encoder in ONNX."""
     embeddings = observer.collect(PointCloud2, 'embedding')
     scan = street(count=1).scan(0)
     image = Image(header=header(scan.stamp_ns, 'radar'), height=400, width=576, step=576, encoding='8UC1')
@@ -287,11 +287,11 @@ def test_the_encoder_encodes_without_torch(observer: Observer, stack: Callable[.
 
 
 def wait_for_places(node: QueryNode, count: int) -> None:
-    """Wait until the node searches a map of so many places."""
+    """Wait until the node searches a map of `count` places."""
     wait_until(lambda: node.stage.places == count)
 
 
-def test_a_node_that_was_cycled_searches_the_same_map(observer: Observer, start_node: StartNode) -> None:
+def test_a_node_that_is_activated_again_searches_the_same_map(observer: Observer, start_node: StartNode) -> None:
     rows = [Place(i, 1, i, Pose(10.0 * i, 0.0), 0.9, np.full(8, i, np.float32)) for i in range(3)]
     latched = descriptors_message(PlaceRows(PlaceTable.from_places(rows, 8), 'ab' * 32, committed=True), 0)
     node = start_node(QueryNode, {'autostart': False})
@@ -305,7 +305,7 @@ def test_a_node_that_was_cycled_searches_the_same_map(observer: Observer, start_
         assert change(observer, 'query', Transition.TRANSITION_CLEANUP)
 
 
-def test_a_map_that_cannot_be_written_costs_neither_the_node_nor_the_session(
+def test_neither_node_nor_session_end_if_the_map_cannot_be_written(
     observer: Observer, stack: Callable[..., Stack], street_bag: Callable[..., Path], tmp_path: Path
 ) -> None:
     path = tmp_path / 'map.db'
@@ -377,7 +377,7 @@ def test_misspelt_parameters_and_stray_arguments_are_refused(stack: Callable[...
     assert "argument 'stray' is unknown" in stray.stderr
 
 
-def test_whole_numbers_are_taken_for_decimals(stack: Callable[..., Stack]) -> None:
+def test_integers_are_accepted_for_decimals(stack: Callable[..., Stack]) -> None:
     with stack({'query.delta': 1, 'map.match_distance_m': 7}) as nodes:
         nodes.wait_until_ready()
         assert 'rejects U above 2.0' in nodes.nodes['query_node'].log.read_text()

@@ -30,7 +30,7 @@ SCANS = 16
 
 @pytest.fixture
 def drives(street_bag: Callable[..., Path]) -> list[tuple[Path, bool]]:
-    """Two mapping sessions and one that only asks, partly degraded; each an hour after the one before."""
+    """Two mapping sessions and one that only queries, partly degraded; each an hour after the one before."""
     hour_ns = 3600 * 10**9
     start_ns = 1_600_000_000 * 10**9
     return [
@@ -89,19 +89,19 @@ def assert_same_map(one: Path, other: Path) -> None:
     assert a.uncertainties.tobytes() == b.uncertainties.tobytes()
 
 
-def test_lockstep_gives_what_the_pipeline_gives(
+def test_lockstep_gives_the_answers_and_map_of_the_pipeline(
     drives: list[tuple[Path, bool]], tmp_path: Path, stack: Callable[..., Stack], observer: Observer
 ) -> None:
     expected = through_pipeline(drives, tmp_path / 'pipeline.db')
     found = through_nodes(drives, tmp_path / 'nodes.db', stack, observer, '--lockstep')
     assert [key(outcome) for outcome in found] == [key(outcome) for outcome in expected]
     assert_same_map(tmp_path / 'nodes.db', tmp_path / 'pipeline.db')
-    # The comparison means something only if there is something to compare.
+    # Without matches and rejections the comparison would prove nothing.
     assert sum(isinstance(outcome, Match) for outcome in expected) > SCANS
     assert {o.reason.value for o in expected if not isinstance(o, Match)} == {'map_empty', 'uncertain'}
 
 
-def test_live_at_twice_real_time_gives_what_the_pipeline_gives(
+def test_twice_real_time_gives_the_answers_and_map_of_the_pipeline(
     drives: list[tuple[Path, bool]], tmp_path: Path, stack: Callable[..., Stack], observer: Observer
 ) -> None:
     expected = through_pipeline(drives, tmp_path / 'pipeline.db')

@@ -26,7 +26,7 @@ from offradar_ros.ros import qos
 from offradar_ros.ros.stamps import header
 from offradar_ros.types import Embedding, PolarScan
 
-# So that whatever is lost is lost where it is counted.
+# With this depth scans are lost only where losses are counted.
 DEEP = {'qos_overrides./radar_data/b_scan_image.subscription.depth': 100}
 
 
@@ -36,8 +36,8 @@ def image(second: int) -> Image:
     return Image(header=header(second * 10**9, 'radar'), height=400, width=576, step=576, encoding='8UC1', data=data)
 
 
-class HeldEncoder:
-    """A ring key that answers when it is allowed to."""
+class BlockedEncoder:
+    """A ring key that encodes a scan only when the test allows it."""
 
     runs_on = 'cpu'
 
@@ -57,17 +57,17 @@ class HeldEncoder:
     def wait_until_busy(self) -> None:
         assert self.begun.acquire(timeout=WAIT_S)
 
-    def let_go(self, scans: int = 1000) -> None:
+    def allow(self, scans: int = 1000) -> None:
         self.allowed.release(scans)
 
 
 @pytest.fixture
-def held(monkeypatch: pytest.MonkeyPatch, observer: Observer) -> Iterator[HeldEncoder]:
-    encoder = HeldEncoder(EncoderConfig())
+def blocked(monkeypatch: pytest.MonkeyPatch, observer: Observer) -> Iterator[BlockedEncoder]:
+    encoder = BlockedEncoder(EncoderConfig())
     monkeypatch.setattr(encoder_node, 'make_encoder', lambda config: encoder)
     yield encoder
     # A test that failed must not wait for it.
-    encoder.let_go()
+    encoder.allow()
 
 
 class Driven:
@@ -92,19 +92,19 @@ class Driven:
 def test_the_newest_scan_is_answered_and_the_overtaken_are_counted(
     observer: Observer,
     start_node: StartNode,
-    held: HeldEncoder,
+    blocked: BlockedEncoder,
     backlog: int,
     answered: list[int],
 ) -> None:
     driven = Driven(observer, start_node, **{'encoder.backlog': backlog})
     reports = observer.collect(DiagnosticArray, '/diagnostics')
     driven.send(1)
-    held.wait_until_busy()
+    blocked.wait_until_busy()
     driven.send(*range(2, 21))
     overtaken = 20 - len(answered)
     wait_until(lambda: driven.node.status.drops['overtaken'] == overtaken)
     time.sleep(0.3)
-    held.let_go()
+    blocked.allow()
     wait_until(lambda: len(driven.answered) == len(answered))
     assert driven.answered == answered
 
@@ -118,18 +118,18 @@ def test_the_newest_scan_is_answered_and_the_overtaken_are_counted(
     assert float(values['latency_p50_ms']) >= 300.0
 
 
-def test_an_inactive_node_forgets_what_waits_and_answers_what_is_in_hand(
-    observer: Observer, start_node: StartNode, held: HeldEncoder
+def test_an_inactive_node_forgets_waiting_scans_and_answers_the_one_in_progress(
+    observer: Observer, start_node: StartNode, blocked: BlockedEncoder
 ) -> None:
     driven = Driven(observer, start_node)
     driven.send(1)
-    held.wait_until_busy()
+    blocked.wait_until_busy()
     driven.send(2, 3)
     wait_until(lambda: driven.node.status.drops['overtaken'] == 1)
     deactivated = threading.Thread(target=driven.node.trigger_deactivate)
     deactivated.start()
     wait_until(lambda: not driven.node.active)
-    held.let_go()
+    blocked.allow()
     deactivated.join(WAIT_S)
     assert not deactivated.is_alive()
     wait_until(lambda: driven.answered == [1])
@@ -139,16 +139,16 @@ def test_an_inactive_node_forgets_what_waits_and_answers_what_is_in_hand(
     wait_until(lambda: driven.answered == [1, 4])
 
 
-def test_a_recording_starts_after_the_scans_that_wait(
-    observer: Observer, start_node: StartNode, held: HeldEncoder
+def test_a_recording_starts_after_the_waiting_scans(
+    observer: Observer, start_node: StartNode, blocked: BlockedEncoder
 ) -> None:
     driven = Driven(observer, start_node, **{'encoder.backlog': 10})
     driven.send(7)
-    held.wait_until_busy()
+    blocked.wait_until_busy()
     driven.send(8, 8)
     assert observer.call(Trigger, 'encoder/start_recording', Trigger.Request()).success
     driven.send(8)
-    held.let_go()
+    blocked.allow()
     wait_until(lambda: driven.answered == [7, 8, 8])
     assert driven.node.status.drops == {'repeated_stamp': 1}
 

@@ -1,4 +1,4 @@
-"""Recorded drives through the three nodes, each a process of its own, over DDS."""
+"""Recorded drives through the three nodes, each in its own process, over DDS."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def test_every_scan_is_embedded_and_answered_once(
         second = counts(replay(nodes, bag, '--lockstep'))
     answered = {'scans': scans, 'embeddings': scans, 'unanswered': 0, 'answered twice': 0}
     assert first == answered | {'matches': 0, 'rejections': scans}
-    # RADIATE's positions start a minute after its scans: nothing can be mapped, and the query says so.
+    # RADIATE's positions start a minute after its scans: nothing is mapped, and the query reports that.
     assert second == answered | {'matches': scans * mapped, 'rejections': scans * (not mapped)}
     assert (len(MapStore.open_read_only(tmp_path / 'map.db').places) > 0) == mapped
 

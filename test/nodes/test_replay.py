@@ -33,7 +33,7 @@ from offradar_ros.types import Embedding
 
 @pytest.fixture
 def alone(stack: Callable[..., Stack]) -> Callable[..., Stack]:
-    """No nodes: the observer is the only one to listen."""
+    """No nodes: the observer is the only subscriber."""
     return lambda: stack(names=())
 
 
@@ -63,7 +63,7 @@ def test_the_clock_is_the_recording(
         replay(nodes, bag, '--rate', '1')
     with Bag(bag) as opened:
         start_ns, end_ns = opened.start_ns, opened.end_ns
-    # What a busy machine connects late misses the first of it.
+    # On a busy machine, a late connection misses the first messages.
     wait_until(lambda: clocks and stamp_ns(clocks[-1].clock) - stamp_ns(clocks[0].clock) > 0.5 * (end_ns - start_ns))
     times = [stamp_ns(message.clock) for message in clocks]
     assert start_ns <= times[0] < times[-1] <= end_ns + 10**8
@@ -108,7 +108,7 @@ def test_loops_and_new_stamps(observer: Observer, alone: Callable[..., Stack], s
     before_ns = time.time_ns()
     with alone() as nodes:
         replay(nodes, street_bag('drive', count=2), '--rate', '10', '--loop', '2', '--restamp')
-    # No more than a publisher keeps for those who are late.
+    # No more messages than a publisher keeps for late subscribers.
     wait_until(lambda: len(images) == 4)
     stamps = [stamp_ns(image.header.stamp) for image in images]
     assert all(before_ns < stamp < time.time_ns() for stamp in stamps)
@@ -148,16 +148,16 @@ def test_bad_arguments_and_bad_bags_are_one_line(
         'no subscriber within': (str(bag), '--timeout', '0.5'),
     }
     with alone() as nodes:
-        for said, arguments in cases.items():
+        for expected, arguments in cases.items():
             printed = failed(nodes, *arguments)
-            assert said in printed
+            assert expected in printed
             assert 'Traceback' not in printed
 
 
-def test_lockstep_says_when_nothing_answers(
+def test_lockstep_ends_with_an_error_if_nothing_answers(
     observer: Observer, alone: Callable[..., Stack], street_bag: Callable[..., Path]
 ) -> None:
-    # Something reads the scans and publishes embeddings, in name only.
+    # A node subscribes to the scans and has a publisher of matches, but never answers.
     observer.collect(Image, 'radar_data/b_scan_image', qos.SCANS)
     observer.node.create_publisher(Image, 'matches', qos.RESULTS)
     with alone() as nodes:
@@ -190,14 +190,14 @@ def test_an_interrupted_session_is_ended_and_kept(
         assert 'interrupted' in printed
         assert 'session 1: ' in printed
         assert 'Traceback' not in printed
-        # The next one starts as if nothing had happened, within the second that the scans jump back by.
+        # The next session starts as usual, though its scans jump back by less than a second.
         replay(nodes, bag, '--lockstep', '--session')
     assert [s.state for s in MapStore.open_read_only(tmp_path / 'map.db').sessions] == ['ended', 'ended']
 
 
 @pytest.fixture
 def everything(street: Callable[..., Any], tmp_path: Path) -> Path:
-    """A bag of everything on a vehicle: answers, and messages without a header."""
+    """A bag of all topics of a vehicle: recorded answers, and messages without a header."""
     sequence, path = street(count=6), tmp_path / 'everything'
     types = TYPES.types
     with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
@@ -215,7 +215,7 @@ def everything(street: Callable[..., Any], tmp_path: Path) -> Path:
     return path
 
 
-def test_what_the_nodes_published_when_it_was_recorded_is_not_played(
+def test_recorded_answers_of_nodes_are_not_played(
     observer: Observer, stack: Callable[..., Stack], everything: Path
 ) -> None:
     doors = observer.collect(Bool, 'door_open')
@@ -230,8 +230,10 @@ def test_what_the_nodes_published_when_it_was_recorded_is_not_played(
     assert all(door.data for door in doors)
 
 
-def test_who_cannot_receive_is_not_awaited(observer: Observer, stack: Callable[..., Stack], everything: Path) -> None:
-    """Subscriptions that ask for what was sent before they came, which no publisher here keeps."""
+def test_an_incompatible_subscriber_is_not_awaited(
+    observer: Observer, stack: Callable[..., Stack], everything: Path
+) -> None:
+    """Transient-local subscriptions, which never connect to the volatile publishers of these topics."""
     observer.collect(Bool, 'door_open', qos.LATCHED)
     observer.collect(PointCloud2, 'embedding', qos.LATCHED)
     with stack() as nodes:
@@ -242,7 +244,7 @@ def test_who_cannot_receive_is_not_awaited(observer: Observer, stack: Callable[.
     assert 'not every subscriber' not in printed
 
 
-def test_a_listener_that_hangs_is_named_and_given_up(stack: Callable[..., Stack], everything: Path) -> None:
+def test_a_subscriber_that_hangs_is_reported_and_not_waited_for(stack: Callable[..., Stack], everything: Path) -> None:
     code = (
         'import rclpy\n'
         'from std_msgs.msg import Bool\n'
@@ -271,7 +273,7 @@ def test_a_listener_that_hangs_is_named_and_given_up(stack: Callable[..., Stack]
 
 
 @pytest.mark.parametrize('count', [1, 3])
-def test_a_recording_too_short_for_its_stamps_to_show_it_is_played_again(
+def test_a_recording_that_is_shorter_than_the_restart_gap_is_played_again(
     stack: Callable[..., Stack], street_bag: Callable[..., Path], count: int
 ) -> None:
     bag = street_bag('drive', count=count)
@@ -291,7 +293,7 @@ def test_a_recording_too_short_for_its_stamps_to_show_it_is_played_again(
 def test_a_flood_of_positions_loses_no_scan(
     stack: Callable[..., Stack], street: Callable[..., Any], tmp_path: Path
 ) -> None:
-    """An INS of 200 positions a second, and a map server that is busy when they come."""
+    """An INS of 200 positions a second, and a map server that is stopped when they are sent."""
     sequence = street(count=8)
     slow = sequence.trajectory
     stamps = np.arange(slow.stamps_ns[0] - 4 * 10**9, slow.stamps_ns[-1], 5_000_000)

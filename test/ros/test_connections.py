@@ -1,4 +1,4 @@
-"""A node reports to whom it is connected, and another can tell whether that is everybody whom it can reach."""
+"""A node reports how many subscriptions its outputs are connected to, and whether these are all that can be."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from offradar_ros.ros.connections import SERVICE, Connections, count_reachable, 
 
 
 @pytest.fixture
-def make() -> Iterator[Callable[[str], Node]]:
+def make(domain_id: int) -> Iterator[Callable[[str], Node]]:
     """Makes nodes that spin in one context."""
     context = rclpy.context.Context()
-    rclpy.init(context=context, domain_id=97)
+    rclpy.init(context=context, domain_id=domain_id)
     executor = SingleThreadedExecutor(context=context)
     spin = SpinThread(executor)
 
@@ -44,7 +44,7 @@ def test_subscribers_are_counted_by_the_node_that_publishes(make: Callable[[str]
     assert not connections.is_complete('source/some')
     subscription = watcher.create_subscription(Header, 'source/some', print, qos.RESULTS)
     wait_until(lambda: connections.count('source/some') == 1 and connections.is_complete('source/some'))
-    # It asks for what was sent before it came, which this publisher does not keep: never connected, nor waited for.
+    # A transient-local subscription does not fit this volatile publisher: never connected, nor waited for.
     watcher.create_subscription(Header, 'source/some', print, qos.LATCHED)
     wait_until(lambda: len(watcher.get_subscriptions_info_by_topic('/source/some')) == 2)
     (offer,) = watcher.get_publishers_info_by_topic('/source/some')
@@ -58,15 +58,15 @@ def test_subscribers_are_counted_by_the_node_that_publishes(make: Callable[[str]
 def test_another_service_of_that_name_counts_for_nothing(make: Callable[[str], Node]) -> None:
     source, watcher = make('source'), make('watcher')
     source.create_publisher(Header, 'some', qos.RESULTS)
-    asked: list[Trigger.Request] = []
+    requests: list[Trigger.Request] = []
 
     def answer(request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        asked.append(request)
+        requests.append(request)
         response.message = 'nobody'
         return response
 
     source.create_service(Trigger, f'~/{SERVICE}', answer)
     connections = Connections(watcher)
-    wait_until(lambda: connections.count('some') or len(asked) > 2)
+    wait_until(lambda: connections.count('some') or len(requests) > 2)
     assert connections.count('some') == 0
     assert not connections.is_complete('some')

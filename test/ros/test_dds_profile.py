@@ -1,4 +1,4 @@
-"""The Fast DDS profile is readable, has room for scans, is installed, and gives way to one of the user's own."""
+"""The Fast DDS profile is readable, has room for scans, is installed, and a user's profile takes precedence."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def test_the_profile_has_shared_memory_for_scans_and_udp_for_other_machines() ->
     assert int(segment) > 8 * SCAN_BYTES
 
 
-def test_one_of_the_users_own_is_kept() -> None:
+def test_a_users_profile_is_kept() -> None:
     assert with_profile({'A': 'b'}) == {'A': 'b', VARIABLE: str(PROFILE)}
     assert with_profile({VARIABLE: '/my/own.xml'}) == {VARIABLE: '/my/own.xml'}
     assert with_profile({VARIABLE: ''}) == {VARIABLE: str(PROFILE)}
@@ -60,18 +60,18 @@ def test_where_it_is_missing_the_nodes_start_without_it(monkeypatch: pytest.Monk
     assert with_profile({'A': 'b'}) == {'A': 'b'}
 
 
-def test_fast_dds_takes_it_without_a_word_and_has_the_memory() -> None:
-    """Shared memory is part of what the process maps. No announcement from elsewhere is listened to, by DDS' port."""
+def test_fast_dds_accepts_it_without_a_message_and_has_the_memory(domain_id: int) -> None:
+    """The process maps shared memory, and does not open the port on which other machines announce themselves."""
     program = (
         'import re, rclpy\n'
-        'rclpy.init(domain_id=100)\n'
+        'rclpy.init()\n'
         'node = rclpy.create_node("large")\n'
         'ranges = re.findall(r"(\\w+)-(\\w+) rw-s .*/fastrtps_", open("/proc/self/maps").read())\n'
         'print(max(int(end, 16) - int(start, 16) for start, end in ranges))\n'
         'ports = [line.split()[1].rpartition(":")[2] for line in list(open("/proc/net/udp"))[1:]]\n'
-        'print(sum(int(port, 16) == 7400 + 250 * 100 for port in ports))\n'
+        f'print(sum(int(port, 16) == 7400 + 250 * {domain_id} for port in ports))\n'
     )
-    environment = isolated_environment(100)
+    environment = isolated_environment(domain_id)
     done = subprocess.run([sys.executable, '-c', program], env=environment, capture_output=True, text=True, check=True)
     assert 'XML' not in done.stderr
     mapped, listening = map(int, done.stdout.split())
@@ -90,7 +90,7 @@ def test_it_is_installed(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 class Recorded:
-    """Stands for whatever the launch file makes: where `launch` is not installed, what it was made of is enough."""
+    """Stands for every class of `launch`, which need not be installed: it keeps its arguments."""
 
     def __init__(self, *arguments: Any, **options: Any) -> None:
         self.arguments, self.options = arguments, options
@@ -134,7 +134,7 @@ def test_the_launch_file_gives_it_to_its_nodes_alone() -> None:
 
 
 @pytest.mark.parametrize('named', [None, '', '/my/own.xml'])
-def test_the_launch_file_gives_way_as_the_rest_does(monkeypatch: pytest.MonkeyPatch, named: str | None) -> None:
+def test_the_launch_file_keeps_a_users_profile(monkeypatch: pytest.MonkeyPatch, named: str | None) -> None:
     monkeypatch.delenv(VARIABLE, raising=False)
     if named is not None:
         monkeypatch.setenv(VARIABLE, named)

@@ -1,4 +1,4 @@
-"""Records survive the way through messages and CDR bytes; messages of others are refused by topic."""
+"""Records are unchanged after a message and its CDR bytes; messages of other kinds are refused by topic."""
 
 from __future__ import annotations
 
@@ -40,15 +40,15 @@ float32s = st.floats(width=32)
 stamps = st.integers(0, 2**31 * 10**9 - 1)
 
 
-def sent(message: Any) -> Any:
+def transmitted(message: Any) -> Any:
     return deserialize_message(serialize_message(message), type(message))
 
 
 @settings(max_examples=50, deadline=None)
 @given(stamp=stamps, values=st.lists(st.tuples(float32s, float32s), max_size=200))
-def test_an_embedding_of_any_numbers_survives(stamp: int, values: list[tuple[float, float]]) -> None:
+def test_an_embedding_of_any_numbers_is_unchanged(stamp: int, values: list[tuple[float, float]]) -> None:
     mean, variance = np.array(values, np.float32).reshape(-1, 2).T
-    message = sent(embedding_message(Embedding(stamp, mean, variance, MODEL), 'radar'))
+    message = transmitted(embedding_message(Embedding(stamp, mean, variance, MODEL), 'radar'))
     back = embedding_record(message, 'embedding')
     assert (message.header.frame_id, message.height, message.width) == ('radar', 1, len(mean))
     assert back.stamp_ns == stamp
@@ -67,9 +67,9 @@ def test_an_embedding_is_a_cloud_of_named_float32_fields() -> None:
     np.testing.assert_array_equal(first_mean, mean)
 
 
-def test_a_model_survives() -> None:
+def test_a_model_is_unchanged() -> None:
     info = ModelInfo('ring_key', MODEL, 128, {'rings': '128', 'note': 'ümlaut "quoted"'})
-    assert model_record(sent(model_message(info)), 'embedding/model') == info
+    assert model_record(transmitted(model_message(info)), 'embedding/model') == info
 
 
 @pytest.mark.parametrize('message', [DiagnosticStatus(), DiagnosticStatus(name='other')])
@@ -98,9 +98,11 @@ def table(count: int, dimension: int) -> PlaceTable:
 
 @pytest.mark.parametrize(('count', 'dimension'), [(0, 8), (1, 1), (3, 128), (500, 16)])
 @pytest.mark.parametrize('committed', [True, False])
-def test_places_survive_to_the_last_bit(count: int, dimension: int, committed: bool) -> None:
+def test_places_are_unchanged_to_the_last_bit(count: int, dimension: int, committed: bool) -> None:
     before = table(count, dimension)
-    back = descriptors_record(sent(descriptors_message(PlaceRows(before, MODEL, committed), STAMP_NS)), 'map/updates')
+    back = descriptors_record(
+        transmitted(descriptors_message(PlaceRows(before, MODEL, committed), STAMP_NS)), 'map/updates'
+    )
     for name in ('place_ids', 'session_ids', 'stamps_ns', 'positions_m', 'yaws_rad', 'uncertainties', 'means'):
         np.testing.assert_array_equal(getattr(back.table, name), getattr(before, name), err_msg=name)
     assert back.table.means.shape == (count, dimension)
@@ -110,7 +112,7 @@ def test_places_survive_to_the_last_bit(count: int, dimension: int, committed: b
 
 def test_the_map_view_shows_uncertainty_as_intensity() -> None:
     places = table(5, 4)
-    points = from_cloud(sent(map_message(places, STAMP_NS)), ['x', 'y', 'z', 'intensity'], 'map')
+    points = from_cloud(transmitted(map_message(places, STAMP_NS)), ['x', 'y', 'z', 'intensity'], 'map')
     np.testing.assert_array_equal(points['intensity'], places.uncertainties)
     np.testing.assert_allclose(points['x'], places.positions_m[:, 0], rtol=1e-6)
 
@@ -128,15 +130,15 @@ def same_candidates(found: tuple[Candidate, ...], expected: tuple[Candidate, ...
     )
 
 
-def test_a_match_survives() -> None:
+def test_a_match_is_unchanged() -> None:
     match = Match(STAMP_NS, 0.123456789012345, 1.1, CANDIDATES)
-    back = match_record(sent(match_message(match)), 'matches')
+    back = match_record(transmitted(match_message(match)), 'matches')
     assert (back.stamp_ns, back.uncertainty, back.threshold) == (match.stamp_ns, match.uncertainty, match.threshold)
     same_candidates(back.candidates, CANDIDATES)
 
 
 def test_a_match_is_a_pose_of_unknown_heading() -> None:
-    message = sent(match_pose_message(Match(STAMP_NS, 0.5, 1.0, CANDIDATES), 10.0))
+    message = transmitted(match_pose_message(Match(STAMP_NS, 0.5, 1.0, CANDIDATES), 10.0))
     covariance = np.array(message.pose.covariance).reshape(6, 6)
     assert (message.header.frame_id, message.pose.pose.position.x) == ('map', 1.0)
     assert 2 * math.atan2(message.pose.pose.orientation.z, message.pose.pose.orientation.w) == pytest.approx(0.5)
@@ -148,9 +150,9 @@ def test_a_match_is_a_pose_of_unknown_heading() -> None:
 @pytest.mark.parametrize('reason', list(Reason))
 @pytest.mark.parametrize('uncertainty', [0.1, math.nan])
 @pytest.mark.parametrize('candidates', [(), CANDIDATES])
-def test_a_rejection_survives(reason: Reason, uncertainty: float, candidates: tuple[Candidate, ...]) -> None:
+def test_a_rejection_is_unchanged(reason: Reason, uncertainty: float, candidates: tuple[Candidate, ...]) -> None:
     rejection = Rejection(STAMP_NS, reason, uncertainty, 1.1, candidates, 'U 2: above the threshold: 1.1')
-    back = rejection_record(sent(rejection_message(rejection)), 'rejections')
+    back = rejection_record(transmitted(rejection_message(rejection)), 'rejections')
     assert (back.stamp_ns, back.reason, back.threshold, back.detail) == (STAMP_NS, reason, 1.1, rejection.detail)
     np.testing.assert_equal(back.uncertainty, uncertainty)
     same_candidates(back.candidates, candidates)
@@ -177,7 +179,7 @@ def test_a_cloud_without_our_fields_is_refused_by_topic() -> None:
         {'data': b''},
     ],
 )
-def test_a_cloud_that_lies_about_its_size_is_refused(damage: dict[str, Any]) -> None:
+def test_a_cloud_of_another_size_than_stated_is_refused(damage: dict[str, Any]) -> None:
     mean = np.ones(4, np.float32)
     message = embedding_message(Embedding(STAMP_NS, mean, mean, MODEL), 'radar')
     fields = {

@@ -1,4 +1,4 @@
-"""Navtech's own messages, where they are installed: here stand-ins with the same fields."""
+"""Navtech's messages: here objects with the same fields, as the package need not be installed."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ def test_bin_size_is_in_tenths_of_a_millimetre() -> None:
     assert config.range_offset_m == -0.31
 
 
-def test_explicit_parameters_win_over_what_the_sensor_says() -> None:
+def test_explicit_parameters_take_precedence_over_the_sensor() -> None:
     config = navtech.configured(RadarConfig(range_resolution_m=0.0432), configuration())
     assert config.range_resolution_m == 0.0432
 
@@ -61,7 +61,7 @@ def test_rows_lie_at_their_encoder_angles() -> None:
     np.testing.assert_array_equal(scan.azimuth_stamps_ns, np.arange(400))
 
 
-def test_rows_turn_the_way_that_the_parameters_say() -> None:
+def test_rows_turn_in_the_configured_direction() -> None:
     config = navtech.configured(RadarConfig(azimuth_direction='counterclockwise'), configuration())
     scan = navtech.scan_from_b_scan(b_scan(), config)
     np.testing.assert_allclose(scan.azimuths_rad, 2 * np.pi - (7 + 14 * np.arange(400)) / 5600 * 2 * np.pi)

@@ -33,7 +33,7 @@ class Slow:
     def wait_until_busy(self) -> None:
         assert self._taken_up.acquire(timeout=WAIT_S)
 
-    def let_go(self, count: int = 1) -> None:
+    def finish(self, count: int = 1) -> None:
         self._lay_down.release(count)
 
 
@@ -51,7 +51,7 @@ def make() -> Iterator[Callable[..., NewestWorker[Any]]]:
 
 
 @pytest.mark.parametrize(('backlog', 'answered'), [(1, [0, 9]), (3, [0, 7, 8, 9])])
-def test_what_is_overtaken_is_dropped_and_reported(
+def test_an_overtaken_item_is_dropped_and_reported(
     make: Callable[..., NewestWorker[int]], backlog: int, answered: list[int]
 ) -> None:
     slow, overtaken = Slow(), list[int]()
@@ -60,7 +60,7 @@ def test_what_is_overtaken_is_dropped_and_reported(
     slow.wait_until_busy()
     for item in range(1, 10):
         worker.put(item)
-    slow.let_go(len(answered))
+    slow.finish(len(answered))
     for _ in answered[1:]:
         slow.wait_until_busy()
     worker.forget()
@@ -68,10 +68,10 @@ def test_what_is_overtaken_is_dropped_and_reported(
     assert overtaken == [item for item in range(10) if item not in answered]
 
 
-def test_one_that_finds_the_worker_idle_overtakes_nothing(make: Callable[..., NewestWorker[int]]) -> None:
+def test_an_item_for_an_idle_worker_overtakes_nothing(make: Callable[..., NewestWorker[int]]) -> None:
     slow, overtaken = Slow(), list[int]()
     worker = make(slow, overtaken.append)
-    slow.let_go(100)
+    slow.finish(100)
     for item in range(100):
         worker.put(item)
         slow.wait_until_busy()
@@ -80,7 +80,9 @@ def test_one_that_finds_the_worker_idle_overtakes_nothing(make: Callable[..., Ne
     assert overtaken == []
 
 
-def test_an_exception_costs_one_item(make: Callable[..., NewestWorker[int]], capfd: pytest.CaptureFixture[str]) -> None:
+def test_an_exception_concerns_one_item(
+    make: Callable[..., NewestWorker[int]], capfd: pytest.CaptureFixture[str]
+) -> None:
     handled = threading.Semaphore(0)
     seen: list[int] = []
 
@@ -88,58 +90,58 @@ def test_an_exception_costs_one_item(make: Callable[..., NewestWorker[int]], cap
         seen.append(item)
         handled.release()
         if item == 1:
-            raise ValueError('spoiled')
+            raise ValueError('damaged')
 
     worker = make(handle, lambda item: None)
     for item in range(3):
         worker.put(item)
         assert handled.acquire(timeout=WAIT_S)
     assert seen == [0, 1, 2]
-    assert 'ValueError: spoiled' in capfd.readouterr().err
+    assert 'ValueError: damaged' in capfd.readouterr().err
 
 
-def returns_when_let_go(slow: Slow, call: Callable[[], None]) -> None:
-    """That the call waits for what `slow` has in hand."""
+def returns_when_finished(slow: Slow, call: Callable[[], None]) -> None:
+    """Check that the call waits for the item that `slow` handles."""
     calling = threading.Thread(target=call)
     calling.start()
     time.sleep(0.05)
     assert calling.is_alive()
-    slow.let_go()
+    slow.finish()
     calling.join(WAIT_S)
     assert not calling.is_alive()
 
 
-def test_stop_ends_what_is_in_hand_and_forgets_the_rest(make: Callable[..., NewestWorker[int]]) -> None:
+def test_stop_waits_for_the_item_in_progress_and_forgets_the_rest(make: Callable[..., NewestWorker[int]]) -> None:
     slow, overtaken = Slow(), list[int]()
     worker = make(slow, overtaken.append)
     worker.put(0)
     slow.wait_until_busy()
     worker.put(1)
-    returns_when_let_go(slow, worker.stop)
+    returns_when_finished(slow, worker.stop)
     worker.put(2)
     worker.stop()
     assert slow.begun == slow.done == [0]
     assert overtaken == []
 
 
-def test_forget_waits_for_what_is_in_hand_and_goes_on(make: Callable[..., NewestWorker[int]]) -> None:
+def test_forget_waits_for_the_item_in_progress_and_the_worker_continues(make: Callable[..., NewestWorker[int]]) -> None:
     slow = Slow()
     worker = make(slow, lambda item: None)
     worker.put(0)
     slow.wait_until_busy()
     worker.put(1)
-    returns_when_let_go(slow, worker.forget)
+    returns_when_finished(slow, worker.forget)
     assert slow.done == [0]
     worker.put(2)
     slow.wait_until_busy()
-    slow.let_go()
+    slow.finish()
     worker.forget()
     assert slow.done == [0, 2]
 
 
-def test_no_more_is_kept_than_waits(make: Callable[..., NewestWorker[Any]]) -> None:
+def test_no_item_but_the_waiting_ones_is_kept(make: Callable[..., NewestWorker[Any]]) -> None:
     class Scan:
-        """What a weak reference can be had of."""
+        """Has weak references, unlike a number."""
 
     begun, go_on = threading.Semaphore(0), threading.Event()
 

@@ -18,9 +18,9 @@ STAGES = [field.name for field in dataclasses.fields(Config)]
 
 
 @pytest.fixture
-def context() -> Iterator[rclpy.context.Context]:
+def context(domain_id: int) -> Iterator[rclpy.context.Context]:
     context = rclpy.context.Context()
-    rclpy.init(context=context, domain_id=231)
+    rclpy.init(context=context, domain_id=domain_id)
     yield context
     rclpy.shutdown(context=context)
 
@@ -50,7 +50,7 @@ def test_overrides_are_taken(context: rclpy.context.Context) -> None:
 
 
 @pytest.mark.parametrize(
-    ('name', 'value', 'said'),
+    ('name', 'value', 'expected'),
     [
         ('map__match_distance_m', -1.0, r'map\.match_distance_m: expected at least 0\.01 m, got -1'),
         ('query__top_k', 0, r'query\.top_k: expected at least 1, got 0'),
@@ -59,8 +59,10 @@ def test_overrides_are_taken(context: rclpy.context.Context) -> None:
         ('query__level', 11, r'query\.level: expected at most query\.levels = 10, got 11'),
     ],
 )
-def test_an_invalid_override_is_one_line(context: rclpy.context.Context, name: str, value: object, said: str) -> None:
-    with pytest.raises(ConfigError, match=said) as error:
+def test_an_invalid_override_is_one_line(
+    context: rclpy.context.Context, name: str, value: object, expected: str
+) -> None:
+    with pytest.raises(ConfigError, match=expected) as error:
         declared(context, **{name: value})
     assert '\n' not in str(error.value)
 

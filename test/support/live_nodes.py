@@ -1,4 +1,4 @@
-"""What the node tests share: a node of their own to speak and listen with, and a replay to its end."""
+"""For tests of nodes: a node that publishes and subscribes, and a replay that is run to its end."""
 
 from __future__ import annotations
 
@@ -49,13 +49,13 @@ def wait_until(done: Callable[[], Any], timeout_s: float = WAIT_S) -> Any:
     """Poll until `done()` is true and return it; fails the test if that takes longer."""
     deadline_s = time.monotonic() + timeout_s
     while not (found := done()):
-        assert time.monotonic() < deadline_s, f'not so after {timeout_s:g} s: {done}'
+        assert time.monotonic() < deadline_s, f'still false after {timeout_s:g} s: {done}'
         time.sleep(0.01)
     return found
 
 
 class Observer:
-    """A node of the test's own that publishes what the test asks for and keeps what it receives."""
+    """A node of the test that publishes its messages and keeps what it receives."""
 
     def __init__(self, domain_id: int) -> None:
         self.context = rclpy.context.Context()
@@ -93,16 +93,16 @@ class Observer:
         return outcomes
 
     def wait_until_connected(self, **subscribers: int) -> None:
-        """Wait until the nodes are connected to one subscriber of their answers, and to so many of other topics.
+        """Wait until the nodes are connected to one subscriber of their answers, and to these numbers for other topics.
 
-        Before that, what they publish is lost, whatever this side knows of them.
+        Before that, their messages are lost, even if this side has discovered them.
         """
         connections = Connections(self.node)
         wanted = {'matches': 1, 'rejections': 1, **subscribers}
         wait_until(lambda: all(connections.count(topic) >= count for topic, count in wanted.items()))
 
     def publisher(self, kind: type, topic: str, profile: QoSProfile) -> Callable[[Any], None]:
-        """A function that publishes; returned when something is subscribed."""
+        """A function that publishes; returned when there is a subscriber."""
         publisher = self.node.create_publisher(kind, topic, profile)
         wait_until(lambda: publisher.get_subscription_count() > 0)
         return publisher.publish
@@ -128,7 +128,7 @@ def replay(nodes: Stack, bag: Path, *arguments: str, timeout_s: float = 3 * WAIT
 
 
 def key(outcome: Outcome) -> tuple[Any, ...]:
-    """What two paths must agree on, to the last bit."""
+    """The part of an outcome that must be equal to the last bit, whether nodes or `drive` made it."""
     kind = 'match' if isinstance(outcome, Match) else outcome.reason.value
     found = tuple((c.place_id, c.distance, c.uncertainty) for c in outcome.candidates)
     return outcome.stamp_ns, kind, outcome.uncertainty, outcome.threshold, found

@@ -18,9 +18,9 @@ WAIT_S = 20.0
 
 
 @pytest.fixture
-def node() -> Iterator[Node]:
+def node(domain_id: int) -> Iterator[Node]:
     context = rclpy.context.Context()
-    rclpy.init(context=context, domain_id=98)
+    rclpy.init(context=context, domain_id=domain_id)
     yield Node('spinning', context=context, enable_rosout=False)
     rclpy.try_shutdown(context=context)
 

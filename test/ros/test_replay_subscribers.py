@@ -1,4 +1,4 @@
-"""Who receives a replay: known when it is connected, not waited for where it cannot be."""
+"""Subscribers of a replay: one that can be connected is waited for, others are not."""
 
 from __future__ import annotations
 
@@ -12,49 +12,49 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import Bool
 
 from offradar_ros.ros import qos
-from offradar_ros.ros.audience import Audience
+from offradar_ros.ros.replay_subscribers import ReplaySubscribers
 
 TYPES = {'/scan': 'sensor_msgs/msg/Image', '/door': 'std_msgs/msg/Bool'}
 
 
 @pytest.fixture
-def player() -> Iterator[Node]:
+def player(domain_id: int) -> Iterator[Node]:
     context = rclpy.context.Context()
-    rclpy.init(context=context, domain_id=96)
+    rclpy.init(context=context, domain_id=domain_id)
     yield Node('player', context=context, enable_rosout=False)
     rclpy.shutdown(context=context)
 
 
 @pytest.fixture
-def audience(player: Node) -> Audience:
+def subscribers(player: Node) -> ReplaySubscribers:
     publishers = {
         '/scan': player.create_publisher(Image, 'scan', qos.SCANS),
         '/door': player.create_publisher(Bool, 'door', qos.POSITIONS),
     }
-    return Audience(player, publishers, TYPES, '/scan')
+    return ReplaySubscribers(player, publishers, TYPES, '/scan')
 
 
 def test_a_subscriber_is_unconnected_until_the_publisher_knows_of_it(
-    player: Node, audience: Audience, monkeypatch: pytest.MonkeyPatch
+    player: Node, subscribers: ReplaySubscribers, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert audience.unconnected() == []
+    assert subscribers.unconnected() == []
     other = Node('other', context=player.context, enable_rosout=False)
     other.create_subscription(Bool, 'door', print, 10)
-    # Those that ask for what was sent before they came are never connected.
+    # A transient-local subscription does not fit a volatile publisher: never connected.
     other.create_subscription(Bool, 'door', print, qos.LATCHED)
     wait_until(lambda: player.count_subscribers('door') == 2)
-    wait_until(lambda: not audience.unconnected())
+    wait_until(lambda: not subscribers.unconnected())
     publisher = next(each for each in player.publishers if each.topic_name == '/door')
     assert publisher.get_subscription_count() == 1
     monkeypatch.setattr(publisher, 'get_subscription_count', lambda: 0)
-    assert audience.unconnected() == ['/door']
+    assert subscribers.unconnected() == ['/door']
 
 
-def test_the_nodes_that_answer_are_not_others(player: Node, audience: Audience) -> None:
+def test_the_nodes_that_answer_are_not_others(player: Node, subscribers: ReplaySubscribers) -> None:
     answering = Node('answering', context=player.context, enable_rosout=False)
     answering.create_publisher(Bool, 'answer', 10)
     answering.create_subscription(Image, 'scan', print, 10)
     wait_until(lambda: player.count_subscribers('scan') == 1 and player.count_publishers('answer') == 1)
-    assert not audience.has_others('/scan', ['answer'])
-    assert audience.has_others('/scan', [])
-    assert not audience.has_others('/door', [])
+    assert not subscribers.has_others('/scan', ['answer'])
+    assert subscribers.has_others('/scan', [])
+    assert not subscribers.has_others('/door', [])

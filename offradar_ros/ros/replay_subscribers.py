@@ -1,4 +1,4 @@
-"""Who receives the messages that a replay publishes."""
+"""Subscribers of the topics that a replay publishes."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from offradar_ros.recordings.bags.topics import FIX_TYPE, ODOMETRY_TYPE
 from offradar_ros.ros.connections import count_reachable
 
 ANNOUNCED_S = 3.5
-"""Every node announces itself every three seconds: by then, those whose first announcement was lost are known too."""
+"""Nodes announce themselves every three seconds: after this time, a lost first announcement was repeated."""
 UNCHANGED_S = 1.0
-"""No new node or subscription for so long, and all are taken to be known."""
+"""After this time without a new node or subscription, all are taken to be known."""
 
 
-class Audience:
+class ReplaySubscribers:
     """The subscriptions of the topics that a bag is played on, as far as this node has discovered them.
 
     Args:
         node: the node that plays.
-        publishers: by the names that the topics have in the bag.
+        publishers: publishers by the names of their topics in the bag.
         msgtypes: types of these topics, as ``package/msg/Name``.
-        scan_topic: that of the scans.
+        scan_topic: the topic of the scans.
     """
 
     def __init__(
@@ -36,7 +36,7 @@ class Audience:
         self._started_s = self._changed_s = time.monotonic()
 
     def is_discovered(self) -> bool:
-        """Whether all who listen are known by now: at once where a bag has no topics but those that our nodes read."""
+        """Whether every subscriber is known by now; true at once if our nodes read every topic of the bag."""
         others = [topic for topic in self._publishers if topic != self._scan_topic]
         if all(self._msgtypes[topic] in (FIX_TYPE, ODOMETRY_TYPE) for topic in others):
             return True
@@ -48,7 +48,7 @@ class Audience:
         return now_s - self._started_s >= ANNOUNCED_S and now_s - self._changed_s >= UNCHANGED_S
 
     def unconnected(self) -> list[str]:
-        """Topics of the bag that have a subscription which can be reached and is not connected yet."""
+        """Topics of the bag with a compatible subscription that is not connected yet."""
         return [
             topic
             for topic, publisher in self._publishers.items()
@@ -63,7 +63,7 @@ class Audience:
         )
 
     def has_others(self, topic: str, answers: Iterable[str]) -> bool:
-        """Whether a node reads the topic that publishes none of the topics `answers`."""
+        """Whether a node subscribes to the topic that publishes none of the topics `answers`."""
         names = [self._node.resolve_topic_name(answer) for answer in answers]
         answering = [info for name in names for info in self._node.get_publishers_info_by_topic(name)]
         known = {(info.node_namespace, info.node_name) for info in answering}
