@@ -17,7 +17,7 @@ from measuring import interleaved, previous_results, single_threaded, write_resu
 from offradar_ros.cli.progress import progress_bar
 from offradar_ros.config import RadarConfig
 from offradar_ros.encoders.export.calibration_scans import SCANS, CalibrationScans, calibration_scans
-from offradar_ros.encoders.export.onnx_export import Smaller, export_onnx
+from offradar_ros.encoders.export.onnx_export import Compression, export_onnx
 from offradar_ros.encoders.onnx_backend import OnnxEncoder
 from offradar_ros.encoders.weights import read_header
 from offradar_ros.lab.drives.cache import cached_drives
@@ -47,13 +47,13 @@ OTHER_RANGES = ('int8 percentile', 'int8 entropy')
 LEAST_SPAN = 1.0
 """Least half-height of the plot in points of recall, so that a difference of a few scans looks small."""
 
-VARIANTS: dict[str, Callable[[CalibrationScans], Smaller | None]] = {
+VARIANTS: dict[str, Callable[[CalibrationScans], Compression | None]] = {
     FLOAT: lambda _: None,
-    'int8': lambda scans: Smaller(scans, int8=True),
-    'int8 percentile': lambda scans: Smaller(scans, int8=True, method='percentile'),
-    'int8 entropy': lambda scans: Smaller(scans, int8=True, method='entropy'),
+    'int8': lambda scans: Compression(scans, int8=True),
+    'int8 percentile': lambda scans: Compression(scans, int8=True, method='percentile'),
+    'int8 entropy': lambda scans: Compression(scans, int8=True, method='entropy'),
     **{
-        f'low rank {share:g}{" int8" if int8 else ""}': lambda scans, share=share, int8=int8: Smaller(  # type: ignore[misc]
+        f'low rank {share:g}{" int8" if int8 else ""}': lambda scans, share=share, int8=int8: Compression(  # type: ignore[misc]
             scans, int8=int8, low_rank=share
         )
         for int8, share in itertools.product((False, True), SHARES)

@@ -131,7 +131,7 @@ def to_yaml(record: Any) -> str:
 
 
 def to_json(record: Any) -> str:
-    """A record or a tree as JSON, keys in their order; ValueError for NaN and infinity, which JSON lacks."""
+    """A record or a tree as JSON, keys in their order; ValueError for NaN and infinity, which JSON does not have."""
     return json.dumps(unstructure(record), indent=1, allow_nan=False) + '\n'
 
 

@@ -9,7 +9,7 @@ from offradar_ros.cli.need import pip_hint
 from offradar_ros.cli.progress import progress_bar
 from offradar_ros.config import RadarConfig
 from offradar_ros.encoders.export.calibration_scans import SCANS, calibration_scans
-from offradar_ros.encoders.export.onnx_export import Smaller, export_onnx
+from offradar_ros.encoders.export.onnx_export import Compression, export_onnx
 from offradar_ros.encoders.model_files import require_file, require_package
 from offradar_ros.encoders.pretrained import find_weights, pretrained_names
 from offradar_ros.encoders.weights_header import WeightsHeader
@@ -51,18 +51,18 @@ def export(
     if str(weights) in pretrained_names():
         weights = find_weights(str(weights), (SAFETENSORS,))
     require_file(weights)
-    to_onnx, smaller = out.suffix != SAFETENSORS, int8 or low_rank < 1.0
+    to_onnx, compressed = out.suffix != SAFETENSORS, int8 or low_rank < 1.0
     if to_onnx and (half or unit_u):
         raise ConfigError(f'{out}: --half and --unit-u are for .safetensors: export that to .onnx afterwards')
-    if smaller and not to_onnx:
+    if compressed and not to_onnx:
         raise ConfigError(f'{out}: --int8 and --low-rank are for .onnx')
-    if smaller and not calibrate:
+    if compressed and not calibrate:
         raise ConfigError(f'{out}: --int8 and --low-rank are fitted to drives: expected --calibrate DRIVE')
-    if calibrate and not smaller:
+    if calibrate and not compressed:
         raise ConfigError(f'{out}: --calibrate is for --int8 and --low-rank: expected one of them, --low-rank below 1')
     try:
         if to_onnx:
-            header = export_onnx(weights, out, _smaller(weights, int8, low_rank, calibrate or [], scans, layout))
+            header = export_onnx(weights, out, _compression(weights, int8, low_rank, calibrate or [], scans, layout))
         else:
             header = _to_safetensors(weights, out, half, unit_u, layout)
     except ImportError as error:
@@ -70,14 +70,14 @@ def export(
     typer.echo(f'{out}: {header.fingerprint}')
 
 
-def _smaller(
+def _compression(
     weights: Path,
     int8: bool,
     low_rank: float,
     calibrate: List[Path],  # noqa: UP006
     scans: int,
     layout: str,
-) -> Optional[Smaller]:
+) -> Optional[Compression]:
     if not calibrate:
         return None
     require_package('safetensors', weights)
@@ -85,7 +85,7 @@ def _smaller(
 
     config = read_header(weights).config
     drives = [open_source(path, layout, RadarConfig()) for path in calibrate]
-    return Smaller(calibration_scans(drives, config, scans), int8=int8, low_rank=low_rank)
+    return Compression(calibration_scans(drives, config, scans), int8=int8, low_rank=low_rank)
 
 
 def _to_safetensors(weights: Path, out: Path, half: bool, unit_u: Optional[Path], layout: str) -> WeightsHeader:

@@ -1,4 +1,4 @@
-"""Embeddings of a whole sequence, in batches where the encoder takes several images at once."""
+"""Embeddings of a whole sequence, in batches if the encoder takes several images at once."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from offradar_ros.errors import RefusedInput
 from offradar_ros.sequence import RadarSequence
 
 BATCH = 16
-"""Images at once, on any device: enough to keep a GPU busy, few enough for the activations of VGG-16 in main memory."""
+"""Images in a batch: enough to keep a GPU busy, and few enough for the activations of VGG-16 in main memory."""
 
 
 def encode_all(
@@ -21,9 +21,8 @@ def encode_all(
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Means and variances, both (N, d) float32, of all N scans in order.
 
-    A scan that is refused, by the sequence or by the encoder, has NaN in its row of both: so it counts as a scan, and
-    whoever compares embeddings refuses it again. `progress` is told (done, N) as it goes. DataError as the sequence
-    raises it.
+    Rows of scans that the sequence or the encoder refuses are NaN in both: such a scan is counted, and refused again
+    where embeddings are compared. `progress` is called with (done, N). DataError as raised by the sequence.
     """
     total = len(sequence)
     means = np.full((total, encoder.info.dimension), np.nan, np.float32)

@@ -1,7 +1,7 @@
 """Encoders of other installed packages: entry points of the group ``offradar_ros.encoders``.
 
-The name of an entry point is what `encoder.name` and ``evaluate --method`` take. Its object, a class or a function, is
-called with the `EncoderConfig` and gives an `Encoder`.
+The name of an entry point is a value of `encoder.name` and of ``evaluate --method``. Its object, a class or a function,
+is called with the `EncoderConfig` and returns an `Encoder`.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ GROUP = 'offradar_ros.encoders'
 
 
 def installed_names() -> tuple[str, ...]:
-    """Names of the encoders that other packages offer, sorted; no package is imported."""
+    """Sorted names of the encoders that other packages offer; no package is imported."""
     return tuple(sorted(importlib.metadata.entry_points(group=GROUP).names))
 
 
 def make_installed(config: EncoderConfig) -> Encoder:
     """The encoder that another package offers as `config.name`, one of `installed_names`.
 
-    It is handed `config`, with empty `weights` where the parameter is at its default, which names weights of ours.
-    ConfigError where the package cannot be imported, fails, or gives something that is no encoder, and where two
-    packages offer the name; an error of ours that it raises itself passes through.
+    Its factory gets `config`, with empty `weights` if the parameter has its default, the name of weights of this
+    package. ModelError if the package cannot be imported or raises an error; an `OffradarError` passes through.
+    ConfigError if the object is not an encoder, and if two packages offer the name.
     """
     found = list(importlib.metadata.entry_points(group=GROUP, name=config.name))
     packages = sorted({point.dist.name if point.dist else point.value for point in found})
@@ -43,6 +43,6 @@ def make_installed(config: EncoderConfig) -> Encoder:
             return encoder
     except OffradarError:
         raise
-    except Exception as error:  # whatever another's code raises
+    except Exception as error:  # any error of the other package
         raise ModelError(f'{where}: cannot be made: {type(error).__name__}: {first_line(error)}') from error
     raise ConfigError(f'{where}: expected an Encoder (info, runs_on, encode), got {type(encoder).__name__}')

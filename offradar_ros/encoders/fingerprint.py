@@ -1,4 +1,4 @@
-"""SHA-256 identity of a model: equal exactly where the embeddings may be compared."""
+"""SHA-256 identity of a model: embeddings with equal fingerprints, and only those, can be compared."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ Setting = bool | int | float | str
 
 
 def canonical_json(settings: Mapping[str, Setting]) -> str:
-    """One text for one set of settings, whatever their order; ValueError for NaN or infinity."""
+    """JSON text of settings that does not depend on their order; ValueError for NaN or infinity."""
     return json.dumps(dict(settings), sort_keys=True, separators=(',', ':'), allow_nan=False)
 
 
 def fingerprint(name: str, settings: Mapping[str, Setting], tensors: Mapping[str, NDArray[Any]] | None = None) -> str:
     """SHA-256 (64 hex digits) of an encoder's name, of every setting that changes its output and of its weights.
 
-    Each tensor enters with its name, dtype, shape and little-endian bytes in C order, in the order of the names, and
-    each part with its length, so that no two models share one byte stream.
+    Tensors are hashed in order of their names, each as name, dtype, shape and little-endian bytes in C order. The
+    length of each part is hashed before it, so that no two models have the same byte stream.
     """
     digest = hashlib.sha256()
 

@@ -1,4 +1,4 @@
-"""What learned encoders share: a polar scan becomes the network's image, and the network's answer an embedding."""
+"""The common part of learned encoders: a polar scan to the image of the network, and its output to an embedding."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from offradar_ros.types import Embedding, PolarScan
 
 
 class ImageEncoder(abc.ABC):
-    """Encodes the image that the weights' header asks for; a backend says how."""
+    """Encodes the image that the weights' header describes; a backend implements `infer`."""
 
     def __init__(self, header: WeightsHeader, path: str | Path, runs_on: str) -> None:
-        """`runs_on`: what the backend really runs on."""
+        """`runs_on`: ``cpu`` or ``cuda``, what the backend runs on."""
         self.header = header
         self.runs_on = runs_on
         self._to_image = make_image(header.config)
@@ -38,15 +38,15 @@ class ImageEncoder(abc.ABC):
 
     @property
     def info(self) -> ModelInfo:
-        """The model's identity, the same in every backend: that of the weights."""
+        """The model's identity, from the weights: the same in every backend."""
         return self._info
 
     @abc.abstractmethod
     def infer(self, images: NDArray[np.uint8]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Images (N, H, W) uint8 → mean and variance, both (N, d) float32, as the network gives them."""
+        """Images (N, H, W) uint8 → mean and variance, both (N, d) float32, the outputs of the network."""
 
     def image(self, scan: PolarScan) -> NDArray[np.uint8]:
-        """What the network sees of a scan, (H, W); RefusedInput ``no_signal`` where it is empty or all zero."""
+        """The network's image of a scan, (H, W) uint8; RefusedInput ``no_signal`` if it is empty or all zero."""
         image = self._to_image(scan) if scan.power.size else np.zeros((0, 0), np.uint8)
         if not image.any():
             raise RefusedInput(
@@ -56,9 +56,9 @@ class ImageEncoder(abc.ABC):
         return image
 
     def encode(self, scan: PolarScan) -> Embedding:
-        """Embedding of one scan; RefusedInput ``no_signal`` where its image is empty or all zero.
+        """Embedding of one scan; RefusedInput ``no_signal`` if its image is empty or all zero.
 
-        Numbers that are not finite are passed on: whoever compares embeddings refuses them.
+        Values that are not finite are returned too: map and search refuse them.
         """
         mean, variance = self.infer(self.image(scan)[np.newaxis])
         return Embedding(scan.stamp_ns, mean[0], variance[0], self._info.fingerprint)

@@ -1,4 +1,4 @@
-"""k-means of many vectors, seeded."""
+"""k-means clustering with a seed."""
 
 from __future__ import annotations
 
@@ -29,33 +29,34 @@ def group_sums(
 
 
 def k_means(points: NDArray[np.float32], count: int, seed: int) -> NDArray[np.float32]:
-    """(count, F) centres of the points (N, F): k-means++ to start with, then Lloyd's iterations of SciPy.
+    """(count, F) centres of the points (N, F): k-means++ initialisation, then Lloyd's iterations by SciPy.
 
-    A centre that loses all of its points stays where it is. ValueError for fewer points than centres.
+    A centre without points keeps its position. ValueError for fewer points than centres.
     """
-    # Takes a while to load, which an encoder that was fitted before need not wait for.
+    # Imported here, because it loads slowly and encoders with a fitted codebook do not need it.
     from scipy.cluster.vq import kmeans2  # noqa: PLC0415
 
     if len(points) < count:
         raise ValueError(f'expected {count} points or more, got {len(points)}')
-    start = _spread_out(points, count, np.random.default_rng(seed))
+    start = _k_means_plus_plus(points, count, np.random.default_rng(seed))
     with warnings.catch_warnings():
-        # Of points that are alike, some centres have none.
+        # Where points are equal, some centres have none.
         warnings.filterwarnings('ignore', message='One of the clusters is empty')
         centres, _ = kmeans2(points, start, iter=_ITERATIONS, minit='matrix')
     return np.asarray(centres, np.float32)
 
 
-def _spread_out(points: NDArray[np.float32], count: int, rng: np.random.Generator) -> NDArray[np.float32]:
-    """k-means++ (Arthur and Vassilvitskii, 2007): each next centre is a point, far ones being likelier.
+def _k_means_plus_plus(points: NDArray[np.float32], count: int, rng: np.random.Generator) -> NDArray[np.float32]:
+    """Initial centres by k-means++ (Arthur and Vassilvitskii, 2007): random points, with probability ∝ distance².
 
-    O(K·N·F); SciPy's own measures every point against all centres again for each, O(K²·N·F): minutes for a map.
+    O(K·N·F). SciPy's implementation computes the distances to all centres again for each new one, O(K²·N·F): minutes
+    for a map.
     """
     centres = [points[rng.integers(len(points))]]
     squared = np.full(len(points), np.inf)
     while len(centres) < count:
         squared = np.minimum(squared, np.square(points - centres[-1]).sum(axis=1))
         total = float(squared.sum())
-        chance = squared / total if total > 0.0 else None
-        centres.append(points[rng.choice(len(points), p=chance)])
+        probability = squared / total if total > 0.0 else None
+        centres.append(points[rng.choice(len(points), p=probability)])
     return np.stack(centres)

@@ -1,4 +1,4 @@
-"""The learned encoder: which runtime runs its network, of the weights there are. Runtimes are imported when used."""
+"""The learned encoder: chooses a runtime and a weights file. Runtimes are imported when they are used."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from offradar_ros.errors import ConfigError, ModelError
 
 @dataclasses.dataclass(frozen=True)
 class Runtime:
-    """What runs a network.
+    """Software that runs a network.
 
     Attributes:
-        suffix: ending of the weights files that it reads.
+        suffix: suffix of the weights files that it reads.
         packages: Python packages that it needs.
         encoder: ``module:class`` of its `ImageEncoder`, called with file, threads and device.
-        devices: values of `encoder.device` that it can serve.
-        install: what to do where a package is missing.
+        devices: values of `encoder.device` that it supports.
+        install: how to install a missing package.
     """
 
     suffix: str
@@ -53,14 +53,14 @@ RUNTIMES = {
         ('torch', 'safetensors'),
         'offradar_ros.encoders.torch_backend:TorchEncoder',
         ('auto', 'cpu', 'cuda'),
-        'pip install torch safetensors, or use the .onnx file that offradar export makes of it',
+        'pip install torch safetensors, or use a .onnx file made by offradar export',
     ),
 }
-"""By the names of the parameter `encoder.backend`, in the order in which ``auto`` prefers them."""
+"""Runtimes by the values of the parameter `encoder.backend`, in the order of preference of ``auto``."""
 
 
 def make_learned(config: EncoderConfig) -> ImageEncoder:
-    """The learned encoder of `config`; ConfigError and ModelError as `choose_runtime`, and for unusable weights."""
+    """The learned encoder of `config`; ConfigError and ModelError as `choose_runtime`, and for invalid weights."""
     runtime, path = choose_runtime(config)
     encoder: ImageEncoder = pkgutil.resolve_name(runtime.encoder)(path, config.threads, config.device)
     if encoder.info.name != config.name:
@@ -73,13 +73,13 @@ def make_learned(config: EncoderConfig) -> ImageEncoder:
 def choose_runtime(config: EncoderConfig, preferred: Sequence[str] = tuple(RUNTIMES)) -> tuple[Runtime, Path]:
     """The runtime and the weights file for `config`: the first of `preferred` that is installed and has a file.
 
-    ConfigError for weights or a backend that do not fit, ModelError where no runtime that does is installed.
+    ConfigError if weights and backend do not match, ModelError if no matching runtime is installed.
     """
     allowed = [RUNTIMES[name] for name in preferred if config.backend in ('auto', name)]
     if config.backend == 'auto':
         allowed = [runtime for runtime in allowed if config.device in runtime.devices]
     installed = [runtime for runtime in allowed if not _missing(runtime)]
-    # Where nothing is installed the file is found all the same, and the message below names it.
+    # If nothing is installed, a file is still found, for the error message below.
     path = find_weights(config.weights, tuple(dict.fromkeys(r.suffix for r in (*installed, *allowed))))
     fitting = [runtime for runtime in allowed if runtime.suffix == path.suffix]
     if not fitting:

@@ -1,4 +1,4 @@
-"""Settings of the learned encoder's network, kept with its weights. No torch here."""
+"""Settings of the network of a learned encoder, stored with its weights. Needs no torch."""
 
 from __future__ import annotations
 
@@ -26,21 +26,20 @@ STUDENTS = ('bounded', 'free')
 
 @dataclasses.dataclass(frozen=True)
 class NetworkConfig:
-    """What the network is and what image it sees; ConfigError for values that no network has.
+    """Architecture of the network and its input image; ConfigError for invalid values.
 
     Attributes:
-        method: ``variational`` (the paper's own) or the learned method that it is compared with.
-        backbone: ``vgg16`` (the paper's) or ``resnet50`` (STUN's), of a Cartesian image, or ``compact`` (of a polar
-            image).
+        method: ``variational`` (the paper's) or another learned method of `ENCODERS`.
+        backbone: ``vgg16`` (the paper's) or ``resnet50`` (STUN's) for a Cartesian image, ``compact`` for a polar one.
         dimension: d, the length of Z_I, μ_V and σ².
         side_px: side of the square Cartesian image, a multiple of 32.
         azimuths: rows of the polar image, a multiple of 8.
         range_bins: columns of the polar image, a multiple of 8.
-        resolution_m: metres a pixel or column.
+        resolution_m: metres for each pixel or column.
         min_range_m: nearer returns are blanked.
-        descriptor: what is compared: Z_I + μ_V (= E[Z]) or Z_I alone; of the variational method only.
-        dropout: probability that MC Dropout drops a feature; of no other method.
-        student: STUN's variance: ``bounded``, between 1 and e as its authors' code has it, or ``free``.
+        descriptor: Z_I + μ_V (= E[Z]) or Z_I; used by the variational method only.
+        dropout: probability that a feature is dropped; used by MC Dropout only.
+        student: variance of STUN: ``bounded`` between 1 and e, as in its authors' code, or ``free``.
     """
 
     method: str = 'variational'
@@ -75,7 +74,7 @@ class NetworkConfig:
 
     @property
     def image(self) -> CartesianConfig | PolarGridConfig:
-        """The image that the network sees."""
+        """Configuration of the network's image."""
         if self.backbone in CARTESIAN:
             return CartesianConfig(self.side_px, self.resolution_m, self.min_range_m)
         return PolarGridConfig(self.azimuths, self.range_bins, self.resolution_m, self.min_range_m)
@@ -98,7 +97,7 @@ class NetworkConfig:
 
     @classmethod
     def from_json(cls, text: str) -> NetworkConfig:
-        """The settings that `to_json` wrote; ConfigError for anything else."""
+        """The settings from the text of `to_json`; ConfigError for any other text."""
         try:
             tree = json.loads(text)
         except (ValueError, RecursionError) as error:

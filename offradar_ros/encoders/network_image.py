@@ -1,4 +1,4 @@
-"""The image that a network sees of a scan: the same in training as on the vehicle, because it is made here alone."""
+"""The input image of a network: training and vehicle make it by the same code, which is here."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from offradar_ros.types import PolarScan
 
 
 def make_image(config: NetworkConfig) -> Callable[[PolarScan], NDArray[np.uint8]]:
-    """A function from a scan to the uint8 image of `config`, `config.image_shape` large.
+    """A function from a scan to the uint8 image of `config`, of shape `config.image_shape`.
 
-    It may keep tables from scan to scan: use one in each thread.
+    It keeps look-up tables between scans and is not thread-safe.
     """
     image = config.image
     return PolarToCartesian(image) if isinstance(image, CartesianConfig) else PolarToGrid(image)

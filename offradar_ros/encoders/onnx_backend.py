@@ -1,4 +1,4 @@
-"""Runs an exported network with ONNX Runtime, on a GPU where that provider is installed. No torch here."""
+"""Runs an exported network with ONNX Runtime, on a GPU if that provider is installed. Needs no torch."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 import onnxruntime
 from numpy.typing import NDArray
 
-from offradar_ros.encoders.device import CPU_PROVIDER, CUDA_PROVIDER, no_cuda, onnx_providers, used_device
+from offradar_ros.encoders.device import CPU_PROVIDER, CUDA_PROVIDER, cuda_unavailable, onnx_providers, used_device
 from offradar_ros.encoders.image_encoder import ImageEncoder
 from offradar_ros.encoders.model_files import first_line, require_file
 from offradar_ros.encoders.weights_header import WeightsHeader
@@ -21,17 +21,17 @@ WARNINGS_OFF = 3
 
 
 class OnnxEncoder(ImageEncoder):
-    """Learned encoder in ONNX Runtime; ModelError for a file that is missing, damaged or not `export_onnx`'s."""
+    """Learned encoder in ONNX Runtime; ModelError for a file that is missing, damaged or not from `export_onnx`."""
 
     def __init__(self, path: str | Path, threads: int = 0, device: str = 'auto') -> None:
-        """`threads` for one inference on a CPU, 0 uses every core; `device` as the parameter `encoder.device`.
+        """`threads` of one inference on a CPU, 0 uses every core; `device` as the parameter `encoder.device`.
 
-        ConfigError for ``cuda`` where there is none.
+        ConfigError for ``cuda`` without a GPU.
         """
         options = onnxruntime.SessionOptions()
         options.intra_op_num_threads = threads or _threads_within_affinity()
         options.log_severity_level = WARNINGS_OFF
-        # Threads that wait for the next scan would take the other nodes' time, several times what they compute.
+        # Spinning threads, which wait for the next scan, take several times the CPU time of the computation.
         options.add_session_config_entry('session.intra_op.allow_spinning', '0')
         providers = onnx_providers(device, onnxruntime.get_available_providers())
         self._session = _session(require_file(path), options, providers, device)
@@ -58,7 +58,7 @@ class OnnxEncoder(ImageEncoder):
 
 
 def _threads_within_affinity() -> int:
-    """The process's cores where it may not use all of the machine's (``taskset``), else 0.
+    """Number of cores that the process may use (``taskset``), or 0 if these are all cores of the machine.
 
     With 0, ONNX Runtime binds a thread to each core of the machine, also to those that the process may not use.
     """
@@ -67,14 +67,14 @@ def _threads_within_affinity() -> int:
 
 
 def _session(path: str, options: Any, providers: Sequence[str], device: str) -> Any:
-    """A session; where a GPU's provider cannot start, of the CPU for ``auto`` and ConfigError for ``cuda``."""
+    """A session. If the provider of a GPU cannot start, ``auto`` falls back to the CPU; ConfigError for ``cuda``."""
     try:
         return onnxruntime.InferenceSession(path, options, providers=list(providers))
-    except Exception as error:  # its exceptions share no base
+    except Exception as error:  # its exceptions have no common base class
         if CUDA_PROVIDER not in providers:
             raise ModelError(f'{path}: not a readable ONNX file ({first_line(error)})') from error
-        # Whether the file or the GPU is to blame, the CPU tells.
+        # If the CPU cannot start it either, the file is the cause.
         session = _session(path, options, (CPU_PROVIDER,), device)
         if device == 'cuda':
-            raise no_cuda(f'ONNX Runtime could not start {CUDA_PROVIDER} ({first_line(error)})') from error
+            raise cuda_unavailable(f'ONNX Runtime could not start {CUDA_PROVIDER} ({first_line(error)})') from error
         return session

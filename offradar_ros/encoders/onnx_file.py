@@ -1,8 +1,7 @@
-"""ONNX files read without the onnx package: their text entries, and their weights in single precision.
+"""Reads ONNX files without the onnx package: metadata entries, and weights in single precision.
 
-An ONNX file is a protocol buffer, `ModelProto` of onnx.proto. Of its wire format only this is needed: a message is a
-row of fields, each a key (number · 8 + wire type, a varint) and a value; nested messages, strings and bytes are of wire
-type 2, with their length in front.
+An ONNX file is a protocol buffer, `ModelProto` of onnx.proto. A message is a sequence of fields, each a key (number · 8
++ wire type, a varint) and a value. Nested messages, strings and bytes have wire type 2 and start with their length.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ Field = tuple[int, int, int | bytes]
 
 
 def read_metadata(path: str | Path) -> dict[str, str]:
-    """Text entries of an ONNX file; ModelError for one that is missing or no ONNX file."""
+    """Metadata entries of an ONNX file; ModelError for a file that is missing or not ONNX."""
     found = {}
     try:
         for number, _, value in _fields(_content(path)):
@@ -42,7 +41,10 @@ def read_metadata(path: str | Path) -> dict[str, str]:
 
 
 def read_in_single_precision(path: str | Path) -> bytes:
-    """The file with half-precision weights as float32, for runtimes that have no half precision; errors as above."""
+    """The content of a file with half-precision weights as float32, for runtimes without half precision.
+
+    ModelError as `read_metadata`.
+    """
     try:
         model = list(_fields(_content(path)))
         return _message(
@@ -78,7 +80,7 @@ def _widened_in_graph(field: Field) -> Field:
 
 
 def _fields(message: bytes) -> Iterator[Field]:
-    """Fields of a message in order; ValueError where it ends early or is no message."""
+    """Fields of a message in order; ValueError if it is truncated or not a message."""
     place = 0
     while place < len(message):
         key, place = _varint(message, place)
@@ -91,13 +93,13 @@ def _fields(message: bytes) -> Iterator[Field]:
         if kind == _BYTES:
             length, place = _varint(message, place)
         if length is None or place + length > len(message):
-            raise ValueError('not a protocol buffer, or cut off')
+            raise ValueError('not a protocol buffer, or truncated')
         yield key >> 3, kind, message[place : place + length]
         place += length
 
 
 def _varint(message: bytes, place: int) -> tuple[int, int]:
-    """A number in groups of 7 bits, the lowest first, and the place after it."""
+    """A number in groups of 7 bits, the lowest first, and the index after it."""
     number = shift = 0
     while place < len(message) and shift < 64:
         byte = message[place]
@@ -105,11 +107,11 @@ def _varint(message: bytes, place: int) -> tuple[int, int]:
         place, shift = place + 1, shift + 7
         if byte < 0x80:
             return number, place
-    raise ValueError('not a protocol buffer, or cut off')
+    raise ValueError('not a protocol buffer, or truncated')
 
 
 def _message(fields: Iterator[Field] | list[Field] | map[Field]) -> bytes:
-    """The message of these fields."""
+    """The serialised message of these fields."""
     parts = bytearray()
     for number, kind, value in fields:
         parts += _varint_bytes(number << 3 | kind)

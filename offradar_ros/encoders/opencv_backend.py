@@ -1,7 +1,7 @@
-"""Runs an exported network with OpenCV's `dnn`, for machines whose packages come from apt alone. CPU only.
+"""Runs an exported network with OpenCV's `dnn`, for machines with packages from apt only. CPU only.
 
 Works with OpenCV 4.6 (Ubuntu 24.04) and later for what `export_onnx` writes of the compact backbone; other networks
-need a later OpenCV or ONNX Runtime, and are refused when they are loaded.
+need a later OpenCV or ONNX Runtime; a network that cannot run is refused when it is loaded.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from offradar_ros.encoders.device import no_cuda
+from offradar_ros.encoders.device import cuda_unavailable
 from offradar_ros.encoders.image_encoder import ImageEncoder
 from offradar_ros.encoders.onnx_file import read_in_single_precision, read_metadata
 from offradar_ros.encoders.weights_header import WeightsHeader
@@ -26,22 +26,22 @@ class OpencvEncoder(ImageEncoder):
     def __init__(self, path: str | Path, threads: int = 0, device: str = 'auto') -> None:
         """`threads` sets OpenCV's threads for the whole process, 0 leaves them; ConfigError for ``cuda``."""
         if device == 'cuda':
-            raise no_cuda('the opencv backend runs on the CPU alone')
+            raise cuda_unavailable('the opencv backend runs on the CPU only')
         header = WeightsHeader.from_metadata(read_metadata(path), path)
         if header.stored == 'int8':
             raise ModelError(
-                f'{path}: OpenCV does not compute 8-bit integers as ONNX Runtime does: pip install onnxruntime, or use '
-                f'weights in single or half precision'
+                f'{path}: OpenCV computes 8-bit integers differently from ONNX Runtime: pip install onnxruntime, or '
+                f'use weights in single or half precision'
             )
         super().__init__(header, path, 'cpu')
         if threads:
             cv2.setNumThreads(threads)
         try:
             self._network = cv2.dnn.readNetFromONNX(np.frombuffer(read_in_single_precision(path), np.uint8))
-            # What it lacks shows when it runs.
+            # Missing operators are reported by the first run.
             found = [output.shape for output in self._run(np.zeros((1, *header.config.image_shape), np.uint8))]
         except cv2.error as error:
-            # The last line of its report names the operator.
+            # The last line of the message names the operator.
             reason = str(error).strip().splitlines()[-1][:300]
             raise ModelError(
                 f'{path}: OpenCV {cv2.__version__} cannot run it: pip install onnxruntime, or use a later OpenCV '
@@ -58,8 +58,8 @@ class OpencvEncoder(ImageEncoder):
         return means, variances
 
     def _run(self, image: NDArray[np.uint8]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Of one image (1, H, W): OpenCV 4.6 takes no more at once."""
-        # Without the wrapper 4.6 takes the last axis for channels.
+        """Mean and variance, both (1, d), of one image (1, H, W): OpenCV 4.6 accepts only one at a time."""
+        # Without the wrapper, 4.6 treats the last axis as channels.
         wrapped: Any = cv2.Mat(image, wrap_channels=False)  # type: ignore[no-untyped-call]
         self._network.setInput(wrapped, 'images')
         mean, variance = self._network.forward(['mean', 'variance'])

@@ -1,4 +1,4 @@
-"""What every encoder is: a scan in, an embedding with a variance out."""
+"""The interface of encoders: a scan in, an embedding with a variance out."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from offradar_ros.types import Embedding, PolarScan
 
 @dataclasses.dataclass(frozen=True)
 class ModelInfo:
-    """Identity of a model: embeddings are compared only where `fingerprint` is the same.
+    """Identity of a model: embeddings are compared only if their `fingerprint` is the same.
 
     Attributes:
         name: the encoder's name in the registry.
@@ -31,14 +31,14 @@ class Encoder(Protocol):
     """Encodes one scan at a time, deterministically: the same scan gives the same embedding.
 
     Attributes:
-        runs_on: ``cpu`` or ``cuda``. No part of the model: where it runs changes nothing that is kept.
+        runs_on: ``cpu`` or ``cuda``. Not part of the model's identity.
     """
 
     runs_on: str
 
     @property
     def info(self) -> ModelInfo:
-        """Which model this is."""
+        """The model's identity."""
 
     def encode(self, scan: PolarScan) -> Embedding:
-        """Embedding of one scan, stamped as the scan; RefusedInput for one that holds no signal."""
+        """Embedding of one scan, with its stamp; RefusedInput for a scan without signal."""

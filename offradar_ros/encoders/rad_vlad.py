@@ -1,4 +1,4 @@
-"""FFT-RadVLAD (Gadd and Newman, 2024): azimuth spectra, aggregated by the nearest of 64 centres. No torch here."""
+"""FFT-RadVLAD (Gadd and Newman, 2024): azimuth spectra, aggregated by the nearest of 64 centres. Needs no torch."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from offradar_ros.types import Embedding, PolarScan
 
 
 class RadVladEncoder:
-    """VLAD of a scan's azimuth spectra: per centre the sum of residuals, signed square root, unit length.
+    """VLAD of a scan's azimuth spectra: the sum of residuals of each centre, signed square root, L2-normalised.
 
-    Distances between descriptors are those of the published 64 × 512 numbers, in the 64 × 257 that are not repeated
-    (see `rad_vlad_rows`). Azimuths are not resized to 400: residuals are sums over azimuths, whose scale cancels.
+    The published descriptor has 64 × 512 values, of which 64 × 257 are distinct (see `rad_vlad_rows`); only these are
+    kept, and distances are the same. Azimuths are not resized to 400: the scale of sums over azimuths cancels.
 
-    **Variance.** The method has no uncertainty of its own. Its stand-in is how much the scan repeats itself: the
-    chance that two of its azimuths have the same nearest centre, over the same of the scans that were fitted, as the
-    same number in every dimension. Azimuths that differ are what identifies a place; noise, saturation and blocked
-    sectors make them alike. U is 1 on average over the fit and at most 1 / its chance there, about 30. It does not see
-    one place that looks like another.
+    **Variance.** The method defines no uncertainty. We use the repetition of a scan: the probability that two of its
+    azimuths have the same nearest centre, divided by the mean of that over the fitted scans, the same value in every
+    dimension. Differences between azimuths identify a place; noise, saturation and blocked sectors make azimuths
+    similar. U is 1 on average over the fitted scans and at most the inverse of their mean probability, about 30. It
+    does not recognise that one place resembles another.
     """
 
     runs_on = 'cpu'
@@ -35,7 +35,7 @@ class RadVladEncoder:
         self.codebook = codebook
         self._rows = codebook.rows
         self._centres = codebook.centres.astype(np.float64)
-        # √w: a magnitude that is there twice has its square root there twice.
+        # √w: a magnitude that occurs twice has a square root that occurs twice.
         self._weights = np.sqrt(codebook.rows.weights)
         self._info = ModelInfo(
             name='rad_vlad',
@@ -46,7 +46,7 @@ class RadVladEncoder:
 
     @classmethod
     def from_config(cls, config: EncoderConfig) -> RadVladEncoder:
-        """As the registry makes it, of a codebook file; ConfigError for other files, ModelError for unusable ones."""
+        """For the registry, from a codebook file; ConfigError for other files, ModelError for invalid ones."""
         path = find_weights(config.weights, ('.safetensors',))
         if path.suffix != '.safetensors':
             raise ConfigError(f'parameter encoder.weights: rad_vlad needs a .safetensors file, got {config.weights!r}')
@@ -60,7 +60,7 @@ class RadVladEncoder:
     def encode(self, scan: PolarScan) -> Embedding:
         """Descriptor and variance, (centres · F,) float32; RefusedInput ``no_signal`` for a scan without power.
 
-        Turning on the spot changes neither: sums over azimuths are exact.
+        A turn on the spot changes neither: sums over azimuths are exact.
         """
         rows = spectrum_rows(scan, self._rows)
         nearest, _ = nearest_centres(rows, self._centres)

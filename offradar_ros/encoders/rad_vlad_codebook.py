@@ -1,4 +1,4 @@
-"""What FFT-RadVLAD learns, its centres, and the file that keeps them."""
+"""The codebook of FFT-RadVLAD: its centres, and the file that stores them."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from offradar_ros.encoders.rad_vlad_rows import RowSettings
 from offradar_ros.errors import ConfigError, ModelError
 from offradar_ros.records import structure, unstructure
 
-# Changes whenever the same settings and centres would give another embedding.
+# Increased whenever the same settings and centres would give another embedding.
 FORMULA = 1
 
 
-# A codebook whose scans never repeat themselves would make every other infinitely uncertain.
-LEAST_REPETITION = 1e-3
+# Lower bound, because a codebook of scans without repetition would give every other scan an infinite U.
+MIN_REPETITION = 1e-3
 
 
 def repetition(sizes: NDArray[np.integer], silent: int = 0) -> float:
-    """Chance that two different rows are alike, given how many are of each group; 0 for fewer than two rows.
+    """Probability that two different rows are of the same group, by the sizes (K,) of the groups; 0 below two rows.
 
-    Rows are alike that are of one group, and a `silent` one is like any other. Unlike entropy the chance does not
-    depend on how many of the rows were counted (Simpson's index, unbiased).
+    A `silent` row counts as in the same group as any other. Unlike entropy, the probability does not depend on the
+    number of rows (Simpson's index, unbiased).
     """
     counted = sizes.astype(np.float64)
     total = counted.sum() + silent
@@ -41,9 +41,9 @@ class Codebook:
     """Centres of azimuth spectra.
 
     Attributes:
-        rows: what the spectra are made of.
+        rows: settings of the spectra.
         centres: (K, F) float32.
-        typical_repetition: mean `repetition` of the scans that were fitted.
+        typical_repetition: mean `repetition` of the fitted scans.
         description: one line for people.
     """
 
@@ -54,14 +54,14 @@ class Codebook:
 
     @property
     def fingerprint(self) -> str:
-        """SHA-256 of all that changes an embedding."""
+        """SHA-256 of everything that changes an embedding."""
         return fingerprint('rad_vlad', {**self._settings(), 'formula': FORMULA}, {'centres': self.centres})
 
     def _settings(self) -> dict[str, int | float]:
         return {**unstructure(self.rows), 'typical_repetition': self.typical_repetition}
 
     def save(self, path: str | Path) -> None:
-        """Write a safetensors file atomically; ModelError where it cannot be written."""
+        """Write a safetensors file atomically; ModelError if it cannot be written."""
         require_package('safetensors', path)
         from safetensors.numpy import save  # noqa: PLC0415
 
@@ -75,7 +75,7 @@ class Codebook:
 
 
 def load_codebook(path: str | Path) -> Codebook:
-    """Read what `Codebook.save` wrote; ModelError for a missing, damaged or foreign file."""
+    """Read a file of `Codebook.save`; ModelError for a missing or damaged file, or one of another program."""
     require_package('safetensors', path)
     import safetensors  # noqa: PLC0415
 
@@ -100,6 +100,6 @@ def load_codebook(path: str | Path) -> Codebook:
         raise ModelError(f'{path}: damaged or altered: its centres are not those of its fingerprint')
     if centres.ndim != 2 or centres.shape[1] != codebook.rows.features or centres.dtype != np.float32:
         raise ModelError(
-            f'{path}: expected float32 centres of {codebook.rows.features} numbers, got {centres.dtype} {centres.shape}'
+            f'{path}: expected float32 centres of {codebook.rows.features} values, got {centres.dtype} {centres.shape}'
         )
     return codebook

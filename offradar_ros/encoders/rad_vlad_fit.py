@@ -1,4 +1,4 @@
-"""Finds the centres of FFT-RadVLAD in recorded or simulated scans: k-means, no gradients."""
+"""Fits the centres of FFT-RadVLAD to recorded or simulated scans by k-means."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from offradar_ros.encoders.k_means import k_means, nearest_centres
-from offradar_ros.encoders.rad_vlad_codebook import LEAST_REPETITION, Codebook, repetition
+from offradar_ros.encoders.rad_vlad_codebook import MIN_REPETITION, Codebook, repetition
 from offradar_ros.encoders.rad_vlad_rows import RowSettings, spectrum_rows
 from offradar_ros.errors import DataError, RefusedInput
 from offradar_ros.types import PolarScan
@@ -24,9 +24,9 @@ def fit_rad_vlad(
 ) -> Codebook:
     """Centres of the scans' azimuth spectra.
 
-    The authors fit the rows of the map that is searched, all of them; here `rows_per_scan` random rows (2 or more) of
-    each scan are enough, and one codebook serves many maps. Without `rows` the spectra span the range of the first
-    scan. Scans without power are passed over; DataError where fewer rows remain than centres.
+    The authors fit all rows of the map that is searched. Here `rows_per_scan` random rows (2 or more) of each scan are
+    used, and one codebook serves many maps. Without `rows` the spectra cover the range of the first scan. Scans without
+    power are skipped; DataError if fewer rows remain than centres.
     """
     rng = np.random.default_rng(seed)
     kept = []
@@ -43,4 +43,4 @@ def fit_rad_vlad(
     points = np.concatenate(kept)
     fitted = k_means(points, centres, seed)
     typical = np.mean([repetition(np.bincount(nearest_centres(scan, fitted)[0])) for scan in kept])
-    return Codebook(rows, fitted, max(float(typical), LEAST_REPETITION), description)
+    return Codebook(rows, fitted, max(float(typical), MIN_REPETITION), description)

@@ -1,8 +1,8 @@
 """The local descriptors of FFT-RadVLAD: the spectrum of each azimuth's power along range.
 
 Convention: the power between 0 and `max_range_m` is gathered into `bins` equal rings, blank nearer than `min_range_m`.
-The magnitudes m_0 … m_{bins−1} of a row's discrete Fourier transform mirror (m_k = m_{bins−k}); only the first half is
-kept, and m_1 … m_{bins/2−1} are multiplied by √2, so that lengths and distances are those of the whole.
+The magnitudes m_0 … m_{bins−1} of a row's discrete Fourier transform are symmetric (m_k = m_{bins−k}). Only the first
+half is kept, and m_1 … m_{bins/2−1} are multiplied by √2, so that norms and distances equal those of the full spectrum.
 """
 
 from __future__ import annotations
@@ -16,16 +16,16 @@ from offradar_ros.encoders.rings import ring_power
 from offradar_ros.errors import ConfigError, RefusedInput
 from offradar_ros.types import PolarScan
 
-# Rows are multiples of this: sums of them in float64 are exact, so that they do not depend on the order of the rows.
+# Rows are multiples of this, so that sums in float64 are exact and do not depend on the order of the rows.
 _PART = 2.0**-30
 
 
 @dataclasses.dataclass(frozen=True)
 class RowSettings:
-    """What a row is made of; ConfigError for what none can be.
+    """Settings of the spectra; ConfigError for invalid ones.
 
     Attributes:
-        max_range_m: range that the bins span.
+        max_range_m: outer edge of the last ring.
         min_range_m: nearer returns are blanked (Gadd and Newman blank 60 bins of 4.32 cm).
         bins: rings along range, even.
     """
@@ -50,16 +50,16 @@ class RowSettings:
 
     @property
     def weights(self) -> NDArray[np.float64]:
-        """(F,) 1 or √2: how often a magnitude is in the whole spectrum, as the square root."""
+        """(F,) 1 or √2: the square root of how often a magnitude occurs in the full spectrum."""
         weights = np.full(self.features, 2.0**0.5)
         weights[[0, -1]] = 1.0
         return weights
 
 
 def spectrum_rows(scan: PolarScan, settings: RowSettings) -> NDArray[np.float64]:
-    """(A, F) unit spectra of the azimuths that hold power; RefusedInput ``no_signal`` where none does.
+    """(A, F) unit spectra of the azimuths that hold power; RefusedInput ``no_signal`` if none does.
 
-    Rows of a rolled scan are the same rows, rolled.
+    A roll of the scan's rows is a roll of the spectra.
     """
     if not scan.power.size:
         raise RefusedInput('no_signal', f'scan at {scan.stamp_ns} ns is empty: shape {scan.power.shape}')

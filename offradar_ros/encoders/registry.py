@@ -1,7 +1,7 @@
-"""Every encoder by name: one table, which configuration, networks, training, evaluation and reports read.
+"""All encoders by name: the table for configuration, networks, training, evaluation and reports.
 
-What an entry names is imported when it is used, so that a node loads no runtime but its own. `docs/encoders.md` says
-how to add an encoder, here or in a package of one's own.
+The objects of an entry are imported when they are used, so that a node loads only its own runtime. `docs/encoders.md`
+says how to add an encoder, here or in another package.
 """
 
 from __future__ import annotations
@@ -21,15 +21,16 @@ LEARNED_FACTORY = 'offradar_ros.encoders.learned:make_learned'
 
 @dataclasses.dataclass(frozen=True)
 class EncoderEntry:
-    """An encoder of ours. Each ``module:attribute`` is imported when it is used.
+    """An encoder of this package. Each ``module:attribute`` is imported when it is used.
 
     Attributes:
-        title: what tables and figures call it.
-        factory: called with an `EncoderConfig`, gives the `Encoder`.
-        network: class of a learned method, called with a `NetworkConfig`; a `Network` in torch.
-        objective: what trains it, called with a `TrainingConfig` (and the teacher's network, where there is one).
-        teacher: name of the method whose trained network it learns from.
-        needs_weights: whether it cannot be made without the parameter `encoder.weights`.
+        title: name in tables and figures.
+        factory: function of an `EncoderConfig` that returns the `Encoder`.
+        network: class of a learned method's network, a torch `Network`; called with a `NetworkConfig`.
+        objective: class of its training objective; called with a `TrainingConfig` and, if it has a teacher, the
+            teacher's network.
+        teacher: name of the method whose trained network is its teacher.
+        needs_weights: whether it needs the parameter `encoder.weights`.
     """
 
     title: str
@@ -77,7 +78,7 @@ LEARNED = tuple(name for name, entry in ENCODERS.items() if entry.network)
 def make_encoder(config: EncoderConfig) -> Encoder:
     """The encoder that `config` names, one of `ENCODERS` or of an installed package (see `entry_points`).
 
-    ConfigError for an unknown name and for settings that do not fit, ModelError for unusable weights.
+    ConfigError for an unknown name and for settings that do not match, ModelError for invalid weights.
     """
     if config.name in ENCODERS:
         encoder: Encoder = pkgutil.resolve_name(ENCODERS[config.name].factory)(config)
@@ -89,7 +90,7 @@ def make_encoder(config: EncoderConfig) -> Encoder:
 
 
 def unknown_name(name: str, known: Iterable[str]) -> str:
-    """What to say of a name that is none of `known`: the nearest, where one is near, and all of them."""
+    """Error message for a name that is not in `known`: all known names, and the most similar one if there is any."""
     known = list(known)
     nearest = difflib.get_close_matches(name, known, 1)
     hint = f'; did you mean {nearest[0]}?' if nearest else ''

@@ -1,7 +1,7 @@
-"""The ring key: mean received power against range, which turning on the spot does not change. It needs no weights.
+"""The ring key: mean received power over range, which a turn on the spot does not change. It needs no weights.
 
-After Kim and Kim (Scan Context, IROS 2018), in the form that Gadd and Newman use for radar: each azimuth's power is
-L2-normalised before the mean over azimuths is taken, and keys are compared by Euclidean distance.
+After Kim and Kim (Scan Context, IROS 2018), in the form of Gadd and Newman for radar: the power of each azimuth is
+L2-normalised, the key is the mean over azimuths, and keys are compared by Euclidean distance.
 """
 
 from __future__ import annotations
@@ -18,40 +18,40 @@ from offradar_ros.encoders.rings import ring_power
 from offradar_ros.errors import ConfigError, RefusedInput
 from offradar_ros.types import Embedding, PolarScan
 
-# Changes whenever the same settings would give another embedding.
+# Increased whenever the same settings would give another embedding.
 FORMULA = 1
 
-# A step between rings of 1/8 of a row's root-mean-square power, typical of clean scans, halves a ring's variance.
+# Steps between rings of 1/8 of a row's root-mean-square power, typical of clean scans, halve the variance of a ring.
 STEP_PRECISION = 64.0
 
-# Rows are summed as integers of this many parts of one: such a sum has no order, so rolls leave it bit for bit.
+# Rows are summed as fixed-point integers, so that the sum does not depend on the order of the rows.
 FIXED_POINT = 2.0**30
 
 
 class RingKeyEncoder:
-    """Ring key and a variance made from how much the azimuth sectors tell apart.
+    """Ring key, with a variance from the differences between azimuth sectors.
 
-    **Variance.** A sector is any 1/`sectors` of the rotation: one starts at each azimuth. Let k_s be the ring key of
-    sector s and s_i the variance over all sectors of k_{s,i} − k_{s,i−1}, the step into ring i. With d rings of unit
-    rows, d·s_i has no scale, and
+    **Variance.** A sector is 1/`sectors` of the rotation, and one starts at each azimuth. Let k_s be the ring key of
+    sector s and s_i the variance, over all sectors, of the step k_{s,i} − k_{s,i−1} into ring i. Since rows are
+    L2-normalised over d rings, d·s_i is independent of scale, and
 
         Σ_ii = variance_scale / (1 + 64 · d · s_i).
 
-    Structure that differs from sector to sector (walls, poles, cars) is what identifies a place, and it makes steps
-    from ring to ring; the smooth fall of power with range does not. A ring without it keeps the prior,
-    `variance_scale`. Whatever hides structure raises U, the more the more is hidden: noise, saturated azimuths,
-    sectors blocked or filled with clutter, returns that sink into the noise floor (rain), and also a truly empty
-    place. With `variance_scale` calibrated, U is 1 on average over clean scans of one sensor.
+    Structure that differs between sectors (walls, poles, cars) identifies a place, and it causes steps from ring to
+    ring; the smooth decrease of power with range does not. A ring without structure keeps the prior, `variance_scale`.
+    The more structure is hidden, the higher is U: by noise, by saturated azimuths, in sectors that are blocked or full
+    of clutter, when returns fall below the noise floor (rain), and also in an empty place. With a calibrated
+    `variance_scale`, U is 1 on average over clean scans of one sensor.
 
-    **It cannot see** a degradation of a few azimuths (5 % of them blocked moves U by no more than clean scans
-    scatter), a sector filled with clutter that varies as much as the world, or one place that looks like another. A
-    receiver that cuts off low power loses noise with it, and its U falls. U depends on the sensor: calibrate each.
+    **Limits.** U does not show a degradation of a few azimuths (5 % blocked ones change U less than it varies over
+    clean scans), a sector with clutter that varies as much as real structure, or that one place resembles another. A
+    receiver that cuts off low power removes noise, and its U decreases. U depends on the sensor: calibrate each.
     """
 
     runs_on = 'cpu'
 
     def __init__(self, config: RingKeyConfig) -> None:
-        """ConfigError where the rings would be empty."""
+        """ConfigError if the rings would be empty."""
         if config.min_range_m >= config.max_range_m:
             raise ConfigError(
                 f'parameter encoder.ring_key.min_range_m: expected less than max_range_m = {config.max_range_m:g} m, '
@@ -68,7 +68,7 @@ class RingKeyEncoder:
 
     @classmethod
     def from_config(cls, config: EncoderConfig) -> RingKeyEncoder:
-        """As the registry makes it; ConfigError as above."""
+        """For the registry; ConfigError if the rings would be empty."""
         return cls(config.ring_key)
 
     @property
@@ -77,9 +77,9 @@ class RingKeyEncoder:
         return self._info
 
     def encode(self, scan: PolarScan) -> Embedding:
-        """Key (rings,) and variance (rings,), float32; RefusedInput ``no_signal`` where all rings are zero.
+        """Key (rings,) and variance (rings,), float32; RefusedInput ``no_signal`` if all rings are zero.
 
-        Neither changes by a bit when the rows are rolled: turning on the spot keeps the key and its variance.
+        A roll of the rows, and so a turn on the spot, changes no bit of either.
         """
         if not scan.power.size:
             raise RefusedInput('no_signal', f'scan at {scan.stamp_ns} ns is empty: shape {scan.power.shape}')
@@ -103,14 +103,14 @@ class RingKeyEncoder:
     def _variance(self, sector_keys: NDArray[np.float64]) -> NDArray[np.float32]:
         """Keys of all sectors (A, rings) float64 → (rings,) float32."""
         steps = np.diff(sector_keys, axis=1, prepend=0.0)
-        # Sorted, so that the sums over the sectors do not depend on which comes first.
+        # Sorted, so that the sums over the sectors do not depend on the first one.
         spread = np.sort(steps, axis=0).var(axis=0)
         variance = self.config.variance_scale / (1.0 + STEP_PRECISION * spread.size * spread)
         return np.asarray(variance, np.float32)
 
 
 def _sector_keys(rows: NDArray[np.int64], sectors: int) -> NDArray[np.float64]:
-    """(A, rings) mean of the rows of the sector that starts at each row, of fixed-point rows (A, rings)."""
+    """(A, rings) mean of the fixed-point rows (A, rings) in the sector that starts at each row."""
     width = max(1, round(len(rows) / sectors))
     sums = np.cumsum(np.concatenate([np.zeros_like(rows[:1]), rows, rows[: width - 1]]), axis=0)
     keys: NDArray[np.float64] = (sums[width:] - sums[:-width]) / (width * FIXED_POINT)

@@ -1,4 +1,4 @@
-"""Runs safetensors weights with torch, on a GPU where there is one."""
+"""Runs safetensors weights with torch, on a GPU if there is one."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from offradar_ros.encoders.networks.files import load_network
 
 
 class TorchEncoder(ImageEncoder):
-    """Learned encoder in torch; ModelError for weights that cannot be used."""
+    """Learned encoder in torch; ModelError for invalid weights."""
 
     def __init__(self, path: str | Path, threads: int = 0, device: str = 'auto') -> None:
         """`threads` sets torch's threads for the whole process, 0 leaves them; `device` as `encoder.device`.
 
-        ConfigError for ``cuda`` where there is none.
+        ConfigError for ``cuda`` without a GPU.
         """
         self._device = torch.device(torch_device(device, torch.__version__, torch.cuda.is_available()))
         network, header = load_network(path)

@@ -1,4 +1,4 @@
-"""Weights of a learned encoder: one safetensors file whose header says what they are. No torch here."""
+"""Weights of a learned encoder: a safetensors file with a header. Needs no torch."""
 
 from __future__ import annotations
 
@@ -26,11 +26,10 @@ def save_weights(
     description: str = '',
     half: bool = False,
 ) -> WeightsHeader:
-    """Write weights atomically; returns the header written.
+    """Write weights atomically; returns their header.
 
-    With `half` the float32 matrices and kernels are rounded to float16 on disk (vectors, such as biases and batch
-    statistics, are small and keep their precision); the fingerprint is that of the rounded weights. ModelError for one
-    that float16 cannot hold.
+    With `half`, float32 matrices and kernels are rounded to float16 (vectors, such as biases and batch statistics, keep
+    their precision); the fingerprint is of the rounded weights. ModelError for a value beyond the range of float16.
     """
     if half:
         tensors = {name: _rounded(name, tensor, path) for name, tensor in tensors.items()}
@@ -42,7 +41,7 @@ def save_weights(
 
 
 def read_header(path: str | Path) -> WeightsHeader:
-    """Header of a weights file, without its tensors; ModelError for a missing, damaged or foreign file."""
+    """Header of a weights file without its tensors; ModelError for a missing, damaged or other file."""
     try:
         with safetensors.safe_open(require_file(path), framework='numpy') as opened:
             metadata = opened.metadata()
@@ -52,14 +51,14 @@ def read_header(path: str | Path) -> WeightsHeader:
 
 
 def load_weights(path: str | Path) -> tuple[WeightsHeader, dict[str, NDArray[Any]]]:
-    """Header and tensors by name, those stored in half precision as float32.
+    """Header and tensors by name; half-precision ones are converted to float32.
 
-    ModelError also where the tensors are not those of the fingerprint, which is made of what is returned here.
+    ModelError as `read_header`, and if the fingerprint of the tensors is not that in the header.
     """
     header = read_header(path)
     try:
         with safetensors.safe_open(path, framework='numpy') as opened:
-            # `keys` is a method of the reader, which is no mapping.
+            # The reader has a method `keys`, but is not a mapping.
             tensors = _as_loaded({name: opened.get_tensor(name) for name in list(opened.keys())})
     except (safetensors.SafetensorError, OSError, TypeError) as error:
         raise ModelError(f'{path}: its tensors cannot be read ({first_line(error)})') from error

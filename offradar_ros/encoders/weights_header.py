@@ -1,8 +1,8 @@
-"""What weights of a learned encoder say of themselves, in a weights file and in an ONNX file made from it.
+"""Metadata of the weights of a learned encoder, in a weights file and in the ONNX file exported from it.
 
 Text entries: ``offradar.settings`` (JSON of `NetworkConfig`), ``offradar.fingerprint``, ``offradar.created_by``
 (package and version), ``offradar.description`` and ``offradar.stored`` (precision of the weight matrices on disk; all
-are single precision once loaded). Nothing here needs safetensors: a vehicle reads ONNX files alone.
+have single precision when loaded). Needs no safetensors: a vehicle reads ONNX files only.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ STORED = ('float32', 'float16', 'int8')
 
 @dataclasses.dataclass(frozen=True)
 class WeightsHeader:
-    """What a weights file, or an ONNX file made from it, says of itself."""
+    """Metadata of a weights file, or of the ONNX file exported from it."""
 
     config: NetworkConfig
     fingerprint: str
@@ -29,7 +29,7 @@ class WeightsHeader:
     stored: str = 'float32'
 
     def to_metadata(self) -> dict[str, str]:
-        """Text entries that `from_metadata` reads."""
+        """Text entries for `from_metadata`."""
         return {
             'offradar.settings': self.config.to_json(),
             'offradar.fingerprint': self.fingerprint,
@@ -40,7 +40,7 @@ class WeightsHeader:
 
     @classmethod
     def from_metadata(cls, metadata: Mapping[str, str], path: str | Path) -> WeightsHeader:
-        """Read the entries of `path`; ModelError where they are missing or not ours."""
+        """Header from the entries of `path`; ModelError if they are missing or invalid."""
         fields = ('settings', 'fingerprint', 'created_by', 'description', 'stored')
         missing = [field for field in fields if f'offradar.{field}' not in metadata]
         if missing:

@@ -36,21 +36,21 @@ class EncodeStage:
         self.encoder = encoder
         self._gate = StampGate(round(restart_after_s * 1e9))
 
-    def encode(self, stamp: int, decode: Callable[[], PolarScan]) -> Encoded:
-        """Embedding of the scan with this stamp (ns) that `decode` returns; `decode` may raise RefusedInput."""
+    def encode(self, stamp_ns: int, decode: Callable[[], PolarScan]) -> Encoded:
+        """Embedding of the scan with this stamp that `decode` returns; `decode` may raise RefusedInput."""
         restarted = False
         try:
-            restarted = self._gate.check(stamp)
+            restarted = self._gate.check(stamp_ns)
             return Encoded(self.encoder.encode(decode()), restarted=restarted)
         except RefusedInput as problem:
             if problem.cause == 'repeated_stamp':
                 return Encoded(None, problem)
-            return Encoded(self._invalid(stamp), problem, restarted)
+            return Encoded(self._invalid(stamp_ns), problem, restarted)
 
     def start_recording(self) -> None:
         """Accept any stamp for the next scan, which is the first of a recording."""
         self._gate.reset()
 
-    def _invalid(self, stamp: int) -> Embedding:
+    def _invalid(self, stamp_ns: int) -> Embedding:
         nothing = np.empty(0, np.float32)
-        return Embedding(stamp, nothing, nothing, self.encoder.info.fingerprint)
+        return Embedding(stamp_ns, nothing, nothing, self.encoder.info.fingerprint)

@@ -109,7 +109,7 @@ class MapStage:
         self._waiting_for_model.clear()
         return [update for embedding in waiting for update in self.add_embedding(embedding)]
 
-    def add_point(self, stamp: int, point: GeoPoint) -> list[MapUpdate]:
+    def add_point(self, stamp_ns: int, point: GeoPoint) -> list[MapUpdate]:
         """Add a geodetic position. The origin of the map is the first position of the first drive that is mapped.
 
         RefusedInput('far_position') for one farther than `MAX_EXTENT_M` from the origin, such as 0°, 0°.
@@ -130,7 +130,7 @@ class MapStage:
             frame = LocalFrame(point)
             enu = self._enu(frame, point)
         self._frame = frame
-        return self.add_pose(stamp, Pose(float(enu[0]), float(enu[1]), float(enu[2])))
+        return self.add_pose(stamp_ns, Pose(float(enu[0]), float(enu[1]), float(enu[2])))
 
     @staticmethod
     def _enu(frame: LocalFrame, point: GeoPoint) -> NDArray[np.float64]:
@@ -138,15 +138,15 @@ class MapStage:
         enu: NDArray[np.float64] = frame.to_enu(lla)[0]
         return enu
 
-    def add_pose(self, stamp: int, pose: Pose) -> list[MapUpdate]:
+    def add_pose(self, stamp_ns: int, pose: Pose) -> list[MapUpdate]:
         """Add a pose in the map frame; RefusedInput if it is invalid or not newer than the last."""
         self._position_s = self._clock()
         updates: list[MapUpdate] = []
         last_ns = self._pending.last_position_ns
-        if last_ns is not None and last_ns - stamp > self._restart_after_ns:
+        if last_ns is not None and last_ns - stamp_ns > self._restart_after_ns:
             updates = self.flush()
             self._pending.clear()
-        return updates + self._merged(self._pending.add_position(stamp, pose))
+        return updates + self._merged(self._pending.add_position(stamp_ns, pose))
 
     def add_embedding(self, embedding: Embedding) -> list[MapUpdate]:
         """Add an embedding of the running session; it is merged as soon as its model and position are known.

@@ -40,7 +40,7 @@ def street() -> PolarScan:
 
 @pytest.fixture(scope='session')
 def save_random(tmp_path_factory: pytest.TempPathFactory) -> Callable[[NetworkConfig], Path]:
-    """Writes random weights whose variances differ from scan to scan, as trained ones do; returns their file."""
+    """Writes random weights whose variances differ between scans, as in trained ones; returns their file."""
     torch = pytest.importorskip('torch')
     from offradar_ros.encoders.networks.files import save_network  # noqa: PLC0415
     from offradar_ros.encoders.networks.variational import VariationalNetwork  # noqa: PLC0415
@@ -51,7 +51,7 @@ def save_random(tmp_path_factory: pytest.TempPathFactory) -> Callable[[NetworkCo
         with torch.no_grad():
             images = torch.randint(0, 256, (1, *config.image_shape), dtype=torch.uint8)
             flat = network.eval().features(images).flatten(1)
-            # Log variances of about ±1, whatever the backbone's scale: at the clamp all runtimes give the same.
+            # Log variances of about ±1 for every backbone: at the clamp all runtimes would agree.
             network.log_variance.weight.normal_(std=1.0 / float(flat.norm()))
         path = tmp_path_factory.mktemp('weights') / f'{config.backbone}.safetensors'
         save_network(path, network, 'random weights of a test')

@@ -1,4 +1,4 @@
-"""Where learned encoders run: the choice, with made-up machines, and what this one really does."""
+"""Devices of learned encoders: the choice on simulated machines, and the behaviour of this one."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ CUDA, CPU = 'CUDAExecutionProvider', 'CPUExecutionProvider'
         ('cuda', ['TensorrtExecutionProvider', CUDA, CPU], (CUDA, CPU)),
     ],
 )
-def test_providers_are_those_asked_for_that_there_are(
+def test_providers_are_the_available_ones_of_the_device(
     device: str, available: list[str], expected: tuple[str, ...]
 ) -> None:
     assert onnx_providers(device, available) == expected
@@ -46,18 +46,18 @@ def test_providers_are_those_asked_for_that_there_are(
         ('cuda', True, 'cuda'),
     ],
 )
-def test_torch_runs_where_it_is_asked_to(device: str, has_cuda: bool, expected: str) -> None:
+def test_torch_runs_on_the_configured_device(device: str, has_cuda: bool, expected: str) -> None:
     assert torch_device(device, '2.9', has_cuda) == expected
 
 
-def test_cuda_where_there_is_none_is_refused_in_a_line() -> None:
+def test_cuda_without_a_gpu_is_refused_in_one_line() -> None:
     with pytest.raises(ConfigError, match=rf"parameter encoder.device: .* offers AzureEP, {CPU}, got 'cuda'$"):
         onnx_providers('cuda', ['AzureEP', CPU])
     with pytest.raises(ConfigError, match=r"parameter encoder.device: .* torch 2.9\+cpu finds no GPU, got 'cuda'$"):
         torch_device('cuda', '2.9+cpu', False)
 
 
-def test_a_provider_that_is_offered_and_does_not_start_is_noticed() -> None:
+def test_a_provider_that_is_available_and_does_not_start_is_reported() -> None:
     assert used_device('cuda', [CUDA, CPU]) == 'cuda'
     assert used_device('auto', [CPU]) == 'cpu'
     with pytest.raises(ConfigError, match=rf'parameter encoder.device: .* could not start {CUDA} and took {CPU}'):
@@ -65,8 +65,8 @@ def test_a_provider_that_is_offered_and_does_not_start_is_noticed() -> None:
 
 
 @pytest.fixture
-def gpu_that_throws(monkeypatch: pytest.MonkeyPatch) -> None:
-    """An ONNX Runtime with a provider for a GPU, which cannot be started."""
+def gpu_that_raises(monkeypatch: pytest.MonkeyPatch) -> None:
+    """ONNX Runtime with a provider for a GPU that raises an error at its start."""
     session = onnxruntime.InferenceSession
 
     def start(path: str, options: Any, providers: list[str]) -> Any:
@@ -78,25 +78,25 @@ def gpu_that_throws(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(onnxruntime, 'get_available_providers', lambda: [CUDA, CPU])
 
 
-@pytest.mark.usefixtures('gpu_that_throws')
-def test_a_gpu_that_throws_is_named_or_done_without(small_onnx: Path) -> None:
+@pytest.mark.usefixtures('gpu_that_raises')
+def test_a_gpu_that_raises_is_reported_or_not_used(small_onnx: Path) -> None:
     config = EncoderConfig(name='variational', weights=str(small_onnx))
     assert make_encoder(config).runs_on == 'cpu'
-    said = rf'parameter encoder.device: .* could not start {CUDA} \(CUDA failure 100: .* is detected\), got .cuda.$'
-    with pytest.raises(ConfigError, match=said):
+    message = rf'parameter encoder.device: .* could not start {CUDA} \(CUDA failure 100: .* is detected\), got .cuda.$'
+    with pytest.raises(ConfigError, match=message):
         make_encoder(dataclasses.replace(config, device='cuda'))
 
 
-@pytest.mark.usefixtures('gpu_that_throws')
+@pytest.mark.usefixtures('gpu_that_raises')
 @pytest.mark.parametrize('device', ['auto', 'cuda'])
-def test_a_damaged_file_is_not_blamed_on_the_gpu(tmp_path: Path, device: str) -> None:
+def test_a_damaged_file_is_not_reported_as_a_gpu_error(tmp_path: Path, device: str) -> None:
     (tmp_path / 'damaged.onnx').write_bytes(b'no network')
     with pytest.raises(ModelError, match=r'damaged\.onnx: not a readable ONNX file'):
         make_encoder(EncoderConfig(name='variational', weights=str(tmp_path / 'damaged.onnx'), device=device))
 
 
 @pytest.mark.parametrize('suffix', ['.onnx', '.safetensors'])
-def test_an_encoder_says_what_it_runs_on_and_its_model_does_not(small_onnx: Path, suffix: str) -> None:
+def test_the_device_is_not_part_of_the_model(small_onnx: Path, suffix: str) -> None:
     weights = str(small_onnx.with_suffix(suffix))
     encoder = make_encoder(EncoderConfig(name='variational', weights=weights, device='cpu'))
     assert encoder.runs_on == 'cpu'
@@ -104,7 +104,7 @@ def test_an_encoder_says_what_it_runs_on_and_its_model_does_not(small_onnx: Path
 
 
 @pytest.mark.parametrize('suffix', ['.onnx', '.safetensors'])
-def test_cuda_gives_what_the_cpu_gives_or_one_line(small_onnx: Path, suffix: str) -> None:
+def test_cuda_agrees_with_the_cpu_or_is_refused_in_one_line(small_onnx: Path, suffix: str) -> None:
     weights = str(small_onnx.with_suffix(suffix))
     on_cpu = make_encoder(EncoderConfig(name='variational', weights=weights, device='cpu'))
     try:

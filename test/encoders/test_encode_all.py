@@ -14,7 +14,7 @@ from offradar_ros.types import PolarScan
 
 
 class Drive:
-    """Scans of noise, one of them silent and one refused by its source."""
+    """Scans of noise: one without power, and one that its source refuses."""
 
     name, layout, trajectory = 'drive', 'test', None
     stamps_ns = np.arange(21, dtype=np.int64)
@@ -38,12 +38,13 @@ def encoder_of(kind: str, request: pytest.FixtureRequest) -> Encoder:
 
 
 @pytest.mark.parametrize('kind', ['ring_key', 'onnx', 'torch'])
-def test_all_are_what_each_alone_is(request: pytest.FixtureRequest, kind: str) -> None:
-    encoder, drive, told = encoder_of(kind, request), Drive(), []
-    means, variances = encode_all(encoder, drive, lambda done, total: told.append((done, total)))
+def test_encode_all_equals_encode_of_each_scan(request: pytest.FixtureRequest, kind: str) -> None:
+    encoder, drive = encoder_of(kind, request), Drive()
+    reported: list[tuple[int, int]] = []
+    means, variances = encode_all(encoder, drive, lambda done, total: reported.append((done, total)))
     assert means.shape == variances.shape == (21, encoder.info.dimension)
     assert means.dtype == variances.dtype == np.float32
-    assert told[-1] == (21, 21)
+    assert reported[-1] == (21, 21)
     for index in range(21):
         if index in (drive.silent, drive.refused):
             assert np.isnan(means[index]).all()

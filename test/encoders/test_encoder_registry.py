@@ -19,7 +19,7 @@ from offradar_ros.errors import ConfigError, ModelError
 
 
 @pytest.mark.parametrize('entry', ENCODERS.values(), ids=ENCODERS)
-def test_what_an_entry_names_is_there(entry: EncoderEntry) -> None:
+def test_the_objects_of_an_entry_exist(entry: EncoderEntry) -> None:
     assert callable(pkgutil.resolve_name(entry.factory))
     assert bool(entry.network) == bool(entry.objective)
     assert not entry.teacher or ENCODERS[entry.teacher].network
@@ -31,13 +31,13 @@ def test_what_an_entry_names_is_there(entry: EncoderEntry) -> None:
         assert hasattr(pkgutil.resolve_name(entry.objective), 'losses')
 
 
-def test_the_default_is_the_encoder_that_ships() -> None:
+def test_the_default_encoder_has_weights_in_the_package() -> None:
     assert (EncoderConfig().name, EncoderConfig().weights) == ('variational', 'compact')
     info = make_encoder(EncoderConfig()).info
     assert (info.name, info.metadata['file']) == ('variational', 'compact.onnx')
 
 
-def test_the_ring_key_is_one_parameter_away_and_gets_its_settings() -> None:
+def test_the_ring_key_gets_its_settings() -> None:
     encoder = make_encoder(EncoderConfig(name='ring_key', ring_key=RingKeyConfig(rings=24)))
     assert isinstance(encoder, Encoder)
     assert (encoder.info.name, encoder.info.dimension) == ('ring_key', 24)
@@ -45,7 +45,7 @@ def test_the_ring_key_is_one_parameter_away_and_gets_its_settings() -> None:
 
 @pytest.mark.parametrize('backend', ['auto', 'own'])
 @pytest.mark.parametrize('suffix, kind', [('.onnx', 'OnnxEncoder'), ('.safetensors', 'TorchEncoder')])
-def test_backend_goes_by_the_ending(
+def test_the_suffix_of_the_weights_selects_the_backend(
     request: pytest.FixtureRequest, small_weights: Path, suffix: str, kind: str, backend: str
 ) -> None:
     if suffix == '.onnx':
@@ -76,7 +76,7 @@ def test_backend_goes_by_the_ending(
         ),
     ],
 )
-def test_settings_that_do_not_fit_are_refused(config: EncoderConfig, expected: str) -> None:
+def test_settings_that_do_not_match_are_refused(config: EncoderConfig, expected: str) -> None:
     with pytest.raises(ConfigError) as refused:
         make_encoder(config)
     assert str(refused.value).startswith('parameter encoder.')
@@ -98,7 +98,7 @@ def test_missing_package_is_named(monkeypatch: pytest.MonkeyPatch, suffix: str, 
 
 
 @pytest.mark.parametrize('method', [name for name in LEARNED if name != 'variational'])
-def test_each_method_is_made_by_its_own_name_alone(tmp_path: Path, small_config: NetworkConfig, method: str) -> None:
+def test_weights_of_another_method_are_refused(tmp_path: Path, small_config: NetworkConfig, method: str) -> None:
     pytest.importorskip('torch')
     from offradar_ros.encoders.networks.files import save_network  # noqa: PLC0415
     from offradar_ros.encoders.networks.registry import make_network  # noqa: PLC0415
@@ -111,7 +111,7 @@ def test_each_method_is_made_by_its_own_name_alone(tmp_path: Path, small_config:
 
 
 def modules_after(code: str) -> set[str]:
-    """Top-level modules that a fresh interpreter holds after running `code`."""
+    """Top-level modules that a new interpreter has loaded after `code`."""
     code = textwrap.dedent(code) + '\nimport sys; print(*{name.partition(".")[0] for name in sys.modules})'
     project = Path(offradar_ros.__file__).parent.parent
     done = subprocess.run([sys.executable, '-c', code], cwd=project, capture_output=True, text=True, check=True)
@@ -142,5 +142,5 @@ def test_the_onnx_backend_loads_neither_torch_nor_ros(small_onnx: Path) -> None:
     assert not loaded & {'torch', 'rclpy', 'onnx'}
 
 
-def test_the_check_of_loaded_modules_can_fail() -> None:
+def test_modules_after_finds_a_loaded_module() -> None:
     assert 'torch' in modules_after('import offradar_ros.encoders.torch_backend')

@@ -1,4 +1,4 @@
-"""Encoders that other packages offer, and what is wrong with some."""
+"""Encoders of other packages, valid and invalid ones."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from offradar_ros.encoders.registry import make_encoder
 from offradar_ros.errors import ConfigError, ModelError, OffradarError
 
 
-def test_settings_are_handed_over_and_our_default_weights_are_not(package: Callable[..., None]) -> None:
+def test_a_factory_gets_the_configuration_without_our_default_weights(package: Callable[..., None]) -> None:
     package('echo', 'from offradar_ros.encoders.ring_key import RingKeyEncoder\n'
             'def make(config):\n    encoder = RingKeyEncoder(config.ring_key)\n    encoder.given = config\n'
             '    return encoder\n')  # fmt: skip
@@ -52,19 +52,19 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., No
         ),
     ],
 )
-def test_a_broken_package_is_named_in_one_line(
+def test_an_error_of_a_package_is_one_line_with_its_name(
     package: Callable[..., None], name: str, source: str, error: type[OffradarError], expected: str
 ) -> None:
     package(name, source)
     with pytest.raises(error) as refused:
         make_encoder(EncoderConfig(name=name))
-    said = str(refused.value)
-    assert said.startswith(f'encoder {name} of the package {name}_module ({name}_module:make): ')
-    assert expected in said
-    assert '\n' not in said
+    message = str(refused.value)
+    assert message.startswith(f'encoder {name} of the package {name}_module ({name}_module:make): ')
+    assert expected in message
+    assert '\n' not in message
 
 
-def test_an_error_of_ours_passes_through(package: Callable[..., None]) -> None:
+def test_an_offradar_error_passes_through(package: Callable[..., None]) -> None:
     package(
         'strict', 'from offradar_ros.errors import ModelError\ndef make(config):\n    raise ModelError("x: no file")\n'
     )
@@ -79,9 +79,9 @@ def test_a_name_that_two_packages_offer_is_refused(package: Callable[..., None])
         make_encoder(EncoderConfig(name='both'))
 
 
-def test_an_unknown_name_is_guessed_among_ours_and_the_installed(own_encoder: str) -> None:
+def test_an_unknown_name_is_compared_with_all_encoders(own_encoder: str) -> None:
     with pytest.raises(ConfigError) as refused:
         make_encoder(EncoderConfig(name='median_ring'))
-    said = str(refused.value)
-    assert said.startswith('parameter encoder.name: expected one of variational, bc_radar, ')
-    assert said.endswith("median_rings, got 'median_ring'; did you mean median_rings?")
+    message = str(refused.value)
+    assert message.startswith('parameter encoder.name: expected one of variational, bc_radar, ')
+    assert message.endswith("median_rings, got 'median_ring'; did you mean median_rings?")

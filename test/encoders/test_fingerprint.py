@@ -34,17 +34,17 @@ def test_is_sha256_and_independent_of_order_and_memory_layout() -> None:
         ('x', SETTINGS, {**TENSORS, 'a': np.nextafter(TENSORS['a'], 9, dtype=np.float32)}),
     ],
 )
-def test_every_part_counts(other: tuple[str, dict[str, Any], dict[str, Any]]) -> None:
+def test_every_part_changes_the_fingerprint(other: tuple[str, dict[str, Any], dict[str, Any]]) -> None:
     assert fingerprint(*other) != fingerprint('x', SETTINGS, TENSORS)
 
 
-def test_scalar_tensors_count() -> None:
+def test_scalar_tensors_change_the_fingerprint() -> None:
     one, two = (fingerprint('x', {}, {'n': np.array(value)}) for value in (1, 2))
     assert one != two
 
 
 def test_does_not_change_between_releases() -> None:
-    # Maps on disk carry fingerprints: a new value here would make each of them one of another model.
+    # Maps on disk store fingerprints: with another value here, all of them would be of another model.
     assert fingerprint('x', SETTINGS, TENSORS) == 'e2e3c61e48d6a2a604ba624654fd9725803b9973e761057fb8a1b10da4a5ce6a'
 
 

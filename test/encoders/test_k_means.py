@@ -48,14 +48,14 @@ def test_every_centre_is_the_mean_of_its_points() -> None:
         np.testing.assert_allclose(centres[index], points[nearest == index].mean(axis=0), atol=0.1)
 
 
-def test_more_centres_leave_less_distance() -> None:
+def test_more_centres_reduce_the_distance() -> None:
     points = np.random.default_rng(3).normal(size=(300, 4)).astype(np.float32)
-    left = [float(nearest_centres(points, k_means(points, count, 0))[1].mean()) for count in (2, 8, 32, 300)]
-    assert left == sorted(left, reverse=True)
-    assert left[-1] < 1e-2
+    distances = [float(nearest_centres(points, k_means(points, count, 0))[1].mean()) for count in (2, 8, 32, 300)]
+    assert distances == sorted(distances, reverse=True)
+    assert distances[-1] < 1e-2
 
 
-def test_points_that_are_all_one_are_no_trouble() -> None:
+def test_equal_points() -> None:
     centres = k_means(np.ones((20, 3), np.float32), 4, 0)
     np.testing.assert_array_equal(centres, np.ones((4, 3), np.float32))
 

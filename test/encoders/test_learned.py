@@ -1,4 +1,4 @@
-"""Which runtime and which file are used, by what is installed and what weights there are."""
+"""The choice of runtime and weights file, by installed packages and existing files."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from offradar_ros.errors import ConfigError, ModelError
 
 @pytest.fixture
 def installed(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
-    """Makes the given packages the only ones that seem to be installed."""
+    """Pretends that only the given packages are installed."""
 
     def only(*packages: str) -> None:
         monkeypatch.setattr(importlib.util, 'find_spec', lambda name: object() if name in packages else None)
@@ -27,7 +27,7 @@ def installed(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.setattr(pretrained, 'FOLDER', tmp_path)
-    for name in ('both.onnx', 'both.safetensors', 'torch_alone.safetensors', 'onnx_alone.onnx'):
+    for name in ('both.onnx', 'both.safetensors', 'torch_only.safetensors', 'onnx_only.onnx'):
         (tmp_path / name).write_bytes(b'')
     return tmp_path
 
@@ -42,18 +42,18 @@ BOTH_LEARNED = ('onnxruntime', 'torch', 'safetensors')
         ('both', BOTH_LEARNED, 'torch', 'both.safetensors'),
         ('both', ('torch', 'safetensors'), 'auto', 'both.safetensors'),
         ('both', ('onnxruntime', 'safetensors'), 'auto', 'both.onnx'),
-        ('torch_alone', BOTH_LEARNED, 'auto', 'torch_alone.safetensors'),
-        ('onnx_alone', BOTH_LEARNED, 'auto', 'onnx_alone.onnx'),
+        ('torch_only', BOTH_LEARNED, 'auto', 'torch_only.safetensors'),
+        ('onnx_only', BOTH_LEARNED, 'auto', 'onnx_only.onnx'),
     ],
 )
-def test_the_file_is_one_that_an_installed_runtime_reads(
+def test_the_file_is_for_an_installed_runtime(
     folder: Path, installed: Callable[..., None], weights: str, packages: tuple[str, ...], backend: str, expected: str
 ) -> None:
     installed(*packages)
     assert choose_runtime(EncoderConfig('variational', weights, backend))[1] == folder / expected
 
 
-def test_an_evaluation_prefers_torch_where_there_is_one(folder: Path, installed: Callable[..., None]) -> None:
+def test_the_order_of_preference_can_be_changed(folder: Path, installed: Callable[..., None]) -> None:
     config = EncoderConfig('variational', 'both')
     installed(*BOTH_LEARNED)
     assert choose_runtime(config, ('torch', 'onnx'))[1] == folder / 'both.safetensors'
@@ -62,21 +62,21 @@ def test_an_evaluation_prefers_torch_where_there_is_one(folder: Path, installed:
 
 
 @pytest.mark.parametrize(
-    ('weights', 'said'),
+    ('weights', 'message'),
     [
         ('both', 'both.onnx: needs the Python package onnxruntime, which is not installed (pip install onnxruntime)'),
-        ('torch_alone', 'torch_alone.safetensors: needs the Python package torch, which is not installed (pip install'),
+        ('torch_only', 'torch_only.safetensors: needs the Python package torch, which is not installed (pip install'),
     ],
 )
-def test_without_a_runtime_it_is_said_what_to_install(
-    folder: Path, installed: Callable[..., None], weights: str, said: str
+def test_the_error_without_a_runtime_says_what_to_install(
+    folder: Path, installed: Callable[..., None], weights: str, message: str
 ) -> None:
     installed()
     with pytest.raises(ModelError) as refused:
         choose_runtime(EncoderConfig('variational', weights))
-    assert said in str(refused.value)
+    assert message in str(refused.value)
 
 
 def test_a_backend_without_a_file_is_refused(folder: Path) -> None:
     with pytest.raises(ConfigError, match=r'encoder\.weights: expected a \.safetensors file or the name'):
-        choose_runtime(EncoderConfig('variational', 'onnx_alone', 'torch'))
+        choose_runtime(EncoderConfig('variational', 'onnx_only', 'torch'))

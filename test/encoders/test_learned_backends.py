@@ -1,4 +1,4 @@
-"""The runtimes of the learned encoder, side by side."""
+"""The runtimes of the learned encoder against each other."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from radar_images import read_image
+from radar_images import read_image, speckle
 
 pytest.importorskip('torch')
 pytest.importorskip('onnx')
@@ -51,11 +51,6 @@ def assert_agree(one: np.ndarray, two: np.ndarray) -> None:
     assert np.abs(one - two).max() <= AGREEMENT * np.abs(two).max()
 
 
-def random_images(count: int, shape: tuple[int, int]) -> np.ndarray:
-    speckle = np.random.default_rng(9).gamma(1.5, 20.0, (count, *shape))
-    return np.minimum(speckle, 255).astype(np.uint8)
-
-
 def test_backends_agree_on_a_scan(small_weights: Path, small_onnx: Path, street: PolarScan) -> None:
     two = TorchEncoder(small_weights)
     for one in (OnnxEncoder(small_onnx), OpencvEncoder(small_onnx)):
@@ -73,12 +68,12 @@ def test_backends_agree_at_full_size(
     exported = weights.with_suffix('.onnx')
     header = export_onnx(weights, exported)
     two = TorchEncoder(weights)
-    images = random_images(2, config.image_shape)
+    images = speckle(2, config.image_shape)
     for one in (OnnxEncoder(exported), OpencvEncoder(exported)):
         assert one.header == two.header == header
         for found, expected in zip(one.infer(images), two.infer(images), strict=True):
             assert_agree(found, expected)
-            assert found.std(axis=1).min() > 1e-3  # not agreement on a constant
+            assert found.std(axis=1).min() > 1e-3  # outputs are not constant
     exported.unlink()
     weights.unlink()
 
@@ -91,11 +86,11 @@ def test_backends_agree_on_recorded_scans(real_data: Path, small_weights: Path, 
         assert_agree(one.encode(scan).variance, two.encode(scan).variance)
 
 
-def test_opencv_gives_what_onnx_runtime_gives_of_the_weights_that_ship() -> None:
+def test_opencv_agrees_with_onnx_runtime_on_the_weights_of_the_package() -> None:
     path = find_weights('compact', ('.onnx',))
     one, two = OpencvEncoder(path), OnnxEncoder(path)
     assert one.info == two.info
-    images = random_images(3, one.header.config.image_shape)
+    images = speckle(3, one.header.config.image_shape)
     for found, expected in zip(one.infer(images), two.infer(images), strict=True):
         assert_agree(found, expected)
     assert OpencvEncoder(path, threads=1).runs_on == 'cpu'
@@ -113,8 +108,8 @@ def test_is_an_encoder(encoder: ImageEncoder, street: PolarScan) -> None:
     np.testing.assert_array_equal(embedding.mean, encoder.encode(street).mean)
 
 
-def test_batches_and_single_images_give_the_same(encoder: ImageEncoder) -> None:
-    images = random_images(5, encoder.header.config.image_shape)
+def test_batches_and_single_images_agree(encoder: ImageEncoder) -> None:
+    images = speckle(5, encoder.header.config.image_shape)
     together = encoder.infer(images)
     for i in range(5):
         for whole, single in zip(together, encoder.infer(images[i : i + 1]), strict=True):
@@ -126,7 +121,7 @@ def test_threads_do_not_change_the_embedding(small_onnx: Path, street: PolarScan
     np.testing.assert_allclose(one.mean, two.mean, rtol=1e-5, atol=1e-7)
 
 
-def test_threads_stay_on_the_cores_of_the_process(small_onnx: Path) -> None:
+def test_threads_run_on_the_cores_of_the_process(small_onnx: Path) -> None:
     program = f"""
 import os
 os.sched_setaffinity(0, {{min(os.sched_getaffinity(0))}})
@@ -155,7 +150,7 @@ def test_signal_outside_the_image_is_no_signal(encoder: ImageEncoder, street: Po
 
 
 @pytest.mark.parametrize('value', [float('nan'), float('inf')])
-def test_numbers_that_are_not_finite_are_passed_on(
+def test_values_that_are_not_finite_are_returned(
     tmp_path: Path, small_weights: Path, street: PolarScan, value: float
 ) -> None:
     network, _ = load_network(small_weights)
@@ -168,14 +163,14 @@ def test_numbers_that_are_not_finite_are_passed_on(
     export_onnx(weights, exported)
     for encoder in (TorchEncoder(weights), OnnxEncoder(exported), OpencvEncoder(exported)):
         embedding = encoder.encode(street)
-        # Of a mean of unit length one such number may spoil the others too.
+        # L2 normalisation may spread such a value to the other dimensions.
         assert not np.isfinite(embedding.mean[3])
-        # OpenCV's clamp makes a number of what is none; the mean shows it all the same.
+        # OpenCV's clamp converts NaN to a number; the mean is still not finite.
         if not isinstance(encoder, OpencvEncoder):
             np.testing.assert_array_equal(np.isfinite(embedding.variance), np.arange(8) != 5)
 
 
-def test_export_leaves_the_weights_header_and_nothing_else(small_weights: Path, small_onnx: Path) -> None:
+def test_export_writes_the_header_and_no_other_file(small_weights: Path, small_onnx: Path) -> None:
     model = onnx.load(small_onnx)
     onnx.checker.check_model(model, full_check=True)
     found = {prop.key: prop.value for prop in model.metadata_props}
@@ -183,13 +178,13 @@ def test_export_leaves_the_weights_header_and_nothing_else(small_weights: Path, 
     assert {path.name for path in small_onnx.parent.iterdir()} == {small_weights.name, small_onnx.name}
 
 
-def test_export_of_weights_that_are_absent_writes_nothing(tmp_path: Path) -> None:
+def test_export_of_missing_weights_writes_nothing(tmp_path: Path) -> None:
     with pytest.raises(ModelError, match=r'none\.safetensors: no such weights file'):
         export_onnx(tmp_path / 'none.safetensors', tmp_path / 'out.onnx')
     assert not list(tmp_path.iterdir())
 
 
-def test_export_to_a_folder_that_is_absent_is_named(tmp_path: Path, small_weights: Path) -> None:
+def test_export_to_a_missing_folder_is_refused(tmp_path: Path, small_weights: Path) -> None:
     with pytest.raises(ModelError, match=r'out\.onnx: cannot be written'):
         export_onnx(small_weights, tmp_path / 'absent' / 'out.onnx')
 
@@ -216,7 +211,7 @@ def test_foreign_onnx_is_refused(tmp_path: Path, small_onnx: Path, make: Callabl
         make(path)
 
 
-def test_onnx_whose_graph_is_not_what_its_metadata_says_is_refused(
+def test_onnx_with_a_graph_that_does_not_match_its_metadata_is_refused(
     tmp_path: Path, small_onnx: Path, small_config: NetworkConfig
 ) -> None:
     model = onnx.load(small_onnx)
@@ -236,7 +231,7 @@ def test_missing_file_is_named(tmp_path: Path, make: Callable[[Path], ImageEncod
         make(tmp_path / 'absent')
 
 
-def test_opencv_says_which_operator_it_lacks(tmp_path: Path, small_onnx: Path) -> None:
+def test_an_operator_that_opencv_does_not_support_is_reported(tmp_path: Path, small_onnx: Path) -> None:
     model = onnx.load(small_onnx)
     model.graph.node[-1].op_type = 'NobodyHasIt'
     onnx.save(model, tmp_path / 'odd.onnx')

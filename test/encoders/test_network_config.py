@@ -72,7 +72,7 @@ def test_the_compact_network_sees_a_polar_image() -> None:
         ('student', 'none'),
     ],
 )
-def test_values_that_no_network_has_are_refused(name: str, value: Any) -> None:
+def test_invalid_values_are_refused(name: str, value: Any) -> None:
     with pytest.raises(ConfigError, match=f'network setting {name}: expected .* got {value!r}'):
         NetworkConfig(**{name: value})
 

@@ -1,4 +1,4 @@
-"""ONNX files read by hand, beside what the onnx package reads."""
+"""Our reader of ONNX files against the onnx package."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ import onnx
 COMPACT = find_weights('compact', ('.onnx',))
 
 
-def test_metadata_is_what_onnx_reads() -> None:
+def test_metadata_equals_that_of_the_onnx_package() -> None:
     assert read_metadata(COMPACT) == {entry.key: entry.value for entry in onnx.load(COMPACT).metadata_props}
 
 
-def test_half_precision_weights_are_widened_and_nothing_else_changes(tmp_path: Path) -> None:
+def test_half_precision_weights_are_converted_and_nothing_else_changes(tmp_path: Path) -> None:
     before = onnx.load(COMPACT)
     after = onnx.load_from_string(read_in_single_precision(COMPACT))
     onnx.checker.check_model(after, full_check=True)
@@ -41,7 +41,7 @@ def test_half_precision_weights_are_widened_and_nothing_else_changes(tmp_path: P
     assert before == after
 
 
-def test_an_absent_file_is_named(tmp_path: Path) -> None:
+def test_a_missing_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(ModelError, match='none: no such weights file'):
         read_metadata(tmp_path / 'none')
 

@@ -37,23 +37,25 @@ def test_names_are_those_of_weights_files(folder: Path) -> None:
         ('rad_vlad', BOTH, 'rad_vlad.safetensors'),
     ],
 )
-def test_a_name_is_our_own_file(folder: Path, weights: str, suffixes: tuple[str, ...], expected: str) -> None:
+def test_a_name_gives_a_file_of_the_package(
+    folder: Path, weights: str, suffixes: tuple[str, ...], expected: str
+) -> None:
     assert find_weights(weights, suffixes) == folder / expected
 
 
 @pytest.mark.parametrize('weights', ['compact.onnx', './compact.safetensors', '/abs/net.onnx'])
-def test_a_path_is_taken_as_it_is(folder: Path, weights: str) -> None:
+def test_a_path_is_returned_unchanged(folder: Path, weights: str) -> None:
     assert find_weights(weights, BOTH) == Path(weights)
 
 
 @pytest.mark.parametrize('weights', ['', '.', '..', 'vgg16', 'sub/compact', 'compact.card', '../weights/compact', '/'])
-def test_names_that_are_none_are_refused_with_those_that_are(folder: Path, weights: str) -> None:
-    with pytest.raises(ConfigError, match=r'come with offradar_ros \(compact, rad_vlad\), got') as refused:
+def test_unknown_names_are_refused_with_the_known_ones(folder: Path, weights: str) -> None:
+    with pytest.raises(ConfigError, match=r'of weights in offradar_ros \(compact, rad_vlad\), got') as refused:
         find_weights(weights, BOTH)
     assert str(refused.value).startswith('parameter encoder.weights: expected a .onnx or .safetensors file')
 
 
-def test_names_work_where_there_are_no_weights_yet(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_package_without_weights(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(pretrained, 'FOLDER', tmp_path / 'absent')
     with pytest.raises(ConfigError, match='none in this build'):
         find_weights('compact', BOTH)
@@ -79,14 +81,14 @@ def test_both_files_of_a_name_are_one_model(
     np.testing.assert_allclose(means[0], means[2], rtol=0, atol=1e-4 * np.abs(means[2]).max())
 
 
-def test_our_folder_is_in_the_package() -> None:
+def test_the_folder_of_weights_is_in_the_package() -> None:
     import offradar_ros  # noqa: PLC0415
 
     assert Path(offradar_ros.__file__).resolve().parent / 'weights' == FOLDER
 
 
 def test_weights_are_installed_with_the_package(tmp_path: Path) -> None:
-    """A wheel built from the sources holds a file put into the folder."""
+    """A wheel built from the sources holds a file of the folder."""
     import subprocess  # noqa: PLC0415
     import sys  # noqa: PLC0415
     import zipfile  # noqa: PLC0415

@@ -30,7 +30,7 @@ def scan_of(power: np.ndarray, range_resolution_m: float = 0.25, range_offset_m:
 
 
 def scene(seed: int, azimuths: int = 400, bins: int = 256) -> PolarScan:
-    """Reflectors at random and a noise floor."""
+    """Random reflectors and a noise floor."""
     rng = np.random.default_rng(seed)
     power = rng.integers(0, 12, (azimuths, bins))
     for row, at, value in rng.integers((0, 12, 80), (azimuths, bins - 4, 220), (azimuths // 2, 3)):
@@ -52,7 +52,7 @@ def encoder(codebook: Codebook) -> RadVladEncoder:
 
 
 def published(scan: PolarScan, codebook: Codebook) -> np.ndarray:
-    """The method as it is published, with the whole spectrum, loop by loop."""
+    """The published method, with the full spectrum, in loops."""
     bins, features = codebook.rows.bins, codebook.rows.features
     weights = np.array([1.0 if k in (0, bins // 2) else math.sqrt(2.0) for k in range(features)])
 
@@ -93,7 +93,7 @@ def test_distances_are_those_of_the_published_method() -> None:
 
 @settings(max_examples=25, deadline=None)
 @given(turn=st.integers(1, 399), index=st.integers(0, 7))
-def test_turning_on_the_spot_changes_nothing(encoder: RadVladEncoder, turn: int, index: int) -> None:
+def test_a_turn_on_the_spot_changes_nothing(encoder: RadVladEncoder, turn: int, index: int) -> None:
     scan = SCENES[index]
     turned = encoder.encode(dataclasses.replace(scan, power=np.roll(scan.power, turn, axis=0)))
     still = encoder.encode(scan)
@@ -101,7 +101,7 @@ def test_turning_on_the_spot_changes_nothing(encoder: RadVladEncoder, turn: int,
     np.testing.assert_array_equal(turned.variance, still.variance)
 
 
-def test_embedding_is_one_of_an_encoder(encoder: RadVladEncoder) -> None:
+def test_shape_and_identity_of_an_embedding(encoder: RadVladEncoder) -> None:
     assert isinstance(encoder, Encoder)
     embedding = encoder.encode(SCENES[3])
     assert embedding.mean.shape == embedding.variance.shape == (encoder.info.dimension,) == (16 * 257,)
@@ -111,7 +111,7 @@ def test_embedding_is_one_of_an_encoder(encoder: RadVladEncoder) -> None:
     assert embedding.stamp_ns == SCENES[3].stamp_ns
 
 
-def test_power_scale_does_not_matter_and_number_of_azimuths_hardly(encoder: RadVladEncoder) -> None:
+def test_scale_of_power_and_number_of_azimuths_do_not_matter(encoder: RadVladEncoder) -> None:
     scan = SCENES[0]
     halved = dataclasses.replace(scan, power=(scan.power // 2) * 2)
     quartered = dataclasses.replace(scan, power=scan.power // 2)
@@ -120,7 +120,7 @@ def test_power_scale_does_not_matter_and_number_of_azimuths_hardly(encoder: RadV
     np.testing.assert_allclose(encoder.encode(twice).mean, encoder.encode(scan).mean, atol=1e-6)
 
 
-def test_one_sensor_recognises_what_another_saw(encoder: RadVladEncoder) -> None:
+def test_sensors_of_other_resolutions_give_similar_descriptors(encoder: RadVladEncoder) -> None:
     means = np.array([encoder.encode(scan).mean for scan in SCENES])
     for index, scan in enumerate(SCENES):
         finer = scan_of(np.repeat(scan.power, 5, axis=1), 0.05)
@@ -129,7 +129,7 @@ def test_one_sensor_recognises_what_another_saw(encoder: RadVladEncoder) -> None
         assert distances[index] < 0.05
 
 
-def test_rows_are_unit_spectra_with_the_length_of_the_whole() -> None:
+def test_rows_are_normalised_spectra() -> None:
     rows = spectrum_rows(SCENES[0], RowSettings(max_range_m=64.0, min_range_m=0.0, bins=256))
     for row, power in zip(rows[:5], SCENES[0].power[:5], strict=True):
         whole = np.abs(np.fft.fft(power.astype(np.float64)))
@@ -138,7 +138,7 @@ def test_rows_are_unit_spectra_with_the_length_of_the_whole() -> None:
         np.testing.assert_allclose(row, expected, atol=1e-8)
 
 
-def test_silent_azimuths_are_left_out_of_the_descriptor(encoder: RadVladEncoder) -> None:
+def test_azimuths_without_power_are_not_part_of_the_descriptor(encoder: RadVladEncoder) -> None:
     power = SCENES[0].power.copy()
     power[100:150] = 0
     without = scan_of(np.delete(power, np.s_[100:150], axis=0))
@@ -153,7 +153,7 @@ def test_scans_without_signal_are_refused(encoder: RadVladEncoder, shape: tuple[
     assert refused.value.cause == 'no_signal'
 
 
-def test_uncertainty_is_1_on_average_over_the_fit_and_rises_with_every_fault(encoder: RadVladEncoder) -> None:
+def test_uncertainty_is_1_on_average_over_the_fit_and_increases_with_every_fault(encoder: RadVladEncoder) -> None:
     clean = np.array([encoder.encode(scan).uncertainty for scan in SCENES])
     assert clean.mean() == pytest.approx(1.0, abs=0.2)
     rng = np.random.default_rng(0)
@@ -171,7 +171,7 @@ def test_uncertainty_is_1_on_average_over_the_fit_and_rises_with_every_fault(enc
             assert encoder.encode(dataclasses.replace(scan, power=power)).uncertainty > 1.2 * before, fault
 
 
-def test_repetition_is_the_share_of_pairs_that_are_alike() -> None:
+def test_repetition_is_the_share_of_pairs_of_one_group() -> None:
     groups = [0, 0, 0, 1, 1, 4]
     pairs = [(a, b) for a in range(6) for b in range(6) if a != b]
     expected = np.mean([groups[a] == groups[b] for a, b in pairs])
@@ -184,13 +184,13 @@ def test_repetition_is_the_share_of_pairs_that_are_alike() -> None:
     assert repetition(np.array([1])) == repetition(np.array([], np.int64)) == 0.0
 
 
-def test_the_seed_decides_the_centres_and_the_identity() -> None:
+def test_centres_and_fingerprint_depend_on_the_seed() -> None:
     one, two, other = (fit_rad_vlad(SCENES, seed, centres=8, rows_per_scan=50) for seed in (1, 1, 2))
     np.testing.assert_array_equal(one.centres, two.centres)
     assert one.fingerprint == two.fingerprint != other.fingerprint
 
 
-def test_a_fit_spans_the_first_scans_range_and_passes_over_silence() -> None:
+def test_a_fit_covers_the_range_of_the_first_scan_and_skips_scans_without_power() -> None:
     silent = scan_of(np.zeros((400, 256), np.uint8))
     codebook = fit_rad_vlad(iter([SCENES[0], silent]), 0, centres=8)
     assert codebook.rows == RowSettings(max_range_m=64.0)
@@ -204,7 +204,7 @@ def test_too_few_rows_to_fit_are_refused(scans: list[PolarScan]) -> None:
 
 
 @pytest.mark.parametrize('wrong', [{'bins': 511}, {'bins': 0}, {'min_range_m': 64.0}, {'max_range_m': math.nan}])
-def test_settings_that_no_row_has_are_refused(wrong: dict[str, Any]) -> None:
+def test_invalid_settings_are_refused(wrong: dict[str, Any]) -> None:
     with pytest.raises(ConfigError, match='rad_vlad: '):
         RowSettings(**{'max_range_m': 64.0, **wrong})
 
@@ -221,7 +221,7 @@ def test_file_round_trip_and_registry(tmp_path: Path, codebook: Codebook, encode
     np.testing.assert_array_equal(made.encode(SCENES[0]).mean, encoder.encode(SCENES[0]).mean)
 
 
-def test_files_that_do_not_fit_are_refused_in_one_line(tmp_path: Path, codebook: Codebook) -> None:
+def test_invalid_files_are_refused_in_one_line(tmp_path: Path, codebook: Codebook) -> None:
     good = tmp_path / 'good.safetensors'
     codebook.save(good)
     content, tensors = good.read_bytes(), load_file(good)
@@ -239,13 +239,13 @@ def test_files_that_do_not_fit_are_refused_in_one_line(tmp_path: Path, codebook:
             load_codebook(tmp_path / 'bad.safetensors')
         assert '\n' not in str(refused.value)
     dataclasses.replace(codebook, centres=codebook.centres[:, :100]).save(tmp_path / 'bad.safetensors')
-    with pytest.raises(ModelError, match='expected float32 centres of 257 numbers'):
+    with pytest.raises(ModelError, match='expected float32 centres of 257 values'):
         load_codebook(tmp_path / 'bad.safetensors')
     with pytest.raises(ModelError, match=r'none\.safetensors: no such weights file'):
         load_codebook(tmp_path / 'none.safetensors')
 
 
-def test_recorded_scans_turned_are_the_same_place(real_data: Path) -> None:
+def test_turned_recorded_scans_have_the_same_descriptor(real_data: Path) -> None:
     def read(folder: str, resolution_m: float) -> list[PolarScan]:
         paths = sorted(real_data.glob(f'{folder}/*.png'))
         return [scan_of(read_image(path)[:, 11:], resolution_m) for path in paths]

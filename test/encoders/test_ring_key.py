@@ -27,7 +27,7 @@ def rolled(scan: PolarScan, rows: int) -> PolarScan:
 
 
 def slow_embedding(scan: PolarScan, config: RingKeyConfig) -> tuple[np.ndarray, np.ndarray]:
-    """Key and variance by loops; a ring must be a whole number of bins, a sector of rows."""
+    """Key and variance in loops; a ring must be a whole number of bins, and a sector of rows."""
     rings, width = config.rings, config.max_range_m / config.rings
     rows = []
     for row in scan.power.astype(float):
@@ -68,7 +68,7 @@ def test_is_an_encoder_of_float32_vectors(street: PolarScan) -> None:
 
 
 @pytest.mark.parametrize('rows', [1, 7, 19, 20, 133, 240, 399])
-def test_turning_on_the_spot_changes_nothing(street: PolarScan, rows: int) -> None:
+def test_a_turn_on_the_spot_changes_nothing(street: PolarScan, rows: int) -> None:
     encoder = RingKeyEncoder(CONFIG)
     still, turned = encoder.encode(street), encoder.encode(rolled(street, rows))
     np.testing.assert_array_equal(turned.mean, still.mean)
@@ -89,7 +89,7 @@ def test_sensors_of_other_resolutions_give_comparable_keys(street: PolarScan) ->
 
 
 @pytest.mark.parametrize('rows', [1, 5, 250, 399])
-def test_partial_rotations_and_odd_row_counts_are_encoded(street: PolarScan, rows: int) -> None:
+def test_partial_rotations_are_encoded(street: PolarScan, rows: int) -> None:
     embedding = RingKeyEncoder(CONFIG).encode(with_power(street, street.power[:rows]))
     assert np.isfinite(embedding.mean).all()
     assert np.all((embedding.variance > 0) & (embedding.variance <= 1))
@@ -103,12 +103,12 @@ def test_rows_without_power_count_as_zero(street: PolarScan) -> None:
     np.testing.assert_allclose(2 * half, encoder.encode(with_power(street, street.power[1::2])).mean, rtol=1e-6)
 
 
-def test_each_ring_keeps_the_prior_where_sectors_tell_nothing_apart(street: PolarScan) -> None:
+def test_equal_sectors_give_the_prior_in_each_ring(street: PolarScan) -> None:
     same = with_power(street, np.tile(street.power[:1], (400, 1)))
     np.testing.assert_array_equal(RingKeyEncoder(CONFIG).encode(same).variance, 1.0)
 
 
-def test_variance_scale_scales_the_variance_alone(street: PolarScan) -> None:
+def test_variance_scale_scales_only_the_variance(street: PolarScan) -> None:
     one = RingKeyEncoder(CONFIG).encode(street)
     two = RingKeyEncoder(dataclasses.replace(CONFIG, variance_scale=2.0)).encode(street)
     np.testing.assert_array_equal(two.mean, one.mean)
@@ -147,7 +147,7 @@ def blocked(power: NDArray[np.uint8], share: float) -> NDArray[np.uint8]:
     return out
 
 
-def flooded(power: NDArray[np.uint8], level: float) -> NDArray[np.uint8]:
+def with_noise(power: NDArray[np.uint8], level: float) -> NDArray[np.uint8]:
     noise = np.random.default_rng(4).exponential(level, power.shape)
     return np.asarray(np.minimum(power + noise, 255), np.uint8)
 
@@ -160,8 +160,8 @@ def saturated(power: NDArray[np.uint8], share: float) -> NDArray[np.uint8]:
     return out
 
 
-def rained_on(power: NDArray[np.uint8], loss_at_end: float) -> NDArray[np.uint8]:
-    """Returns lose power with range, in the sensor's logarithmic units, and sink into the far range's noise."""
+def attenuated(power: NDArray[np.uint8], loss_at_end: float) -> NDArray[np.uint8]:
+    """Attenuation with range, in the sensor's logarithmic units, down to the noise of the far range."""
     floor = np.random.default_rng(6).permutation(power[:, power.shape[1] * 85 // 100 :].reshape(-1))
     loss = loss_at_end * np.arange(power.shape[1]) / power.shape[1]
     return np.asarray(np.maximum(np.maximum(power - loss, 0), np.resize(floor, power.shape)), np.uint8)
@@ -169,9 +169,9 @@ def rained_on(power: NDArray[np.uint8], loss_at_end: float) -> NDArray[np.uint8]
 
 DEGRADATIONS = [
     pytest.param(blocked, (0.2, 0.35, 0.5, 0.7), id='blocked sector'),
-    pytest.param(flooded, (10.0, 20.0, 40.0, 80.0), id='noise'),
+    pytest.param(with_noise, (10.0, 20.0, 40.0, 80.0), id='noise'),
     pytest.param(saturated, (0.1, 0.2, 0.4, 0.8), id='saturated azimuths'),
-    pytest.param(rained_on, (20.0, 40.0, 80.0), id='rain'),
+    pytest.param(attenuated, (20.0, 40.0, 80.0), id='rain'),
 ]
 
 
@@ -187,7 +187,7 @@ def radiate(folder: Path) -> list[PolarScan]:
 
 @pytest.mark.parametrize('degrade, severities', DEGRADATIONS)
 @pytest.mark.parametrize('load', [oxford, radiate])
-def test_recorded_scans_degraded_are_more_uncertain(
+def test_degraded_recorded_scans_are_more_uncertain(
     real_data: Path,
     load: Callable[[Path], list[PolarScan]],
     degrade: Callable[[np.ndarray, float], np.ndarray],

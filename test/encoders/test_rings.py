@@ -10,15 +10,15 @@ from offradar_ros.types import PolarScan
 
 
 def slow_ring_power(scan: PolarScan, rings: int, max_range_m: float, min_range_m: float) -> np.ndarray:
-    """Every bin against every ring, by the length that they share."""
+    """The same by a loop over every bin and every ring, weighted by their overlap."""
     width = max_range_m / rings
     out = np.zeros((len(scan.power), rings))
     for ring in range(rings):
         near, far = max(ring * width, min_range_m), (ring + 1) * width
         for k in range(scan.power.shape[1]):
             start = scan.range_offset_m + k * scan.range_resolution_m
-            shared = max(0.0, min(far, start + scan.range_resolution_m) - max(near, start))
-            out[:, ring] += scan.power[:, k] * shared / width
+            overlap = max(0.0, min(far, start + scan.range_resolution_m) - max(near, start))
+            out[:, ring] += scan.power[:, k] * overlap / width
     return out
 
 
@@ -30,7 +30,7 @@ def slow_ring_power(scan: PolarScan, rings: int, max_range_m: float, min_range_m
     offset_m=st.floats(-3.0, 3.0),
     range_m=st.tuples(st.floats(1.0, 60.0), st.floats(0.0, 0.9)),
 )
-def test_is_the_shared_length_of_bins_and_rings(
+def test_bins_are_weighted_by_their_overlap_with_rings(
     bins: int, rings: int, resolution_m: float, offset_m: float, range_m: tuple[float, float]
 ) -> None:
     power = np.random.default_rng(bins).integers(0, 256, (3, bins), dtype=np.uint8)
@@ -55,7 +55,7 @@ def test_beyond_the_sensor_is_zero() -> None:
     assert not rings[:, 5:].any()
 
 
-def test_transposed_memory_is_read_as_it_is_indexed() -> None:
+def test_memory_layout_does_not_matter() -> None:
     power = np.random.default_rng(1).integers(0, 256, (50, 6), dtype=np.uint8)
     one = PolarScan(0, power.T, np.arange(6.0), 0.7)
     two = PolarScan(0, np.ascontiguousarray(power.T), np.arange(6.0), 0.7)

@@ -54,7 +54,7 @@ def test_round_trip(written: Path) -> None:
         assert found[name].shape == tensor.shape
 
 
-def test_half_precision_rounds_matrices_alone_and_is_what_the_fingerprint_is_of(tmp_path: Path) -> None:
+def test_half_precision_rounds_only_matrices_and_changes_the_fingerprint(tmp_path: Path) -> None:
     exact = {
         'kernel': np.array([[1.0, 1.0 + 2**-20], [3.14159, -65000.0]], np.float32),
         'bias': np.array([1.0 + 2**-20], np.float32),
@@ -80,17 +80,17 @@ def test_weights_beyond_half_precision_are_refused_and_nothing_is_written(tmp_pa
     assert not list(tmp_path.iterdir())
 
 
-def test_nothing_else_is_left_in_the_folder(written: Path) -> None:
+def test_no_other_file_is_written(written: Path) -> None:
     assert list(written.parent.iterdir()) == [written]
 
 
-def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+def test_a_missing_folder_is_named(tmp_path: Path) -> None:
     target = tmp_path / 'absent' / 'net.safetensors'
     with pytest.raises(ModelError, match=r'net\.safetensors: cannot be written \(No such file'):
         save_weights(target, CONFIG, tensors())
 
 
-def test_a_folder_that_is_a_file_is_named(written: Path) -> None:
+def test_a_file_in_place_of_a_folder_is_named(written: Path) -> None:
     with pytest.raises(ModelError, match=r'inner\.safetensors: cannot be written \(Not a directory'):
         save_weights(written / 'inner.safetensors', CONFIG, tensors())
 
@@ -127,13 +127,13 @@ def test_a_changed_byte_never_gives_other_weights(
     except ModelError as error:
         assert 'flip.safetensors: ' in str(error)
         assert '\n' not in str(error)
-    else:  # the byte was of a text that says nothing about the output
+    else:  # the byte was in a text that does not affect the output
         assert header.config == CONFIG
         assert all(np.array_equal(found[name], tensor) for name, tensor in tensors().items())
 
 
 @pytest.mark.parametrize('content', [b'', b'not weights', b'\x89PNG\r\n\x1a\n' + bytes(100), bytes(64)])
-def test_foreign_file_is_refused(tmp_path: Path, content: bytes) -> None:
+def test_another_file_is_refused(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / 'foreign.safetensors'
     path.write_bytes(content)
     with pytest.raises(ModelError, match=r'foreign\.safetensors: not a readable safetensors file'):
@@ -163,15 +163,15 @@ def test_weights_of_another_program_are_refused(tmp_path: Path, found: dict[str,
         ),
     ],
 )
-def test_metadata_that_does_not_fit_is_refused(tmp_path: Path, changes: dict[str, Any], expected: str) -> None:
+def test_invalid_metadata_is_refused(tmp_path: Path, changes: dict[str, Any], expected: str) -> None:
     path = tmp_path / 'odd.safetensors'
-    path.write_bytes(save(load_file_of(tmp_path), metadata(**changes)))
+    path.write_bytes(save(saved_tensors(tmp_path), metadata(**changes)))
     with pytest.raises(ModelError) as refused:
         load_weights(path)
     assert str(refused.value).startswith(f'{path}: {expected}')
 
 
-def load_file_of(folder: Path) -> dict[str, np.ndarray]:
+def saved_tensors(folder: Path) -> dict[str, np.ndarray]:
     path = folder / 'good.safetensors'
     save_weights(path, CONFIG, tensors())
     found: dict[str, np.ndarray] = load_file(path)

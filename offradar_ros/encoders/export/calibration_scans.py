@@ -1,4 +1,4 @@
-"""Scans that a smaller copy of a network is fitted to, spread evenly over some drives."""
+"""Scans for the calibration of a compressed network, spread evenly over drives."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ SCANS = 64
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class CalibrationScans:
-    """What a network sees of some scans.
+    """Images of calibration scans.
 
     Attributes:
         images: (N, H, W) uint8, N ≥ 1.
-        source: how many scans and of which drives, for the description of what is made with them.
+        source: number of scans and names of their drives, for the description of the compressed network.
     """
 
     images: NDArray[np.uint8]
@@ -30,9 +30,9 @@ class CalibrationScans:
 
 
 def calibration_scans(drives: Sequence[RadarSequence], config: NetworkConfig, scans: int = SCANS) -> CalibrationScans:
-    """So many scans, as evenly over the scans of all drives as can be; all of them where there are fewer.
+    """The images of at most `scans` scans, spread evenly over the scans of all drives.
 
-    Scans without signal are passed over. DataError where none remains, and as the drives raise it.
+    Scans without signal are skipped. DataError if none remains, and as raised by the drives.
     """
     to_image = make_image(config)
     every = [(drive, index) for drive in drives for index in range(len(drive))]

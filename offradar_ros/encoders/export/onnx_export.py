@@ -1,4 +1,4 @@
-"""Writes a weights file as ONNX, for vehicles without torch. Needs torch, safetensors and onnx, when called."""
+"""Exports a weights file to ONNX, for vehicles without torch. A call needs torch, safetensors and onnx."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ INT8_OPSET = 17
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Smaller:
-    """What makes an exported network cheaper, and another model than its weights, with a fingerprint of its own.
+class Compression:
+    """Compression of an exported network. The result is another model than the weights, with another fingerprint.
 
     Attributes:
-        scans: what it is fitted to.
-        int8: whether it computes with 8-bit integers.
-        method: how their ranges are found, a name of `onnx_int8.METHODS`.
-        low_rank: share of the convolutions' multiplications that is kept; 1 leaves them as they are.
+        scans: calibration scans.
+        int8: whether to quantise to 8-bit integers.
+        method: method for the ranges of activations, a name in `onnx_int8.METHODS`.
+        low_rank: share of the convolutions' multiplications that is kept by low-rank factorisation; 1 keeps all.
     """
 
     scans: CalibrationScans
@@ -38,32 +38,34 @@ class Smaller:
     low_rank: float = 1.0
 
 
-def export_onnx(weights_path: str | Path, onnx_path: str | Path, smaller: Smaller | None = None) -> WeightsHeader:
-    """Write what `OnnxEncoder` reads; returns the header that the file carries, by default that of the weights.
+def export_onnx(
+    weights_path: str | Path, onnx_path: str | Path, compression: Compression | None = None
+) -> WeightsHeader:
+    """Write an ONNX file for `OnnxEncoder`; returns its header, which without `compression` is that of the weights.
 
-    Input ``images`` (N, H, W) uint8, so that scaling and normalisation are part of the graph; outputs ``mean`` and
-    ``variance`` (N, d) float32; N is free. Weights stored in half precision are stored so here too, and computed with
-    in single precision. The same weights and scans give the same file on one machine. The file is written whole or not
-    at all. ModelError for weights that cannot be read, a file that cannot be written or a missing package.
+    The input is ``images`` (N, H, W) uint8, so that scaling and normalisation are part of the graph; outputs are
+    ``mean`` and ``variance`` (N, d) float32; N is dynamic. Half-precision weights are stored in half precision and
+    computed in single precision. The same weights and scans give the same file on one machine. The file is written
+    atomically. ModelError for weights that cannot be read, a file that cannot be written or a missing package.
     """
-    for package in ('torch', 'safetensors', 'onnx', *(('onnxruntime',) if smaller and smaller.int8 else ())):
+    for package in ('torch', 'safetensors', 'onnx', *(('onnxruntime',) if compression and compression.int8 else ())):
         require_package(package, weights_path)
     import onnx  # noqa: PLC0415
 
-    from offradar_ros.encoders.export.onnx_half import store_halves  # noqa: PLC0415
+    from offradar_ros.encoders.export.onnx_half import store_half_precision  # noqa: PLC0415
     from offradar_ros.encoders.export.onnx_opencv import OPSET, rewrite_for_opencv  # noqa: PLC0415
     from offradar_ros.encoders.networks.files import load_network  # noqa: PLC0415
 
     network, header = load_network(weights_path)
-    if smaller and smaller.low_rank < 1.0:
-        header = _factorised(network, header, smaller)
-    if smaller and smaller.int8:
-        model, header = _quantised(_graph(network, header, INT8_OPSET), header, smaller)
+    if compression and compression.low_rank < 1.0:
+        header = _factorised(network, header, compression)
+    if compression and compression.int8:
+        model, header = _quantised(_graph(network, header, INT8_OPSET), header, compression)
     else:
         model = _graph(network, header, OPSET)
         rewrite_for_opencv(model)
         if header.stored == 'float16':
-            store_halves(model)
+            store_half_precision(model)
     for key, value in header.to_metadata().items():
         model.metadata_props.add(key=key, value=value)
     onnx.checker.check_model(model, full_check=True)
@@ -76,7 +78,7 @@ def _graph(network: Network, header: WeightsHeader, opset: int) -> onnx.ModelPro
     import torch  # noqa: PLC0415
 
     class Inference(torch.nn.Module):
-        """The part of the network that a vehicle runs."""
+        """The part of the network that runs on a vehicle."""
 
         def __init__(self) -> None:
             super().__init__()
@@ -87,7 +89,7 @@ def _graph(network: Network, header: WeightsHeader, opset: int) -> onnx.ModelPro
 
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings(), torch.no_grad():
         exported = Path(folder) / 'network.onnx'
-        # The exporter that needs no further package is deprecated, and says so at length.
+        # The exporter without further packages is deprecated, and warns.
         warnings.simplefilter('ignore')
         torch.onnx.export(
             Inference().eval(),
@@ -95,7 +97,7 @@ def _graph(network: Network, header: WeightsHeader, opset: int) -> onnx.ModelPro
             exported,
             dynamo=False,
             opset_version=opset,
-            # Batch normalisation stays apart from its convolution, so that the weights are those of the file.
+            # Batch normalisation is not folded into convolutions, so that the weights are those of the file.
             training=torch.onnx.TrainingMode.PRESERVE,
             input_names=['images'],
             output_names=['mean', 'variance'],
@@ -104,31 +106,35 @@ def _graph(network: Network, header: WeightsHeader, opset: int) -> onnx.ModelPro
         return onnx.load(exported)
 
 
-def _factorised(network: Network, header: WeightsHeader, smaller: Smaller) -> WeightsHeader:
-    """The header of the network that is of low rank afterwards."""
-    from offradar_ros.encoders.networks.low_rank import factorise, round_to_halves  # noqa: PLC0415
+def _factorised(network: Network, header: WeightsHeader, compression: Compression) -> WeightsHeader:
+    """Factorise the network in place; returns its new header."""
+    from offradar_ros.encoders.networks.low_rank import factorise, round_to_half_precision  # noqa: PLC0415
 
-    factorise(network, smaller.scans.images, smaller.low_rank)
+    factorise(network, compression.scans.images, compression.low_rank)
     if header.stored == 'float16':
-        round_to_halves(network)
-    settings: dict[str, Setting] = {'parent': header.fingerprint, 'share': smaller.low_rank}
+        round_to_half_precision(network)
+    settings: dict[str, Setting] = {'parent': header.fingerprint, 'share': compression.low_rank}
     tensors = {name: tensor.detach().numpy() for name, tensor in network.state_dict().items()}
     return _derived(
-        header, fingerprint('low_rank', settings, tensors), f'low rank, {smaller.low_rank:g} of', header.stored, smaller
+        header,
+        fingerprint('low_rank', settings, tensors),
+        f'low rank, {compression.low_rank:g} of',
+        header.stored,
+        compression,
     )
 
 
 def _quantised(
-    model: onnx.ModelProto, header: WeightsHeader, smaller: Smaller
+    model: onnx.ModelProto, header: WeightsHeader, compression: Compression
 ) -> tuple[onnx.ModelProto, WeightsHeader]:
     from offradar_ros.encoders.export.onnx_int8 import quantise, tensors_of  # noqa: PLC0415
 
-    quantised = quantise(model, smaller.scans.images, smaller.method)
+    quantised = quantise(model, compression.scans.images, compression.method)
     found = fingerprint('int8', {'parent': header.fingerprint}, tensors_of(quantised))
-    return quantised, _derived(header, found, 'int8 of', 'int8', smaller)
+    return quantised, _derived(header, found, 'int8 of', 'int8', compression)
 
 
-def _derived(header: WeightsHeader, found: str, what: str, stored: str, smaller: Smaller) -> WeightsHeader:
-    """The header of another model, which tells what it was made of."""
-    description = f'{header.description}; {what} {header.fingerprint}, fitted to {smaller.scans.source}'
+def _derived(header: WeightsHeader, found: str, what: str, stored: str, compression: Compression) -> WeightsHeader:
+    """The header of a derived model; its description names the original."""
+    description = f'{header.description}; {what} {header.fingerprint}, fitted to {compression.scans.source}'
     return dataclasses.replace(header, fingerprint=found, description=description, stored=stored)

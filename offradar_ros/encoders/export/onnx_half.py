@@ -1,4 +1,4 @@
-"""Half-precision storage in ONNX: the file holds float16, the graph computes in float32. Needs onnx."""
+"""Half-precision storage in ONNX: weights are float16 in the file, computation is in float32. Needs onnx."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ import onnx
 from onnx import numpy_helper
 
 
-def store_halves(model: onnx.ModelProto) -> None:
-    """Store each float32 matrix or kernel that float16 holds exactly as such, with a Cast in front of its users.
+def store_half_precision(model: onnx.ModelProto) -> None:
+    """Store each float32 matrix or kernel that is exact in float16 as float16, followed by a Cast.
 
-    Runtimes fold the casts when they load the model, so that what is computed does not change by a bit.
+    Runtimes fold the casts when they load the model, so that outputs do not change by a bit.
     """
     graph = model.graph
     casts: list[onnx.NodeProto] = []

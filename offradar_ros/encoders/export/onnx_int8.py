@@ -25,21 +25,21 @@ METHODS = {
     'percentile': CalibrationMethod.Percentile,
     'entropy': CalibrationMethod.Entropy,
 }
-"""How the range of an activation is found; `benchmarks/smaller_networks.py` compares them."""
+"""Methods for the range of an activation; `benchmarks/smaller_networks.py` compares them."""
 
-# What surrounds them stays in single precision: the image's normalisation, spectra, unit length and exponentials.
+# Other operators stay in single precision: normalisation of the image, spectra, L2 normalisation and exponentials.
 QUANTISED = ('Conv', 'Relu', 'MaxPool', 'Gemm')
 
 
 def quantise(model: onnx.ModelProto, images: NDArray[np.uint8], method: str = 'minmax') -> onnx.ModelProto:
-    """The network in integers, its ranges fitted to `images` (N, H, W) uint8; inputs, outputs and free N stay.
+    """The quantised network, with ranges from `images` (N, H, W) uint8; inputs, outputs and dynamic N stay.
 
-    Weights are signed, one scale a channel; activations are unsigned, one scale a tensor. The heads are in integers
-    too: they are most of VGG-16's weights, and neither recall nor the order of U suffers.
+    Weights are signed with a scale for each channel; activations are unsigned with a scale for each tensor. The heads
+    are quantised too: they hold most of VGG-16's weights, and neither recall nor the order of U gets worse.
     """
     with tempfile.TemporaryDirectory() as folder, contextlib.redirect_stdout(io.StringIO()):
         prepared, quantised = Path(folder) / 'prepared.onnx', Path(folder) / 'quantised.onnx'
-        # Folds batch normalisation and constants, but needs no symbolic shapes, and so no further package.
+        # Folds batch normalisation and constants; without symbolic shapes it needs no further package.
         quant_pre_process(model, str(prepared), skip_symbolic_shape=True)
         quantize_static(
             str(prepared),
@@ -48,24 +48,24 @@ def quantise(model: onnx.ModelProto, images: NDArray[np.uint8], method: str = 'm
             calibrate_method=METHODS[method],
             op_types_to_quantize=list(QUANTISED),
             per_channel=True,
-            # 7 bits a weight: with 8, processors that lack VNNI saturate sums that others do not, and a scan would
-            # have other embeddings on another machine.
+            # 7 bits for each weight: with 8, sums saturate on processors without VNNI, and embeddings of a scan would
+            # differ between machines.
             reduce_range=True,
             weight_type=QuantType.QInt8,
             activation_type=QuantType.QUInt8,
-            # One scan at a time, whose activations are then let go.
+            # One scan at a time, so that its activations are freed before the next.
             extra_options={'CalibStridedMinMax': 1},
         )
         return onnx.load(quantised)
 
 
 def tensors_of(model: onnx.ModelProto) -> dict[str, NDArray[np.generic]]:
-    """Every constant tensor of a graph, scales and zero points among them, by name."""
+    """The constant tensors of a graph by name, including scales and zero points."""
     return {tensor.name: numpy_helper.to_array(tensor) for tensor in model.graph.initializer}
 
 
 class _Reader(CalibrationDataReader):  # type: ignore[misc]
-    """Hands out images as batches of one, between the bounds of `set_range`."""
+    """Yields images in batches of one, within the bounds of `set_range`."""
 
     def __init__(self, images: NDArray[np.uint8]) -> None:
         self._images = images

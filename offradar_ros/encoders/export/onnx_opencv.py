@@ -1,14 +1,14 @@
-"""Rewrites an ONNX graph with operators that OpenCV 4.6 (Ubuntu 24.04) has. Needs onnx.
+"""Rewrites an ONNX graph with operators that OpenCV 4.6 (Ubuntu 24.04) supports. Needs onnx.
 
-Each rewriting copies numbers or multiplies them with 1, so that ONNX Runtime gives the same bits as before:
+Each rule copies values or multiplies them by 1, so that ONNX Runtime gives the same bits as before:
 
-- gathered rows become slices, one after the other;
-- a slice to the end of an axis names that end;
-- a product with a constant on its left becomes the product of the transposed, C X = (Xᵀ Cᵀ)ᵀ;
-- a difference or quotient whose second operand has length 1 along one of the last two axes gets it in full length, as a
-  product with ones.
+- a gather of rows becomes a concatenation of slices;
+- a slice to the end of an axis gets the index of that end;
+- a product with a constant on the left becomes a product of the transposed, C X = (Xᵀ Cᵀ)ᵀ;
+- in a difference or quotient, a second operand of length 1 along one of the last two axes is repeated to full length,
+  by a product with ones.
 
-The bounds of ``Clip`` are attributes up to opset 10, the only form that OpenCV 4.6 reads.
+Up to opset 10 the bounds of ``Clip`` are attributes, the only form that OpenCV 4.6 reads.
 """
 
 from __future__ import annotations
@@ -37,12 +37,12 @@ def rewrite_for_opencv(model: onnx.ModelProto) -> None:
 
 
 class _Rewriting:
-    """The nodes so far, and what is known of values by name."""
+    """The rewritten nodes so far, and shapes and constants of values by name."""
 
     def __init__(self, model: onnx.ModelProto) -> None:
         inferred = onnx.shape_inference.infer_shapes(model).graph
         values = (*inferred.value_info, *inferred.input, *inferred.output)
-        # 0 for the number of images, which is free.
+        # 0 for the number of images, which is dynamic.
         self._shapes = {v.name: [dim.dim_value for dim in v.type.tensor_type.shape.dim] for v in values}
         self._constants = {
             node.output[0]: numpy_helper.to_array(node.attribute[0].t)
@@ -52,7 +52,7 @@ class _Rewriting:
         self.nodes: list[onnx.NodeProto] = []
 
     def take(self, node: onnx.NodeProto) -> None:
-        """Add the node, or what it is rewritten as."""
+        """Add the node, or the nodes that replace it."""
         inputs = list(node.input)
         if node.op_type == 'Gather' and self._constants.get(inputs[1], np.array(0)).ndim == 1:
             self._gather(node, node.attribute[0].i)
@@ -76,7 +76,7 @@ class _Rewriting:
     def _gather(self, node: onnx.NodeProto, axis: int) -> None:
         indices = self._constants[node.input[1]]
         parts: list[str] = []
-        # Within a run of consecutive indices, index minus position stays.
+        # Within a run of consecutive indices, index minus position is constant.
         for _, run in itertools.groupby(enumerate(indices.tolist()), lambda pair: pair[1] - pair[0]):
             rows = [index for _, index in run]
             parts.append(self._part(node.input[0], f'{node.output[0]}/{len(parts)}', rows[0], rows[-1] + 1, axis))
@@ -108,12 +108,12 @@ class _Rewriting:
         self._transposed(product, value, output)
 
     def _transposed(self, value: str, like: str, output: str) -> str:
-        """`value`, of as many axes as `like`, with the last two exchanged."""
+        """`value`, with as many axes as `like`, with the last two axes transposed."""
         *rest, rows, columns = range(len(self._shapes[like]))
         return self._add('Transpose', [value], output, perm=[*rest, columns, rows])
 
     def _axis_to_spread(self, first: str, second: str) -> int | None:
-        """-1 or -2 where `second` is 1 long and `first` longer, both variable and otherwise of one shape."""
+        """The axis (-1 or -2) where `second` has length 1 and `first` more, if both are variables and else equal."""
         longer, shorter = self._shapes.get(first), self._shapes.get(second)
         if not longer or not shorter or len(longer) != len(shorter) or {first, second} & self._constants.keys():
             return None

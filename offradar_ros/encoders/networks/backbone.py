@@ -1,4 +1,4 @@
-"""Convolutional backbones: an image to a feature map. Needs torch."""
+"""Convolutional backbones: image to feature map. Needs torch."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ VGG16_GROUPS = ((64, 64), (128, 128), (256, 256, 256), (512, 512, 512), (512, 51
 COMPACT_CONVOLUTIONS = ((48, 7, 4), (96, 3, 2), (128, 3, 1), (128, 3, 1))
 COMPACT_FEATURES = 48
 COMPACT_FREQUENCIES = 8
-COMPACT_TURNS = (0, 2, 4, 6)
+COMPACT_ROLLS = (0, 2, 4, 6)
 _TINY = 1e-10
-# Puts standardised power on the scale of power itself.
+# Scales standardised power to the scale of power.
 _CONTRAST = 0.25
 _LEAST_DEVIATION = 0.01
 
@@ -26,7 +26,7 @@ _LEAST_DEVIATION = 0.01
 class Vgg16(nn.Module):
     """VGG-16's convolutions: (N, 1, S, S) float32 in [0, 1] → (N, 512, S / 32, S / 32), after the fifth pooling.
 
-    `features` numbers its layers as torchvision does, so that its weights fit.
+    The layers of `features` are numbered as in torchvision, so that its weights can be loaded.
     """
 
     def __init__(self, side_px: int) -> None:
@@ -51,15 +51,15 @@ class Vgg16(nn.Module):
 
 
 class Compact(nn.Module):
-    """Convolutions round a polar image, then the spectrum of their features over azimuth.
+    """Convolutions of a polar image with circular padding, then the spectrum of their features over azimuth.
 
-    (N, 1, A, R) float32 in [0, 1] → (N, 48, F, R / 8), where F = 8 frequencies of the A / 8 azimuths are kept by their
-    amplitude alone. Turning the vehicle shifts the rows, which no amplitude shows: a turn by 8 rows changes nothing,
-    one between only what the strides alias. Outside training that is averaged over the image turned by 0, 2, 4 and 6
-    rows, so that a turn by 2 rows changes nothing. Rows are padded with the rows of the other end, as a turn has none.
+    (N, 1, A, R) float32 in [0, 1] → (N, 48, F, R / 8): the amplitudes of F = 8 frequencies over the A / 8 azimuths. A
+    turn of the vehicle rolls the rows, which does not change amplitudes: a turn by 8 rows changes nothing, others only
+    by aliasing of the strides. Outside training, the output is the mean over the image rolled by 0, 2, 4 and 6 rows, so
+    that a turn by 2 rows changes nothing. Rows are padded circularly.
 
-    A second channel is the image standardised at each range over azimuth: it has neither the receiver's gain nor its
-    noise floor, which differ from radar to radar.
+    A second channel is the image standardised at each range over azimuth. It is independent of the receiver's gain and
+    noise floor, which differ between radars.
     """
 
     around: torch.Tensor
@@ -85,10 +85,10 @@ class Compact(nn.Module):
         both = torch.cat([image, _CONTRAST * standardised_over_azimuth(image)], dim=1)
         if self.training:
             return self._amplitudes(both)
-        # One batch of all turns: each convolution is then one node of an ONNX graph, and quantised once.
-        turns = [torch.cat([both[:, :, k:], both[:, :, :k]], dim=2) if k else both for k in COMPACT_TURNS]
-        turned = torch.cat(turns)
-        return self._amplitudes(turned).reshape(len(COMPACT_TURNS), -1, *self.shape).mean(dim=0)
+        # All rolls in one batch, so that each convolution is one node of an ONNX graph and is quantised once.
+        rolls = [torch.cat([both[:, :, k:], both[:, :, :k]], dim=2) if k else both for k in COMPACT_ROLLS]
+        rolled = torch.cat(rolls)
+        return self._amplitudes(rolled).reshape(len(COMPACT_ROLLS), -1, *self.shape).mean(dim=0)
 
     def _amplitudes(self, image: torch.Tensor) -> torch.Tensor:
         spectrum: torch.Tensor = self.spectrum(self.reduce(self.convolutions(image.index_select(2, self.around))))
@@ -96,7 +96,7 @@ class Compact(nn.Module):
 
 
 def standardised_over_azimuth(image: torch.Tensor) -> torch.Tensor:
-    """(N, C, A, R) → the same with mean 0 and deviation 1 over A, less where there is hardly any contrast."""
+    """(N, C, A, R) → (N, C, A, R) with mean 0 and deviation 1 over A; less than 1 where the contrast is low."""
     offset = image - image.mean(dim=2, keepdim=True)
     return offset / (offset.square().mean(dim=2, keepdim=True).sqrt() + _LEAST_DEVIATION)
 
@@ -104,7 +104,7 @@ def standardised_over_azimuth(image: torch.Tensor) -> torch.Tensor:
 class AzimuthSpectrum(nn.Module):
     """Amplitudes of the first F frequencies over azimuth: (N, C, A, R) → (N, C, F, R).
 
-    A product with F cosines and sines: as exact as a fast transform and quicker for so few, on any runtime.
+    A product with F cosines and sines: for few frequencies faster than a fast Fourier transform, in every runtime.
     """
 
     cosines: torch.Tensor
@@ -118,7 +118,7 @@ class AzimuthSpectrum(nn.Module):
 
     def forward(self, features: torch.Tensor) -> torch.Tensor:
         """(N, C, A, R) → (N, C, F, R), ≥ 0."""
-        # Half precision would round small powers to 0, where the slope of a root is infinite.
+        # Half precision would round small powers to 0, where the gradient of the root is infinite.
         with torch.autocast(features.device.type, enabled=False):
             features = features.float()
             power = (self.cosines @ features).square() + (self.sines @ features).square()
@@ -126,7 +126,7 @@ class AzimuthSpectrum(nn.Module):
 
 
 class _NormalisedConvolution(nn.Module):
-    """Convolution and batch normalisation of a polar feature map; ranges are padded with zeros, rows are not."""
+    """Convolution and batch normalisation of a polar feature map; columns are padded with zeros, rows are not."""
 
     def __init__(self, inputs: int, outputs: int, size: int, stride: int) -> None:
         super().__init__()
@@ -139,7 +139,7 @@ class _NormalisedConvolution(nn.Module):
 
 
 def _rows_around() -> tuple[int, int]:
-    """Rows before and after an image that the first and last of the convolutions' outputs see."""
+    """Padding rows before and after an image that the first and last outputs of the convolutions need."""
     before = after = 0
     for _, size, stride in reversed(COMPACT_CONVOLUTIONS):
         before, after = stride * before + size // 2, stride * (after - 1) + 1 + size // 2
@@ -147,7 +147,7 @@ def _rows_around() -> tuple[int, int]:
 
 
 def initialise_convolutions(module: nn.Module) -> None:
-    """He's initialisation, which keeps the signal's scale through the ReLUs."""
+    """He initialisation, which preserves the scale of the signal through ReLUs."""
     for layer in module.modules():
         if isinstance(layer, nn.Conv2d):
             nn.init.kaiming_normal_(layer.weight, mode='fan_out', nonlinearity='relu')
@@ -156,7 +156,7 @@ def initialise_convolutions(module: nn.Module) -> None:
 
 
 def make_backbone(config: NetworkConfig) -> Vgg16 | Compact | Resnet50:
-    """The backbone of a checked `NetworkConfig`; its `shape` is that of the feature map, (C, rows, columns)."""
+    """The backbone of a `NetworkConfig`; its `shape` is that of the feature map, (C, rows, columns)."""
     if config.backbone == 'compact':
         return Compact(config.image_shape)
     if config.backbone == 'vgg16':

@@ -1,4 +1,4 @@
-"""BCRadar (Gadd et al., 2021): one deterministic embedding, learned by contrast within the batch. Needs torch."""
+"""BCRadar (Gadd et al., 2021): a deterministic embedding, trained with the batch criterion. Needs torch."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from offradar_ros.encoders.networks.network import Network
 
 
 class BcRadarNetwork(Network):
-    """Backbone and one linear head whose output is normalised, as the batch criterion compares cosines.
+    """Backbone and one linear head with L2-normalised output, because the batch criterion compares cosines.
 
-    It has no uncertainty, in the paper or here. Its variance is 1, the prior's, for every scan: it is as sure of each
-    as of any other, rejects none at thresholds of 1 and above, and Algorithm 1 never replaces a place by its word.
+    It defines no uncertainty. Its variance is 1, the prior's, for every scan: thresholds of 1 and above reject no scan,
+    and Algorithm 1 never replaces a place.
     """
 
     def __init__(self, config: NetworkConfig) -> None:

@@ -1,4 +1,4 @@
-"""What every learned method has in common: the backbone and the flat features that its heads see. Needs torch."""
+"""The common part of the learned methods: the backbone, and the flat features for the heads. Needs torch."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from offradar_ros.encoders.networks.resnet50 import GeneralisedMean
 
 
 class FeatureMap(nn.Module):
-    """Images (N, H, W) of power 0…255, uint8 or float → the backbone's feature map (N, C, h, w), pooled or not.
+    """Images (N, H, W) of power 0…255, uint8 or float → the backbone's feature map (N, C, h, w).
 
-    With `pooled` ResNet-50's map is pooled, as by STUN's authors: for methods that do not rebuild the map.
-    `shape` is (C, h, w) and `flat` its product, the number of features that a head sees.
+    With `pooled` the map of ResNet-50 is pooled, as in STUN, for methods that do not reconstruct the map. `shape` is
+    (C, h, w) and `flat` its product, the number of input features of a head.
     """
 
     def __init__(self, config: NetworkConfig, pooled: bool = False) -> None:

@@ -20,7 +20,7 @@ def save_network(path: str | Path, network: Network, description: str = '', half
 
 
 def load_network(path: str | Path) -> tuple[Network, WeightsHeader]:
-    """The network of a weights file, in evaluation mode and single precision; ModelError where they do not fit."""
+    """The network of a weights file, in evaluation mode and single precision; ModelError if tensors do not match."""
     header, tensors = load_weights(path)
     network = make_network(header.config)
     expected = network.state_dict()
@@ -32,7 +32,7 @@ def load_network(path: str | Path) -> tuple[Network, WeightsHeader]:
     unknown = sorted(tensors.keys() - expected.keys())
     if unknown:
         raise ModelError(
-            f'{path}: tensor {unknown[0]} is of no {header.config.backbone} {header.config.method} network'
+            f'{path}: tensor {unknown[0]} is not part of a {header.config.backbone} {header.config.method} network'
         )
     network.load_state_dict(
         {name: torch.from_numpy(tensors[name]).to(tensor.dtype) for name, tensor in expected.items()}, assign=True

@@ -1,4 +1,4 @@
-"""Grey images for backbones that were made for colour. Needs torch."""
+"""Grey images as input of backbones for colour images. Needs torch."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ IMAGENET_STD = (0.229, 0.224, 0.225)
 
 
 class GreyToColour(nn.Module):
-    """(N, 1, S, S) in [0, 1] → (N, 3, S, S), each channel normalised by ImageNet's, so that weights from there fit."""
+    """(N, 1, S, S) in [0, 1] → (N, 3, S, S), normalised with ImageNet's statistics, for pretrained weights."""
 
     pixel_mean: torch.Tensor
     pixel_std: torch.Tensor

@@ -1,9 +1,9 @@
-"""Convolutions in two cheaper steps, fitted to what they respond to real scans. Needs torch.
+"""Low-rank factorisation of convolutions, fitted to their responses to real scans. Needs torch.
 
 After Zhang et al. (Accelerating very deep convolutional networks, 2015, linear case): the d responses of a convolution
-at a pixel lie near a subspace of r dimensions, which their covariance tells. With the r principal directions U, the
-response Wx + b becomes U(UᵀW x) + c: r filters of the old size, then d filters of 1 × 1. What multiplications are
-spared where is decided for all convolutions at once.
+at a pixel lie near a subspace of r dimensions, given by their covariance. With the r principal directions U, the
+response Wx + b becomes U(UᵀW x) + c: r filters of the same size, then d filters of 1 × 1. The ranks of all
+convolutions are chosen jointly.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ _BISECTIONS = 100
 
 
 class Responses(NamedTuple):
-    """What a convolution of d filters answered over the calibration scans.
+    """Statistics of the responses of a convolution of d filters to the calibration scans.
 
     Attributes:
         mean: (d,) float64.
         directions: (d, d) float64, principal directions in columns, strongest first.
         energy: (d,) float64, share of the variance within the first 1 … d directions.
-        pixels: outputs for one image.
+        pixels: output pixels for one image.
     """
 
     mean: NDArray[np.float64]
@@ -39,10 +39,10 @@ class Responses(NamedTuple):
 
 
 def factorise(network: Network, images: NDArray[np.uint8], share: float) -> None:
-    """Replace convolutions of the backbone in place, so that they keep about `share` of their multiplications.
+    """Replace convolutions of the backbone in place, so that about `share` of the multiplications remains.
 
-    `images` (N, H, W) uint8 are what the network will see, good scans and bad. A convolution that is cheaper whole
-    stays whole.
+    `images` (N, H, W) uint8 must represent the scans in use, degraded ones included. A convolution that would not
+    become cheaper is not replaced.
     """
     backbone = network.features.backbone
     convolutions = {name: module for name, module in backbone.named_modules() if isinstance(module, nn.Conv2d)}
@@ -53,17 +53,17 @@ def factorise(network: Network, images: NDArray[np.uint8], share: float) -> None
 
 
 def ranks(convolutions: dict[str, nn.Conv2d], found: dict[str, Responses], share: float) -> dict[str, int]:
-    """The rank of each convolution that is worth splitting: of all ways to spare so much, the one that keeps most.
+    """The rank of each convolution to split: within `share` of the multiplications, the ranks that keep most energy.
 
-    What is kept is the product of all shares of energy, as in the paper. With a price λ on a multiplication each
-    convolution chooses for itself; λ is raised until their sum is within the budget.
+    The energy is the product of the shares of all convolutions, as in the paper. With a Lagrange multiplier λ for each
+    multiplication the convolutions are independent; λ is found by bisection so that their sum is within the budget.
     """
     costs = {name: _costs(layer, found[name].pixels) for name, layer in convolutions.items()}
     losses = {name: np.append(-np.log(found[name].energy[: len(cost) - 1]), 0.0) for name, cost in costs.items()}
     budget = share * sum(cost[-1] for cost in costs.values())
 
-    def chosen(price: float) -> dict[str, int]:
-        return {name: int(np.argmin(losses[name] + price * costs[name] / budget)) for name in costs}
+    def chosen(multiplier: float) -> dict[str, int]:
+        return {name: int(np.argmin(losses[name] + multiplier * costs[name] / budget)) for name in costs}
 
     low, high = -12.0, 12.0
     for _ in range(_BISECTIONS):
@@ -73,8 +73,8 @@ def ranks(convolutions: dict[str, nn.Conv2d], found: dict[str, Responses], share
     return {name: at + 1 for name, at in chosen(10.0**high).items() if at < len(costs[name]) - 1}
 
 
-def round_to_halves(network: Network) -> None:
-    """Round kernels and matrices to what half precision holds, as those of the weights are that it was made of."""
+def round_to_half_precision(network: Network) -> None:
+    """Round kernels and matrices to half precision, as in the weights that the network is derived from."""
     with torch.no_grad():
         for parameter in network.parameters():
             if parameter.ndim >= 2:
@@ -82,7 +82,7 @@ def round_to_halves(network: Network) -> None:
 
 
 def _costs(layer: nn.Conv2d, pixels: int) -> NDArray[np.float64]:
-    """Multiplications for one image at rank 1, 2, … while that is cheaper, and at last of the whole convolution."""
+    """Multiplications for one image at ranks 1, 2, … that are cheaper, and then of the original convolution."""
     outputs, window = layer.out_channels, layer.weight[0].numel()
     whole = outputs * window
     split = np.arange(1, -(-whole // (window + outputs))) * (window + outputs)
@@ -90,7 +90,7 @@ def _costs(layer: nn.Conv2d, pixels: int) -> NDArray[np.float64]:
 
 
 def _split(layer: nn.Conv2d, found: Responses, rank: int) -> nn.Sequential:
-    """The two steps; the mean response is kept exactly."""
+    """The two convolutions of this rank; the mean response stays exact."""
     kept = found.directions[:, :rank]
     weight = layer.weight.detach().double().numpy()
     bias = np.zeros(layer.out_channels) if layer.bias is None else layer.bias.detach().double().numpy()
@@ -112,7 +112,7 @@ def _split(layer: nn.Conv2d, found: Responses, rank: int) -> nn.Sequential:
 
 
 def _responses(network: Network, convolutions: dict[str, nn.Conv2d], images: NDArray[np.uint8]) -> dict[str, Responses]:
-    """Of each convolution, in one pass over the images."""
+    """Statistics of the responses of each convolution, in one pass over the images."""
     sums: dict[str, torch.Tensor] = {}
     products: dict[str, torch.Tensor] = {}
     outputs: dict[str, int] = {}

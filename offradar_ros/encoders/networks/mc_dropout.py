@@ -15,15 +15,15 @@ _MASK_SEED = 20
 
 
 class McDropoutNetwork(Network):
-    """Backbone, dropout and one linear head, of which T = 20 thinned copies vote.
+    """Backbone, dropout and one linear head, evaluated in T = 20 passes with different masks.
 
-    Dropout sits between the backbone and the head only, so that the backbone runs once and the T passes cost 20 small
-    products. The T masks are drawn once and kept with the weights: the same scan always gives the same embedding, in
-    torch and in ONNX, and all scans meet the same committee.
+    Dropout is between backbone and head only, so that the backbone runs once and the T passes are 20 small products.
+    The T masks are drawn once and stored with the weights: the same scan always gives the same embedding, in torch and
+    in ONNX, and all scans use the same masks.
 
     With unit embeddings z_1 … z_T and their mean z̄ the descriptor is z̄ / |z̄|, and the variance is the population
-    variance over the passes times d, so that U = Σ_i var(z_i) = 1 − |z̄|²: 0 where the passes agree, towards 1 where
-    they point anywhere.
+    variance over the passes times d, so that U = Σ_i var(z_i) = 1 − |z̄|²: 0 if the passes
+    agree, near 1 if their directions are random.
     """
 
     masks: torch.Tensor
@@ -35,7 +35,7 @@ class McDropoutNetwork(Network):
         self.register_buffer('masks', drawn >= config.dropout)
 
     def forward(self, images: torch.Tensor) -> torch.Tensor:
-        """(N, d) embedding before normalisation, of images (N, H, W); thinned at random in training."""
+        """(N, d) embedding before normalisation, of images (N, H, W); with random dropout in training."""
         flat = functional.dropout(self.features(images).flatten(1), self.config.dropout, self.training)
         embedding: torch.Tensor = self.head(flat)
         return embedding
@@ -43,8 +43,8 @@ class McDropoutNetwork(Network):
     def passes(self, images: torch.Tensor) -> torch.Tensor:
         """(N, T, d) unit embeddings of the fixed masks."""
         flat = self.features(images).flatten(1)
-        thinned = flat.unsqueeze(1) * (self.masks.to(flat.dtype) / (1.0 - self.config.dropout))
-        return l2_normalise(self.head(thinned))
+        dropped = flat.unsqueeze(1) * (self.masks.to(flat.dtype) / (1.0 - self.config.dropout))
+        return l2_normalise(self.head(dropped))
 
     def embed(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
         """Unit descriptor (N, d) and variance (N, d) of images (N, H, W)."""

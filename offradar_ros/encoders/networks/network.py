@@ -1,4 +1,4 @@
-"""What every learned method's network is. Needs torch."""
+"""The base class of the networks of learned methods. Needs torch."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from offradar_ros.encoders.networks.feature_map import FeatureMap
 
 
 class Network(nn.Module, abc.ABC):
-    """A backbone whose features the heads of a method see; the encoder asks `embed` only."""
+    """A backbone, and in subclasses the heads of a method; encoders call `embed` only."""
 
     def __init__(self, config: NetworkConfig, pooled: bool = False) -> None:
         """`pooled` as in `FeatureMap`."""

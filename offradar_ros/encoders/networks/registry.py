@@ -10,6 +10,6 @@ from offradar_ros.encoders.registry import ENCODERS
 
 
 def make_network(config: NetworkConfig) -> Network:
-    """The network of `config.method`, initialised from torch's seed."""
+    """The network of `config.method`, initialised randomly with torch's generator."""
     network: Network = pkgutil.resolve_name(ENCODERS[config.method].network)(config)
     return network

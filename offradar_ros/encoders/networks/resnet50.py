@@ -8,7 +8,7 @@ from torch import nn
 from offradar_ros.encoders.network_config import CARTESIAN_REDUCTION
 from offradar_ros.encoders.networks.grey_to_colour import GreyToColour
 
-# Blocks and inner channels of each group; all but the first begin with a stride of 2.
+# Blocks and inner channels of each group; all but the first start with a stride of 2.
 RESNET50_GROUPS = ((3, 64), (4, 128), (6, 256), (3, 512))
 _EXPANSION = 4
 _STEM = 64
@@ -19,8 +19,7 @@ _GEM_LEAST = 1e-6
 class Resnet50(nn.Module):
     """ResNet-50 up to its last group: (N, 1, S, S) float32 in [0, 1] → (N, 2048, S / 32, S / 32).
 
-    Layers are named as torchvision names them, and strides are on the 3 × 3 convolutions as there, so that its weights
-    fit.
+    Names of layers, and strides on the 3 × 3 convolutions, are as in torchvision, so that its weights can be loaded.
     """
 
     def __init__(self, side_px: int) -> None:
@@ -49,7 +48,7 @@ class Resnet50(nn.Module):
 
 
 class Bottleneck(nn.Module):
-    """Three convolutions past which the input goes on: (N, `inputs`, h, w) → (N, 4 · `inner`, h / s, w / s)."""
+    """Three convolutions and a skip connection: (N, `inputs`, h, w) → (N, 4 · `inner`, h / s, w / s)."""
 
     def __init__(self, inputs: int, inner: int, stride: int) -> None:
         super().__init__()
@@ -68,15 +67,15 @@ class Bottleneck(nn.Module):
             )
 
     def forward(self, features: torch.Tensor) -> torch.Tensor:
-        """As the class says; s is the stride."""
+        """(N, `inputs`, h, w) → (N, 4 · `inner`, h / s, w / s) with stride s."""
         inner = self.relu(self.bn2(self.conv2(self.relu(self.bn1(self.conv1(features))))))
-        past = features if self.downsample is None else self.downsample(features)
-        found: torch.Tensor = self.relu(self.bn3(self.conv3(inner)) + past)
+        skip = features if self.downsample is None else self.downsample(features)
+        found: torch.Tensor = self.relu(self.bn3(self.conv3(inner)) + skip)
         return found
 
 
 class GeneralisedMean(nn.Module):
-    """GeM (Radenović et al., 2018): (N, C, h, w) ≥ 0 → (N, C, 1, 1), the mean with a power that is learned."""
+    """GeM (Radenović et al., 2018): (N, C, h, w) ≥ 0 → (N, C, 1, 1), the generalised mean with a learned power."""
 
     def __init__(self) -> None:
         super().__init__()

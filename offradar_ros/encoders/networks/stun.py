@@ -1,4 +1,4 @@
-"""STUN (Cai et al., IROS 2022): a student that says how far from its teacher it expects to be. Needs torch."""
+"""STUN (Cai et al., IROS 2022): a student that predicts its deviation from the teacher. Needs torch."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from offradar_ros.encoders.networks.variational import LOG_VARIANCE_LIMIT
 class StunNetwork(Network):
     """The student: backbone, a normalised mean and log s². The teacher is a `BcRadarNetwork` of the same backbone.
 
-    ``bounded``: log s² is between 0 and 1, as its authors' code has it, so that s² lies between 1 and e for every scan.
-    Distances between unit vectors are mostly less than that. ``free``: log s² is any number between −10 and 10.
+    ``bounded``: log s² is between 0 and 1, as in its authors' code, so that s² is between 1 and e for every scan.
+    Distances between unit vectors are mostly smaller. ``free``: log s² is between −10 and 10.
     """
 
     def __init__(self, config: NetworkConfig) -> None:

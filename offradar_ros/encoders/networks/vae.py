@@ -21,13 +21,13 @@ LOG_VARIANCE_LIMIT = 10.0
 
 
 class VaeOutput(NamedTuple):
-    """What the loss needs: N images, d dimensions.
+    """Input of the loss: N images, d dimensions.
 
     Attributes:
         mu: (N, d) mean of the posterior.
         log_variance: (N, d) its log variance.
         target: (N, 1, t, u) the image in [0, 1], averaged over 4 × 4 pixels, or its amplitudes over azimuth.
-        reconstruction: (N, 1, t, u) the same as decoded from a sample of the posterior.
+        reconstruction: (N, 1, t, u) the target as decoded from a sample of the posterior.
     """
 
     mu: torch.Tensor
@@ -37,12 +37,12 @@ class VaeOutput(NamedTuple):
 
 
 class VaeNetwork(Network):
-    """Backbone, two heads and a decoder to the image; nothing is contrasted.
+    """Backbone, two heads and a decoder to the image, without a contrastive loss.
 
-    What is rebuilt is the image itself, not the feature map: without a contrastive term a backbone that also chose its
-    own target could make that target trivial. The image is averaged over 4 × 4 pixels (2 m at the paper's resolution),
-    since what is finer is speckle, which no code of d numbers holds. A backbone that no turn changes cannot rebuild a
-    turned image: of its polar image the amplitudes over azimuth are rebuilt. The descriptor is μ, the variance σ².
+    The decoder reconstructs the image, not the feature map: without a contrastive term the backbone could learn a
+    trivial feature map. The image is averaged over 4 × 4 pixels (2 m at the paper's resolution): finer detail is
+    speckle, which d values cannot encode. A rotation-invariant backbone cannot reconstruct a rotated image: for polar
+    images the amplitudes over azimuth are reconstructed. The descriptor is μ, the variance σ².
     """
 
     def __init__(self, config: NetworkConfig) -> None:
@@ -76,7 +76,7 @@ class VaeNetwork(Network):
         return self.mu(flat), self.log_variance(flat).clamp(-LOG_VARIANCE_LIMIT, LOG_VARIANCE_LIMIT)
 
     def forward(self, images: torch.Tensor) -> VaeOutput:
-        """Everything that training needs, of images (N, H, W); outside training μ stands for the sample."""
+        """The output for training, of images (N, H, W); outside training the sample is μ."""
         mu, log_variance = self.posterior(images)
         z = mu + torch.exp(0.5 * log_variance) * torch.randn_like(mu) if self.training else mu
         target = functional.avg_pool2d(images.unsqueeze(1).to(torch.float32) / 255.0, TARGET_REDUCTION)

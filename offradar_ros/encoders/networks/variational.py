@@ -1,8 +1,8 @@
 """The paper's network (Sec. III-A): an invariant embedding, a variational part and a decoder. Needs torch.
 
 An image's feature map M feeds three parallel linear heads, Z_I, μ_V and log σ²; Z_V ~ N(μ_V, diag σ²) and
-Z = Z_I + Z_V. The decoder rebuilds M from Z. As in deep variational metric learning (Lin et al., ECCV 2018) nothing
-is normalised here: the losses do that for themselves.
+Z = Z_I + Z_V. The decoder reconstructs M from Z. As in deep variational metric learning (Lin et al., ECCV 2018) these
+outputs are not normalised: the losses normalise them.
 """
 
 from __future__ import annotations
@@ -17,20 +17,20 @@ from offradar_ros.encoders.network_config import NetworkConfig
 from offradar_ros.encoders.networks.l2_normalise import l2_normalise
 from offradar_ros.encoders.networks.network import Network
 
-# exp(±10) stays finite when squared in float32, and no calibrated variance comes near either end.
+# exp(±10) is finite when squared in float32, and calibrated variances are far from both limits.
 LOG_VARIANCE_LIMIT = 10.0
 
 
 class NetworkOutput(NamedTuple):
-    """What the losses need: N images, d dimensions, C channels of h × w features.
+    """Input of the losses: N images, d dimensions, C channels of h × w features.
 
     Attributes:
         z_i: (N, d) invariant embedding.
         mu: (N, d) mean of the posterior of Z_V.
         log_variance: (N, d) its log variance.
-        z: (N, d) Z_I plus a reparameterised sample of Z_V in training, plus its mean otherwise.
-        features: (N, C, h, w) feature map M, detached: the decoder's target.
-        reconstruction: (N, C, h, w) M as decoded from Z.
+        z: (N, d) Z_I plus a reparameterised sample of Z_V in training, else plus the mean of Z_V.
+        features: (N, C, h, w) feature map M, detached: the target of the decoder.
+        reconstruction: (N, C, h, w) reconstruction of M from Z.
     """
 
     z_i: torch.Tensor
@@ -68,13 +68,13 @@ class VariationalNetwork(Network):
     def descriptor_of(self, flat: torch.Tensor) -> torch.Tensor:
         """Unit descriptor (N, d) of flattened feature maps (N, C · h · w).
 
-        The losses compare angles, and so does a search among unit vectors.
+        The losses compare angles, and so does a search over unit vectors.
         """
         z_i = self.z_i(flat)
         return l2_normalise(z_i if self.config.descriptor == 'z_i' else z_i + self.mu(flat))
 
     def forward(self, images: torch.Tensor) -> NetworkOutput:
-        """Everything that training needs, of images (N, H, W)."""
+        """The output for training, of images (N, H, W)."""
         features = self.features(images)
         flat = features.flatten(1)
         z_i, mu, log_variance = self.z_i(flat), self.mu(flat), self.log_variance_of(flat)
@@ -84,12 +84,12 @@ class VariationalNetwork(Network):
         return NetworkOutput(z_i, mu, log_variance, z, features.detach(), self.decoder(z))
 
     def scale_variance(self, factor: float) -> None:
-        """Multiply every variance by `factor` from now on."""
+        """Multiply every variance by `factor`, in place."""
         with torch.no_grad():
             self.log_variance.bias.add_(math.log(factor))
 
     def embed(self, images: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Unit descriptor (N, d) and variance (N, d) of images (N, H, W); nothing is sampled."""
+        """Unit descriptor (N, d) and variance (N, d) of images (N, H, W), without sampling."""
         flat = self.features(images).flatten(1)
         return self.descriptor_of(flat), self.log_variance_of(flat).exp()
 

@@ -1,4 +1,4 @@
-"""Networks in 8-bit integers: what stays as it was, and what does not."""
+"""Networks in 8-bit integers against those in single precision."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ import onnx
 import torch
 
 from offradar_ros.encoders.export.calibration_scans import CalibrationScans, calibration_scans
-from offradar_ros.encoders.export.onnx_export import Smaller, export_onnx
+from offradar_ros.encoders.export.onnx_export import Compression, export_onnx
 from offradar_ros.encoders.network_config import NetworkConfig
 from offradar_ros.encoders.networks.files import save_network
 from offradar_ros.encoders.networks.registry import make_network
@@ -41,7 +41,7 @@ from offradar_ros.recordings.datasets.registry import open_sequence
 
 
 def images(count: int, shape: tuple[int, int], seed: int = 9) -> np.ndarray:
-    """Speckle of a brightness and coarseness of its own in each image."""
+    """Speckle with random brightness and coarseness in each image."""
     rng = np.random.default_rng(seed)
     fine = rng.gamma(1.5, rng.uniform(5.0, 40.0, (count, 1, 1)), (count, *shape))
     coarse = np.kron(rng.gamma(1.0, 1.0, (count, shape[0] // 8, shape[1] // 8)), np.ones((8, 8)))
@@ -65,21 +65,21 @@ def small(method: str, backbone: str = 'compact') -> NetworkConfig:
 
 
 def error(found: np.ndarray, expected: np.ndarray) -> float:
-    """Root mean square of the difference, relative to what is expected."""
+    """Root mean square of the difference, relative to that of `expected`."""
     return float(np.sqrt(np.square(found - expected).mean() / np.square(expected).mean()))
 
 
 @pytest.mark.parametrize(
     'method, backbone', [*((method, 'compact') for method in LEARNED), ('variational', 'vgg16'), ('stun', 'resnet50')]
 )
-def test_integers_give_nearly_what_floats_give(tmp_path: Path, method: str, backbone: str) -> None:
+def test_integers_nearly_agree_with_floats(tmp_path: Path, method: str, backbone: str) -> None:
     config = small(method, backbone)
     weights = saved(config, tmp_path / 'net.safetensors')
     export_onnx(weights, tmp_path / 'float.onnx')
     scans = CalibrationScans(images(8, config.image_shape), '8 images')
-    header = export_onnx(weights, tmp_path / 'int8.onnx', Smaller(scans, int8=True))
+    header = export_onnx(weights, tmp_path / 'int8.onnx', Compression(scans, int8=True))
     exact, integer = OnnxEncoder(tmp_path / 'float.onnx'), OnnxEncoder(tmp_path / 'int8.onnx')
-    with pytest.raises(ModelError, match='OpenCV does not compute 8-bit integers as ONNX Runtime does'):
+    with pytest.raises(ModelError, match='OpenCV computes 8-bit integers differently from ONNX Runtime'):
         OpencvEncoder(tmp_path / 'int8.onnx')
     assert integer.header == header
     assert header.config == config
@@ -93,12 +93,12 @@ def test_integers_give_nearly_what_floats_give(tmp_path: Path, method: str, back
 
 
 @pytest.mark.parametrize('half', [False, True])
-def test_weights_are_stored_as_integers_and_the_image_is_taken_as_it_is(tmp_path: Path, half: bool) -> None:
+def test_weights_are_stored_as_integers_and_the_input_stays_uint8(tmp_path: Path, half: bool) -> None:
     config = small('variational', 'vgg16')
     weights = saved(config, tmp_path / 'net.safetensors', half)
     scans = CalibrationScans(images(4, config.image_shape), '4 images')
     export_onnx(weights, tmp_path / 'float.onnx')
-    export_onnx(weights, tmp_path / 'int8.onnx', Smaller(scans, int8=True))
+    export_onnx(weights, tmp_path / 'int8.onnx', Compression(scans, int8=True))
     share = (tmp_path / 'int8.onnx').stat().st_size / (tmp_path / 'float.onnx').stat().st_size
     assert share < (0.55 if half else 0.28)
     graph = onnx.load(tmp_path / 'int8.onnx').graph
@@ -108,13 +108,13 @@ def test_weights_are_stored_as_integers_and_the_image_is_taken_as_it_is(tmp_path
     assert graph.input[0].type.tensor_type.elem_type == onnx.TensorProto.UINT8
 
 
-def test_the_fingerprint_is_of_the_integers_and_the_same_file_comes_again(tmp_path: Path) -> None:
+def test_the_fingerprint_depends_on_the_scans_and_the_export_is_deterministic(tmp_path: Path) -> None:
     config = small('variational')
     weights = saved(config, tmp_path / 'net.safetensors')
     few, more = (CalibrationScans(images(count, config.image_shape), f'{count} images') for count in (2, 6))
     parent = export_onnx(weights, tmp_path / 'float.onnx')
     headers = [
-        export_onnx(weights, tmp_path / f'{name}.onnx', Smaller(scans, int8=True))
+        export_onnx(weights, tmp_path / f'{name}.onnx', Compression(scans, int8=True))
         for name, scans in (('one', few), ('two', few), ('three', more))
     ]
     assert headers[0] == headers[1]
@@ -125,57 +125,57 @@ def test_the_fingerprint_is_of_the_integers_and_the_same_file_comes_again(tmp_pa
     assert [header.stored for header in headers] == ['int8'] * 3
 
 
-def test_another_parent_is_another_model_though_its_integers_are_the_same(tmp_path: Path) -> None:
+def test_the_fingerprint_depends_on_the_parent(tmp_path: Path) -> None:
     config = small('bc_radar')
     scans = CalibrationScans(images(2, config.image_shape), '2 images')
     found = []
     for name, changed in (('one', config), ('two', dataclasses.replace(config, min_range_m=4.0))):
         weights = saved(changed, tmp_path / f'{name}.safetensors')
-        found.append(export_onnx(weights, tmp_path / f'{name}.onnx', Smaller(scans, int8=True)).fingerprint)
+        found.append(export_onnx(weights, tmp_path / f'{name}.onnx', Compression(scans, int8=True)).fingerprint)
     assert found[0] != found[1]
 
 
 @pytest.mark.parametrize('share, same', [(1.0, 1.0), (0.75, 0.9)])
-def test_a_copy_of_the_weights_that_ship_agrees_with_them_on_recorded_scans(
+def test_compressed_weights_agree_with_the_originals_on_recorded_scans(
     real_data: Path, tmp_path: Path, share: float, same: float
 ) -> None:
-    """Fitted to simulated scans, as docs/speed.md has it."""
+    """Calibrated on simulated scans, as in docs/speed.md."""
     weights = find_weights('compact', ('.safetensors',))
     city = make_city(CityPlan(seed=2595001, blocks=(2, 2), route_m=400.0))
     fitted = SimulatedSequence(city, SessionPlan(scans=32, degraded=0.35), SimulatedSensor())
     scans = calibration_scans([fitted], read_header(weights).config)
-    export_onnx(weights, tmp_path / 'copy.onnx', Smaller(scans, int8=True, low_rank=share))
+    export_onnx(weights, tmp_path / 'copy.onnx', Compression(scans, int8=True, low_rank=share))
     drives = [open_sequence(real_data / name) for name in ('oxford_tiny', 'radiate_tiny_foggy', 'mulran_kaist03')]
     recorded = [drive.scan(index) for drive in drives for index in range(len(drive))]
     found = []
     for path in (find_weights('compact', ('.onnx',)), tmp_path / 'copy.onnx'):
         encoder = OnnxEncoder(str(path))
         embeddings = [encoder.encode(scan) for scan in recorded]
-        apart = cdist(*[[embedding.mean for embedding in embeddings]] * 2)
-        np.fill_diagonal(apart, np.inf)
-        found.append(([embedding.uncertainty for embedding in embeddings], apart.argmin(axis=1)))
+        distances = cdist(*[[embedding.mean for embedding in embeddings]] * 2)
+        np.fill_diagonal(distances, np.inf)
+        found.append(([embedding.uncertainty for embedding in embeddings], distances.argmin(axis=1)))
     (uncertainties, nearest), (copied_uncertainties, copied_nearest) = found
     assert len(recorded) >= 30
     assert spearmanr(uncertainties, copied_uncertainties).statistic >= 0.98
     assert np.mean(nearest == copied_nearest) >= same
 
 
-def test_nothing_is_left_behind(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_no_temporary_file_remains(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     config = small('bc_radar')
     weights = saved(config, tmp_path / 'net.safetensors')
     (tmp_path / 'temporary').mkdir()
     monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path / 'temporary'))
     scans = CalibrationScans(images(2, config.image_shape), '2 images')
-    export_onnx(weights, tmp_path / 'int8.onnx', Smaller(scans, int8=True))
+    export_onnx(weights, tmp_path / 'int8.onnx', Compression(scans, int8=True))
     with pytest.raises(ModelError, match='cannot be written'):
-        export_onnx(weights, tmp_path / 'absent' / 'int8.onnx', Smaller(scans, int8=True))
+        export_onnx(weights, tmp_path / 'absent' / 'int8.onnx', Compression(scans, int8=True))
     assert {path.name for path in tmp_path.iterdir()} == {'net.safetensors', 'int8.onnx', 'temporary'}
     assert list((tmp_path / 'temporary').iterdir()) == []
 
 
 def test_a_missing_runtime_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    there = importlib.util.find_spec
-    monkeypatch.setattr(importlib.util, 'find_spec', lambda name: None if name == 'onnxruntime' else there(name))
+    find_spec = importlib.util.find_spec
+    monkeypatch.setattr(importlib.util, 'find_spec', lambda name: None if name == 'onnxruntime' else find_spec(name))
     scans = CalibrationScans(images(1, (64, 32)), 'one image')
     with pytest.raises(ModelError, match='needs the Python package onnxruntime, which is not installed'):
-        export_onnx(tmp_path / 'net.safetensors', tmp_path / 'int8.onnx', Smaller(scans, int8=True))
+        export_onnx(tmp_path / 'net.safetensors', tmp_path / 'int8.onnx', Compression(scans, int8=True))

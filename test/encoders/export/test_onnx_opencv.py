@@ -1,4 +1,4 @@
-"""Graphs that are rewritten for OpenCV 4.6 give the same bits in ONNX Runtime, and hold nothing that it lacks."""
+"""Graphs that are rewritten for OpenCV 4.6 give the same bits in ONNX Runtime, and have only its operators."""
 
 from __future__ import annotations
 
@@ -67,15 +67,15 @@ def test_a_rewritten_operator_gives_the_same_bits(nodes: list[onnx.NodeProto]) -
     np.testing.assert_array_equal(run(model, x), before)
 
 
-def test_other_nodes_stay() -> None:
+def test_other_nodes_do_not_change() -> None:
     nodes = [helper.make_node('Sub', ['x', 'x'], ['z']), helper.make_node('Relu', ['z'], ['y'])]
     model = graph(*nodes)
     rewrite_for_opencv(model)
     assert list(model.graph.node) == nodes
 
 
-def test_the_graph_that_ships_holds_nothing_that_opencv_4_6_lacks() -> None:
-    """Where OpenCV itself is newer, this is what keeps the old one in: see the rewritings."""
+def test_the_graph_of_the_package_has_only_operators_of_opencv_4_6() -> None:
+    """For machines with a newer OpenCV, on which the graph would run in any case."""
     model = onnx.load(find_weights('compact', ('.onnx',)))
     constants = {node.output[0] for node in model.graph.node if node.op_type == 'Constant'}
     values = {n.output[0]: numpy_helper.to_array(n.attribute[0].t) for n in model.graph.node if n.op_type == 'Constant'}

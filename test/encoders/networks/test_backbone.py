@@ -1,4 +1,4 @@
-"""The compact backbone: what goes round, what no turn changes, and what it is by slow loops."""
+"""The compact backbone: circular padding, rotation invariance, and the whole against loops."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from radar_images import speckle
 
 pytest.importorskip('torch')
 
@@ -30,28 +31,23 @@ from offradar_ros.types import PolarScan
 UNCHANGED = 1e-5
 
 
-def images(count: int, shape: tuple[int, int]) -> np.ndarray:
-    speckle = np.random.default_rng(4).gamma(1.5, 20.0, (count, *shape))
-    return np.minimum(speckle, 255).astype(np.uint8)
-
-
 def trained_a_little(network: Network, shape: tuple[int, int]) -> Network:
-    """With batch statistics that are not those of the start."""
-    network.train()(torch.from_numpy(images(8, shape)))
+    """The network with batch statistics that differ from the initial ones."""
+    network.train()(torch.from_numpy(speckle(8, shape)))
     return network.eval()
 
 
 @pytest.mark.parametrize('azimuths, frequencies', [(25, 8), (25, 13), (8, 5), (8, 3), (1, 1), (2, 2), (7, 4)])
-def test_spectrum_is_that_of_a_fourier_transform(azimuths: int, frequencies: int) -> None:
+def test_spectrum_equals_that_of_a_fourier_transform(azimuths: int, frequencies: int) -> None:
     features = np.random.default_rng(0).normal(size=(2, 3, azimuths, 5)).astype(np.float32)
     found = AzimuthSpectrum(azimuths, frequencies)(torch.from_numpy(features))
     expected = np.abs(np.fft.rfft(features.astype(np.float64), axis=2))[:, :, :frequencies] / azimuths
     assert found.shape == (2, 3, frequencies, 5)
-    # Amplitude a is found as the root of a² + 1e-10.
+    # The amplitude is computed as the root of a² + 1e-10.
     np.testing.assert_allclose(found, expected, rtol=1e-4, atol=2e-5)
 
 
-def test_spectrum_is_the_same_from_wherever_the_rows_begin() -> None:
+def test_spectrum_does_not_depend_on_the_first_row() -> None:
     features = torch.randn((1, 4, 25, 6), generator=torch.Generator().manual_seed(0))
     spectrum = AzimuthSpectrum(25, 8)
     for rows in range(1, 25):
@@ -59,7 +55,7 @@ def test_spectrum_is_the_same_from_wherever_the_rows_begin() -> None:
 
 
 @pytest.mark.parametrize('kind', [None, torch.bfloat16, torch.float16])
-def test_spectrum_of_nothing_has_a_slope_in_any_precision(kind: torch.dtype | None) -> None:
+def test_spectrum_of_zeros_has_a_finite_gradient_in_any_precision(kind: torch.dtype | None) -> None:
     features = torch.zeros((1, 2, 16, 3), dtype=kind or torch.float32, requires_grad=True)
     with torch.autocast('cpu', dtype=kind, enabled=kind is not None):
         found = AzimuthSpectrum(16, 8)(features)
@@ -84,7 +80,7 @@ def test_feature_shapes(shape: tuple[int, int], expected: tuple[int, ...]) -> No
         assert trained_a_little(make_network(config), shape).features(torch.zeros(3, *shape)).shape == (3, *expected)
 
 
-def test_what_is_computed_once_is_not_among_the_weights() -> None:
+def test_computed_constants_are_not_part_of_the_weights() -> None:
     one, other = Compact((64, 32)), Compact((200, 128))
     shapes = {name: tensor.shape for name, tensor in one.state_dict().items()}
     assert shapes == {name: tensor.shape for name, tensor in other.state_dict().items()}
@@ -92,7 +88,7 @@ def test_what_is_computed_once_is_not_among_the_weights() -> None:
 
 
 def convolved(features: NDArray[np.float64], layer: Any, stride: int) -> NDArray[np.float64]:
-    """(C, A, R) → (C', A / stride, R / stride) by loops: rows go round, columns end in zeros."""
+    """(C, A, R) → (C', A / stride, R / stride) in loops: rows are padded circularly, columns with zeros."""
     kernel = layer.convolution.weight.detach().double().numpy()
     normalise = layer.normalise
     size = kernel.shape[2]
@@ -117,7 +113,7 @@ def test_the_whole_backbone_against_loops() -> None:
     network = make_network(NetworkConfig(backbone='compact', dimension=4, azimuths=16, range_bins=24))
     backbone = trained_a_little(network, (16, 24)).features.backbone
     assert isinstance(backbone, Compact)
-    image = images(1, (16, 24)) / 255.0
+    image = speckle(1, (16, 24)) / 255.0
     standardised = [
         [(image[0, a, r] - image[0, :, r].mean()) / (image[0, :, r].std() + 0.01) for r in range(24)] for a in range(16)
     ]
@@ -138,28 +134,28 @@ def test_the_whole_backbone_against_loops() -> None:
 
 
 @pytest.mark.parametrize('method', LEARNED)
-def test_no_turn_by_two_rows_changes_an_embedding(method: str, small_config: NetworkConfig) -> None:
+def test_a_turn_by_two_rows_does_not_change_an_embedding(method: str, small_config: NetworkConfig) -> None:
     torch.manual_seed(2)
     network = make_network(dataclasses.replace(small_config, method=method))
     trained_a_little(network, small_config.image_shape)
-    given = images(2, small_config.image_shape)
+    given = speckle(2, small_config.image_shape)
     with torch.no_grad():
         expected = network.embed(torch.from_numpy(given))
         for rows in range(2, 64, 10):
             found = network.embed(torch.from_numpy(np.roll(given, rows, axis=1)))
             for one, two in zip(found, expected, strict=True):
                 assert (one - two).abs().max() <= UNCHANGED * two.abs().max()
-        # The two images are two places: not everything is the same to it.
+        # Two images differ: the embedding is not constant.
         assert (expected[0][0] - expected[0][1]).abs().max() > 100 * UNCHANGED * expected[0].abs().max()
 
 
-def test_onnx_sees_no_turn_either(small_onnx: Path, street: PolarScan) -> None:
+def test_a_turn_does_not_change_an_embedding_in_onnx(small_onnx: Path, street: PolarScan) -> None:
     pytest.importorskip('onnxruntime')
     from offradar_ros.encoders.onnx_backend import OnnxEncoder  # noqa: PLC0415
 
     encoder = OnnxEncoder(small_onnx, threads=1)
     expected = encoder.encode(street)
-    # 64 rows of image see 400 of the scan: 50 of them are 8 rows.
+    # 400 rows of the scan are 64 of the image: 50 are 8 rows.
     for rows in (50, 150, 350):
         found = encoder.encode(spin(street, rows))
         assert np.abs(found.mean - expected.mean).max() <= UNCHANGED * np.abs(expected.mean).max()

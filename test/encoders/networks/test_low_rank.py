@@ -1,4 +1,4 @@
-"""Convolutions of low rank: exact where the responses are, and never dearer than what they replace."""
+"""Low-rank convolutions: exact for responses of low rank, and within the share of multiplications."""
 
 from __future__ import annotations
 
@@ -7,13 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from radar_images import speckle
 
 pytest.importorskip('torch')
 
 import torch
 
 from offradar_ros.encoders.export.calibration_scans import CalibrationScans
-from offradar_ros.encoders.export.onnx_export import Smaller, export_onnx
+from offradar_ros.encoders.export.onnx_export import Compression, export_onnx
 from offradar_ros.encoders.network_config import NetworkConfig
 from offradar_ros.encoders.networks.backbone import Vgg16
 from offradar_ros.encoders.networks.low_rank import factorise
@@ -23,11 +24,6 @@ from offradar_ros.encoders.onnx_backend import OnnxEncoder
 
 VGG16 = NetworkConfig(method='bc_radar', dimension=8, side_px=32)
 COMPACT = NetworkConfig(method='bc_radar', backbone='compact', dimension=8, azimuths=64, range_bins=32)
-
-
-def images(count: int, shape: tuple[int, int]) -> np.ndarray:
-    speckle = np.random.default_rng(9).gamma(1.5, 20.0, (count, *shape))
-    return np.minimum(speckle, 255).astype(np.uint8)
 
 
 def network_of(config: NetworkConfig, seed: int = 3) -> Network:
@@ -42,34 +38,34 @@ def vgg16_layers(network: Network) -> torch.nn.Sequential:
 
 
 def multiplications(network: Network, config: NetworkConfig) -> int:
-    """Of all convolutions for one image, counted while it goes through."""
-    spent: list[int] = []
+    """Multiplications of all convolutions for one image, counted in the forward pass."""
+    counts: list[int] = []
     hooks = [
         layer.register_forward_hook(
-            lambda layer, _, out: spent.append(out[0, 0].numel() * len(out) * layer.weight.numel())
+            lambda layer, _, out: counts.append(out[0, 0].numel() * len(out) * layer.weight.numel())
         )
         for layer in network.features.backbone.modules()
         if isinstance(layer, torch.nn.Conv2d)
     ]
     with torch.no_grad():
-        network.embed(torch.from_numpy(images(1, config.image_shape)))
+        network.embed(torch.from_numpy(speckle(1, config.image_shape)))
     for hook in hooks:
         hook.remove()
-    return sum(spent)
+    return sum(counts)
 
 
 @pytest.mark.parametrize('config', [VGG16, COMPACT], ids=['vgg16', 'compact'])
 @pytest.mark.parametrize('share', [0.9, 0.5, 0.2])
-def test_the_share_of_multiplications_is_kept(config: NetworkConfig, share: float) -> None:
+def test_the_share_of_multiplications_is_reached(config: NetworkConfig, share: float) -> None:
     network = network_of(config)
     before = multiplications(network, config)
-    factorise(network, images(6, config.image_shape), share)
+    factorise(network, speckle(6, config.image_shape), share)
     assert share - 0.05 < multiplications(network, config) / before <= share
 
 
 @pytest.mark.parametrize('config', [VGG16, COMPACT], ids=['vgg16', 'compact'])
-def test_more_multiplications_are_nearer_to_the_whole_network(config: NetworkConfig) -> None:
-    given = torch.from_numpy(images(6, config.image_shape))
+def test_more_multiplications_reduce_the_error(config: NetworkConfig) -> None:
+    given = torch.from_numpy(speckle(6, config.image_shape))
     whole = network_of(config).embed(given)[0]
     errors = []
     for share in (0.9, 0.6, 0.3):
@@ -79,7 +75,7 @@ def test_more_multiplications_are_nearer_to_the_whole_network(config: NetworkCon
     assert errors[0] < errors[1] < errors[2]
 
 
-def test_filters_that_repeat_each_other_are_spared_without_a_difference() -> None:
+def test_repeated_filters_are_removed_without_an_error() -> None:
     network = network_of(VGG16)
     with torch.no_grad():
         for layer in vgg16_layers(network):
@@ -88,36 +84,36 @@ def test_filters_that_repeat_each_other_are_spared_without_a_difference() -> Non
                 layer.weight.copy_(layer.weight[:kept].repeat(8, 1, 1, 1))
                 assert layer.bias is not None
                 layer.bias.normal_(std=0.1)
-    given = torch.from_numpy(images(6, VGG16.image_shape))
+    given = torch.from_numpy(speckle(6, VGG16.image_shape))
     before = network.embed(given)[0].detach()
     factorise(network, given.numpy(), 0.3)
     torch.testing.assert_close(network.embed(given)[0], before, rtol=1e-3, atol=1e-4)
 
 
-def test_a_dead_convolution_is_no_obstacle() -> None:
+def test_a_convolution_of_zeros() -> None:
     network = network_of(VGG16)
     dead = vgg16_layers(network)[10]
     assert isinstance(dead, torch.nn.Conv2d)
     assert dead.bias is not None
     torch.nn.init.zeros_(dead.weight)
     torch.nn.init.zeros_(dead.bias)
-    factorise(network, images(2, VGG16.image_shape), 0.5)
-    assert torch.isfinite(network.embed(torch.from_numpy(images(2, VGG16.image_shape)))[0]).all()
+    factorise(network, speckle(2, VGG16.image_shape), 0.5)
+    assert torch.isfinite(network.embed(torch.from_numpy(speckle(2, VGG16.image_shape)))[0]).all()
 
 
-def test_exported_it_is_a_model_of_its_own(save_random: Callable[[NetworkConfig], Path]) -> None:
+def test_an_export_is_another_model(save_random: Callable[[NetworkConfig], Path]) -> None:
     pytest.importorskip('onnx')
     config = NetworkConfig(dimension=8, side_px=32)
     weights = save_random(config)
-    given = images(4, config.image_shape)
+    given = speckle(4, config.image_shape)
     scans = CalibrationScans(given, '4 images')
     exported = weights.with_name('half.onnx')
     parent = export_onnx(weights, weights.with_name('whole.onnx'))
-    one = export_onnx(weights, exported, Smaller(scans, low_rank=0.5))
+    one = export_onnx(weights, exported, Compression(scans, low_rank=0.5))
     content = exported.read_bytes()
-    assert export_onnx(weights, exported, Smaller(scans, low_rank=0.5)) == one
+    assert export_onnx(weights, exported, Compression(scans, low_rank=0.5)) == one
     assert exported.read_bytes() == content
-    other = export_onnx(weights, weights.with_name('less.onnx'), Smaller(scans, low_rank=0.3))
+    other = export_onnx(weights, weights.with_name('less.onnx'), Compression(scans, low_rank=0.3))
     assert len({parent.fingerprint, one.fingerprint, other.fingerprint}) == 3
     assert f'low rank, 0.5 of {parent.fingerprint}, fitted to 4 images' in one.description
     found, expected = (OnnxEncoder(weights.with_name(f'{name}.onnx')).infer(given)[0] for name in ('half', 'whole'))

@@ -1,4 +1,4 @@
-"""Every learned method's network: what it promises of its descriptor and variance, and that runtimes agree on it."""
+"""The network of every learned method: descriptor, variance and agreement of the runtimes."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from radar_images import speckle
 
 pytest.importorskip('torch')
 pytest.importorskip('onnx')
@@ -36,13 +37,12 @@ def small(method: str) -> NetworkConfig:
     return NetworkConfig(method=method, backbone='compact', dimension=8, azimuths=64, range_bins=32, resolution_m=2.0)
 
 
-def images(count: int = 4, shape: tuple[int, int] = (64, 32)) -> np.ndarray:
-    speckle = np.random.default_rng(9).gamma(1.5, 20.0, (count, *shape))
-    return np.minimum(speckle, 255).astype(np.uint8)
+def images(count: int = 4, shape: tuple[int, int] = (64, 32)) -> NDArray[np.uint8]:
+    return speckle(count, shape)
 
 
 def network_of(method: str) -> Network:
-    """Random weights with batch statistics and variances that are not those of the start."""
+    """A network of random weights, with batch statistics and variances that differ from the initial ones."""
     torch.manual_seed(3)
     network = make_network(small(method))
     if isinstance(network, (VariationalNetwork, VaeNetwork, StunNetwork)):
@@ -58,7 +58,7 @@ def method(request: pytest.FixtureRequest) -> str:
     return name
 
 
-def test_embedding_is_deterministic_and_of_the_settings_dimension(method: str) -> None:
+def test_embedding_is_deterministic_and_has_the_configured_dimension(method: str) -> None:
     network = network_of(method)
     assert network.config == small(method)
     given = torch.from_numpy(images())
@@ -72,7 +72,7 @@ def test_embedding_is_deterministic_and_of_the_settings_dimension(method: str) -
         torch.testing.assert_close(whole[2:3], single, rtol=1e-4, atol=1e-6)
 
 
-def test_variance_differs_from_scan_to_scan_except_where_there_is_none(method: str) -> None:
+def test_variance_differs_between_scans_except_for_bc_radar(method: str) -> None:
     uncertainty = network_of(method).embed(torch.from_numpy(images()))[1].mean(dim=1)
     if method == 'bc_radar':
         assert torch.equal(uncertainty, torch.ones(4))
@@ -81,13 +81,13 @@ def test_variance_differs_from_scan_to_scan_except_where_there_is_none(method: s
 
 
 @pytest.mark.parametrize('method', ['variational', 'bc_radar', 'mc_dropout', 'stun'])
-def test_contrasted_descriptors_are_of_unit_length(method: str) -> None:
+def test_descriptors_of_contrastive_methods_are_l2_normalised(method: str) -> None:
     descriptor, _ = network_of(method).embed(torch.from_numpy(images()))
     torch.testing.assert_close(descriptor.norm(dim=1), torch.ones(4))
 
 
 @pytest.mark.parametrize('half', [False, True])
-def test_onnx_gives_what_torch_gives(tmp_path: Path, method: str, half: bool) -> None:
+def test_onnx_agrees_with_torch(tmp_path: Path, method: str, half: bool) -> None:
     weights, exported = tmp_path / 'net.safetensors', tmp_path / 'net.onnx'
     header = save_network(weights, network_of(method), half=half)
     assert export_onnx(weights, exported) == header
@@ -99,7 +99,7 @@ def test_onnx_gives_what_torch_gives(tmp_path: Path, method: str, half: bool) ->
         assert np.abs(found - expected).max() <= AGREEMENT * np.abs(expected).max()
 
 
-def test_half_precision_halves_both_files_and_changes_little(tmp_path: Path, method: str) -> None:
+def test_half_precision_halves_both_files_and_changes_outputs_little(tmp_path: Path, method: str) -> None:
     network, sizes, embedded = network_of(method), {}, {}
     for half in (False, True):
         weights, exported = tmp_path / f'{half}.safetensors', tmp_path / f'{half}.onnx'
@@ -116,7 +116,7 @@ def test_half_precision_halves_both_files_and_changes_little(tmp_path: Path, met
         torch.testing.assert_close(rounded, exact, rtol=0, atol=0.01 * float(exact.detach().abs().max()))
 
 
-def test_half_precision_onnx_computes_with_the_very_weights_of_the_file(tmp_path: Path) -> None:
+def test_half_precision_onnx_has_the_weights_of_the_file(tmp_path: Path) -> None:
     network = network_of('bc_radar')
     weights, exported = tmp_path / 'net.safetensors', tmp_path / 'net.onnx'
     save_network(weights, network, half=True)
@@ -128,7 +128,7 @@ def test_half_precision_onnx_computes_with_the_very_weights_of_the_file(tmp_path
             assert any(half.dtype == np.float16 and np.array_equal(half, kernel) for half in stored)
 
 
-def test_dropout_passes_against_a_loop_of_thinned_networks() -> None:
+def test_dropout_passes_against_a_loop_over_masks() -> None:
     network = network_of('mc_dropout')
     assert isinstance(network, McDropoutNetwork)
     given = torch.from_numpy(images())
@@ -144,11 +144,11 @@ def test_dropout_passes_against_a_loop_of_thinned_networks() -> None:
     torch.testing.assert_close(descriptor, mean / mean.norm(dim=1, keepdim=True), rtol=1e-4, atol=1e-5)
     expected = 8 * torch.stack([(vote - mean) ** 2 for vote in votes]).mean(dim=0)
     torch.testing.assert_close(variance, expected, rtol=1e-3, atol=1e-5)
-    # U = 1 − |z̄|², as the docstring says.
+    # U = 1 − |z̄|².
     torch.testing.assert_close(variance.mean(dim=1), 1 - mean.square().sum(dim=1), rtol=1e-4, atol=1e-5)
 
 
-def test_masks_are_fixed_and_thin_by_the_settings_probability() -> None:
+def test_masks_are_constant_and_have_the_configured_probability() -> None:
     one = make_network(dataclasses.replace(small('mc_dropout'), dropout=0.3))
     two = make_network(dataclasses.replace(small('mc_dropout'), dropout=0.3))
     assert isinstance(one, McDropoutNetwork)
@@ -166,13 +166,13 @@ def test_dropout_is_random_in_training_only() -> None:
     assert not torch.equal(network(given), network(given))
 
 
-def test_students_variance_is_between_1_and_e() -> None:
+def test_a_bounded_student_s_variance_is_between_1_and_e() -> None:
     _, variance = network_of('stun').embed(torch.from_numpy(images()))
     assert (variance > 1).all()
     assert (variance < np.e).all()
 
 
-def test_a_free_students_variance_is_not() -> None:
+def test_a_free_student_s_variance_is_clamped_at_exp_10() -> None:
     network = make_network(dataclasses.replace(small('stun'), student='free')).eval()
     assert isinstance(network, StunNetwork)
     torch.nn.init.zeros_(network.log_variance.weight)
@@ -182,14 +182,14 @@ def test_a_free_students_variance_is_not() -> None:
         np.testing.assert_allclose(variance.detach().numpy(), expected, rtol=1e-5)
 
 
-def test_auto_encoder_of_a_cartesian_image_rebuilds_it_averaged_over_4_pixels() -> None:
+def test_auto_encoder_reconstructs_a_cartesian_image_averaged_over_4_pixels() -> None:
     config = NetworkConfig(method='vae', backbone='vgg16', dimension=8, side_px=32)
     output = make_network(config).eval()(torch.from_numpy(images(shape=(32, 32))))
     assert output.target.shape == output.reconstruction.shape == (4, 1, 8, 8)
     np.testing.assert_allclose(output.target[:, 0], averaged_over_4(images(shape=(32, 32))), rtol=1e-5)
 
 
-def test_auto_encoder_of_a_polar_image_rebuilds_what_no_turn_of_it_changes() -> None:
+def test_auto_encoder_reconstructs_rotation_invariant_amplitudes_of_a_polar_image() -> None:
     network, given = network_of('vae'), images()
     output = network(torch.from_numpy(given))
     assert output.target.shape == output.reconstruction.shape == (4, 1, 9, 8)

@@ -1,4 +1,4 @@
-"""ResNet-50 as He et al. and torchvision have it, and STUN's pooling."""
+"""ResNet-50 as in He et al. and torchvision, and the pooling of STUN."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from radar_images import speckle
 
 pytest.importorskip('torch')
 
@@ -25,12 +26,7 @@ from offradar_ros.encoders.torch_backend import TorchEncoder
 STUN = NetworkConfig(method='stun', backbone='resnet50', dimension=16, side_px=64)
 
 
-def images(count: int, side_px: int) -> np.ndarray:
-    speckle = np.random.default_rng(4).gamma(1.5, 20.0, (count, side_px, side_px))
-    return np.minimum(speckle, 255).astype(np.uint8)
-
-
-def test_weights_are_named_and_as_many_as_torchvisions() -> None:
+def test_names_and_number_of_weights_are_those_of_torchvision() -> None:
     shapes = {name: tuple(tensor.shape) for name, tensor in Resnet50(64).state_dict().items()}
     parameters = sum(np.prod(shape) for name, shape in shapes.items() if name.split('.')[-1] in ('weight', 'bias'))
     # 25,557,032 with the classifier's 2048 × 1000 + 1000.
@@ -53,7 +49,7 @@ def test_feature_shapes(side_px: int) -> None:
         assert backbone(torch.rand(2, 1, side_px, side_px)).shape == (2, *backbone.shape)
 
 
-def test_a_block_adds_what_it_is_given() -> None:
+def test_a_block_adds_its_input() -> None:
     block = Bottleneck(256, 64, 1).eval()
     torch.nn.init.zeros_(block.bn3.weight)
     given = torch.randn((1, 256, 5, 7), generator=torch.Generator().manual_seed(0))
@@ -62,7 +58,7 @@ def test_a_block_adds_what_it_is_given() -> None:
     assert halved(given).shape == (1, 512, 3, 4)
 
 
-def test_generalised_mean_lies_between_mean_and_maximum_as_its_power_says() -> None:
+def test_generalised_mean_of_several_powers() -> None:
     features = np.random.default_rng(1).gamma(1.0, 1.0, (2, 3, 4, 5)).astype(np.float32)
     pool = GeneralisedMean()
     for power in (1.0, 3.0, 40.0):
@@ -75,27 +71,27 @@ def test_generalised_mean_lies_between_mean_and_maximum_as_its_power_says() -> N
 
 
 @pytest.mark.parametrize('method', ['stun', 'bc_radar', 'mc_dropout'])
-def test_stun_and_its_kin_see_pooled_features(method: str) -> None:
+def test_stun_bc_radar_and_mc_dropout_have_pooled_features(method: str) -> None:
     for side_px in (32, 64):
         network = make_network(dataclasses.replace(STUN, method=method, side_px=side_px))
         assert isinstance(network, (StunNetwork, BcRadarNetwork, McDropoutNetwork))
         assert network.features.flat == network.head.in_features == 2048
         network.eval()
         with torch.no_grad():
-            mean, variance = network.embed(torch.from_numpy(images(2, side_px)))
+            mean, variance = network.embed(torch.from_numpy(speckle(2, (side_px, side_px))))
         assert mean.shape == variance.shape == (2, 16)
 
 
 @pytest.mark.parametrize('method', ['variational', 'vae'])
-def test_methods_that_rebuild_see_the_whole_map(method: str) -> None:
+def test_methods_with_a_decoder_have_the_full_feature_map(method: str) -> None:
     network = make_network(dataclasses.replace(STUN, method=method))
     assert network.features.shape == (2048, 2, 2)
     assert network.features.pool is None
 
 
-def test_its_power_is_trained_and_saved(tmp_path: Path) -> None:
+def test_the_power_of_the_pooling_is_trained_and_saved(tmp_path: Path) -> None:
     network = make_network(STUN)
-    network(torch.from_numpy(images(2, 64)))[0].sum().backward()
+    network(torch.from_numpy(speckle(2, (64, 64))))[0].sum().backward()
     pool = network.features.pool
     assert pool is not None
     assert pool.power.grad is not None
@@ -104,5 +100,5 @@ def test_its_power_is_trained_and_saved(tmp_path: Path) -> None:
     save_network(tmp_path / 'two.safetensors', network.eval())
     torch.nn.init.constant_(pool.power, 5.0)
     save_network(tmp_path / 'five.safetensors', network)
-    found = [TorchEncoder(tmp_path / f'{name}.safetensors').infer(images(1, 64))[0] for name in ('two', 'five')]
+    found = [TorchEncoder(tmp_path / f'{name}.safetensors').infer(speckle(1, (64, 64)))[0] for name in ('two', 'five')]
     assert np.abs(found[0] - found[1]).max() > 1e-4

@@ -39,7 +39,7 @@ def test_vgg16_is_configuration_d() -> None:
     assert len(convolutions) == 13
     assert sum(isinstance(layer, torch.nn.MaxPool2d) for layer in backbone.modules()) == 5
     assert sum(p.numel() for p in backbone.parameters()) == 14_714_688  # the published count
-    # Where torchvision's weights put its first and last convolution.
+    # Names of the first and last convolution in torchvision's weights.
     assert {'features.0.weight', 'features.28.bias'} <= backbone.state_dict().keys()
     assert len(backbone.state_dict()) == 26
 
@@ -53,7 +53,7 @@ def test_shapes(backbone: str, shape: tuple[int, ...]) -> None:
     assert out.features.shape == out.reconstruction.shape == (2, *shape)
 
 
-def test_the_papers_feature_map() -> None:
+def test_the_feature_map_of_the_paper() -> None:
     assert make_backbone(NetworkConfig()).shape == (512, 8, 8)
 
 
@@ -69,7 +69,7 @@ def test_training_samples_around_the_posterior_mean(network: VariationalNetwork)
     np.testing.assert_allclose(z.std(0), torch.exp(0.5 * log_variance)[0], rtol=0.15)
 
 
-def test_evaluation_samples_nothing(network: VariationalNetwork) -> None:
+def test_evaluation_does_not_sample(network: VariationalNetwork) -> None:
     with torch.no_grad():
         first, second = network(images(3)), network(images(3))
     assert torch.equal(first.z, second.z)
@@ -77,7 +77,7 @@ def test_evaluation_samples_nothing(network: VariationalNetwork) -> None:
 
 
 @pytest.mark.parametrize('descriptor', ['z_i', 'z_i_plus_mu'])
-def test_embedding_is_the_chosen_descriptor_and_the_posterior_variance(descriptor: str) -> None:
+def test_embedding_is_the_configured_descriptor_and_the_posterior_variance(descriptor: str) -> None:
     torch.manual_seed(0)
     network = VariationalNetwork(dataclasses.replace(SMALL, descriptor=descriptor)).eval()
     with torch.no_grad():
@@ -102,7 +102,7 @@ def test_variance_stays_finite_and_positive(network: VariationalNetwork, bias: f
     np.testing.assert_allclose(variance, expected, rtol=1e-5)
 
 
-def test_reconstruction_trains_everything_through_z_but_not_its_target(network: VariationalNetwork) -> None:
+def test_reconstruction_has_gradients_in_all_parts_but_not_in_its_target(network: VariationalNetwork) -> None:
     out = network.train()(images(2))
     assert not out.features.requires_grad
     (out.reconstruction - out.features).pow(2).mean().backward()
@@ -133,13 +133,13 @@ def test_half_precision_weights_run_in_single_precision(tmp_path: Path, network:
     np.testing.assert_allclose(mean, expected, atol=1e-2 * float(expected.abs().max()))
 
 
-def test_tensors_that_do_not_fit_are_named(tmp_path: Path, network: VariationalNetwork) -> None:
+def test_tensors_that_do_not_match_are_named(tmp_path: Path, network: VariationalNetwork) -> None:
     save_network(tmp_path / 'net.safetensors', network)
     _, tensors = load_weights(tmp_path / 'net.safetensors')
     cases = {
         'tensor mu.bias is missing': {name: t for name, t in tensors.items() if name != 'mu.bias'},
         'tensor mu.bias: expected shape (8,), got (3,)': {**tensors, 'mu.bias': np.zeros(3, np.float32)},
-        'tensor extra is of no compact variational network': {**tensors, 'extra': np.zeros(3, np.float32)},
+        'tensor extra is not part of a compact variational network': {**tensors, 'extra': np.zeros(3, np.float32)},
     }
     for expected, changed in cases.items():
         path = tmp_path / 'changed.safetensors'
