@@ -6,7 +6,6 @@ Each field carries its description, unit and bounds. `load_config` reads the YAM
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import math
 from collections.abc import Iterator, Mapping
@@ -379,17 +378,6 @@ def load_config(path: str | Path | None = None, overrides: Mapping[str, Any] | N
     return replace_values(config, overrides or {})
 
 
-def require_writable(path: str | Path) -> None:
-    """ConfigError if a parameter file cannot be written at `path`; an existing file is not changed."""
-    path = Path(path)
-    with _reporting_write_errors(path):
-        existed = path.exists()
-        with path.open('ab'):
-            pass
-        if not existed:
-            path.unlink()
-
-
 def write_parameters(path: str | Path, values: Mapping[str, Value], comment: str = '') -> None:
     """Write dotted names as a ROS parameter file for every node (``/**``); ConfigError if it cannot be written."""
     tree: dict[str, Any] = {}
@@ -401,13 +389,7 @@ def write_parameters(path: str | Path, values: Mapping[str, Value], comment: str
         branch[leaf] = value
     text = to_yaml({'/**': {'ros__parameters': tree}})
     header = ''.join(f'# {line}\n' for line in comment.splitlines())
-    with _reporting_write_errors(path):
-        Path(path).write_text(header + text, encoding='utf-8')
-
-
-@contextlib.contextmanager
-def _reporting_write_errors(path: str | Path) -> Iterator[None]:
     try:
-        yield
+        Path(path).write_text(header + text, encoding='utf-8')
     except OSError as error:
         raise ConfigError(f'{path}: the parameter file cannot be written ({error.strerror})') from error

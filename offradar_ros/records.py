@@ -106,6 +106,18 @@ def write_record(path: str | Path, record: Any) -> None:
         raise ConfigError(f'{path}: cannot be written ({error.strerror})') from error
 
 
+def require_writable(path: Path) -> None:
+    """ConfigError if no file can be written at `path`; an existing file is not changed."""
+    existed = path.exists()
+    try:
+        with path.open('ab'):
+            pass
+        if not existed:
+            path.unlink()
+    except OSError as error:
+        raise ConfigError(f'{path}: cannot be written ({error.strerror})') from error
+
+
 def read_tree(path: str | Path) -> Any:
     """The content of a YAML or JSON file, as plain types; ConfigError if it cannot be read."""
     is_json = Path(path).suffix == '.json'

@@ -17,7 +17,6 @@ from offradar_ros.config import (
     parameters,
     read_parameters,
     replace_values,
-    require_writable,
     write_parameters,
 )
 from offradar_ros.errors import ConfigError
@@ -173,18 +172,6 @@ def test_node_parameters_in_a_file_are_not_part_of_the_configuration(tmp_path: P
     assert (read['use_sim_time'], read['qos_overrides./gps/fix.subscription.depth']) == (True, 3)
     write_parameters(tmp_path / 'again.yaml', read)
     assert read_parameters(tmp_path / 'again.yaml') == read
-
-
-def test_require_writable_changes_nothing(tmp_path: Path) -> None:
-    path = tmp_path / 'params.yaml'
-    require_writable(path)
-    assert not path.exists()
-    path.write_text('map: {replace: all}')
-    require_writable(path)
-    assert path.read_text() == 'map: {replace: all}'
-    for wrong in (tmp_path, tmp_path / 'no' / 'params.yaml', path / 'params.yaml'):
-        with pytest.raises(ConfigError, match='the parameter file cannot be written'):
-            require_writable(wrong)
 
 
 @settings(max_examples=150, deadline=None)

@@ -19,6 +19,7 @@ from offradar_ros.records import (
     parse_yaml,
     read_record,
     replace,
+    require_writable,
     structure,
     to_json,
     to_yaml,
@@ -225,3 +226,15 @@ def test_measures_that_are_nan_are_null() -> None:
         structure(Figures, tree | {'mean': True})
     with pytest.raises(ConfigError, match='key length_m: expected a finite number, got None'):
         structure(Street, {'name': 'a', 'length_m': None})
+
+
+def test_require_writable_changes_nothing(tmp_path: Path) -> None:
+    path = tmp_path / 'params.yaml'
+    require_writable(path)
+    assert not path.exists()
+    path.write_text('map: {replace: all}')
+    require_writable(path)
+    assert path.read_text() == 'map: {replace: all}'
+    for wrong in (tmp_path, tmp_path / 'no' / 'params.yaml', path / 'params.yaml'):
+        with pytest.raises(ConfigError, match='cannot be written'):
+            require_writable(wrong)

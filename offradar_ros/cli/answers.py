@@ -1,4 +1,4 @@
-"""A drive's answers as a table of a row a scan, and how many of them were right."""
+"""Answers of a drive as a CSV file with a row for each scan, and their Recall@1."""
 
 import csv
 import math
@@ -16,22 +16,10 @@ COLUMNS = ('stamp_ns', 'answer', 'reason', 'uncertainty', 'threshold', 'place_id
 TRUTH_COLUMNS = ('true_x_m', 'true_y_m', 'error_m')
 
 
-def require_writable(path: Path) -> None:
-    """DataError where no file can be written at `path`; what is there stays as it is."""
-    existed = path.exists()
-    try:
-        with path.open('ab'):
-            pass
-        if not existed:
-            path.unlink()
-    except OSError as error:
-        raise DataError(f'{path}: cannot be written ({error.strerror})') from error
-
-
 def write_answers(
     path: Path, outcomes: Sequence[Outcome], positions: NDArray[np.float64], errors: NDArray[np.float64]
 ) -> None:
-    """CSV with the best candidate, returned or withheld, of each outcome; what is unknown is left empty.
+    """CSV with the best candidate, returned or withheld, of each outcome; unknown values are empty.
 
     `positions` (N, 2) and `errors` (N,) as `offradar_ros.recordings.truth` has them, metres in the ``map`` frame.
     """
@@ -65,7 +53,7 @@ def _known(value: float) -> object:
 
 
 def recall_line(outcomes: Sequence[Outcome], errors: NDArray[np.float64]) -> str:
-    """Recall@1 over all scans of known position and over the matches among them; empty where nothing can be said."""
+    """Recall@1 over all scans of known position and over the matches among them; empty without a finite error."""
     known = ~np.isnan(errors)
     if not np.isfinite(errors).any():
         return ''

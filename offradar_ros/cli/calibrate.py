@@ -14,21 +14,20 @@ from offradar_ros.calibration.parameters import Calibration
 from offradar_ros.calibration.reliability import draw_reliability
 from offradar_ros.calibration.road import ErrorLimit, calibrate_road
 from offradar_ros.calibration.threshold_choice import ThresholdChoice
-from offradar_ros.cli.answers import require_writable as require_file
-from offradar_ros.cli.need import pip_hint
+from offradar_ros.cli.install_hints import pip_hint
 from offradar_ros.cli.progress import progress_bar
 from offradar_ros.config import (
     Config,
     load_config,
     parameters,
     read_parameters,
-    require_writable,
     write_parameters,
 )
 from offradar_ros.errors import ConfigError
 from offradar_ros.recordings.road import open_road
 from offradar_ros.recordings.source import LAYOUT_HELP, open_source
 from offradar_ros.recordings.spacing import MAP_SPACING_M
+from offradar_ros.records import require_writable
 
 LEVELS = 20
 REJECT_AT_MOST, ERROR_RATE, CONFIDENCE = 0.01, 0.05, 0.95
@@ -109,7 +108,7 @@ def calibrate(
     else:
         require_writable(out)
         if plot is not None:
-            require_file(plot)
+            require_writable(plot)
         limit = ErrorLimit(error_rate or ERROR_RATE, confidence or CONFIDENCE)
         calibration, choice = _over_road(sources, layout, config, limit, spacing_m)
         if plot is not None:

@@ -1,4 +1,4 @@
-"""`offradar check`: what a data-set folder or a bag holds."""
+"""`offradar check`: the contents of a data-set folder or a bag, and every problem."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -7,7 +7,7 @@ from typing import Annotated, Optional
 import typer
 from rich.console import Console
 
-from offradar_ros.cli.check_set import HowToCheck, Section, check_set
+from offradar_ros.cli.check_set import CheckOptions, Section, check_set
 from offradar_ros.cli.progress import progress_bar
 from offradar_ros.config import load_config
 from offradar_ros.errors import ConfigError
@@ -31,23 +31,23 @@ def check(
         int, typer.Option(min=0, help='Decode this many scans of each sequence, evenly spread; 0 decodes all.')
     ] = 0,
     split: Annotated[
-        str, typer.Option(help='Of a folder of several: a split, oxford, mulran or a YAML file, to hold it against.')
+        str, typer.Option(help='Of a folder of several: a split to compare it with, oxford, mulran or a YAML file.')
     ] = '',
     processes: Annotated[
         int, typer.Option(min=0, max=256, help='Processes for a folder of several; 0 for one a core.')
     ] = 0,
 ) -> None:
-    """Say what is there and everything that is wrong with it; exit status 1 if anything is."""
+    """Print the contents and every problem; exit status 1 if there is a problem."""
     config = load_config(params)
-    divided = read_split(split) if split else None
+    split_record = read_split(split) if split else None
     inside = recordings_in(folder, layout)
     console = Console(soft_wrap=True)
-    if len(inside) > 1 or (inside and divided):
-        how = HowToCheck(layout, config.radar, config.position, sample)
-        _print_all(console, check_set(folder, inside, how, divided, processes))
+    if len(inside) > 1 or (inside and split_record):
+        options = CheckOptions(layout, config.radar, config.position, sample)
+        _print_all(console, check_set(folder, inside, options, split_record, processes))
         return
     require_recording(folder, layout)
-    if divided:
+    if split_record:
         raise ConfigError(f'--split: expected a folder of sequences, got {folder}, which is one')
     with progress_bar(f'checking {folder.name}') as progress:
         found = check_recording(

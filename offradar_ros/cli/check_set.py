@@ -1,9 +1,9 @@
-"""What a folder of several sequences holds: each of them, and all of them together."""
+"""Check of a folder of several sequences: each of them, and all of them together."""
 
 from pathlib import Path
 from typing import NamedTuple, Optional
 
-from offradar_ros.cli.joint_progress import Shares, joint_progress, telling
+from offradar_ros.cli.joint_progress import Shares, joint_progress, share_reporter
 from offradar_ros.cli.progress import progress_bar
 from offradar_ros.config import PositionConfig, RadarConfig
 from offradar_ros.errors import OffradarError
@@ -20,8 +20,8 @@ Section = tuple[str, tuple[Finding, ...]]
 """A heading and what was found under it."""
 
 
-class HowToCheck(NamedTuple):
-    """Attributes: what applies to each sequence: options of `offradar check`."""
+class CheckOptions(NamedTuple):
+    """Options of `offradar check` that apply to each sequence."""
 
     layout: str
     radar: RadarConfig
@@ -32,7 +32,7 @@ class HowToCheck(NamedTuple):
 def check_set(
     root: Path,
     sequences: list[Path],
-    how: HowToCheck,
+    options: CheckOptions,
     split: Optional[Split],
     processes: int,
 ) -> list[Section]:
@@ -41,27 +41,32 @@ def check_set(
         progress_bar(f'checking {root.name}') as progress,
         joint_progress(progress, len(sequences)) as shares,
     ):
-        checked = parallel_map(_checked, [(folder, how, shares) for folder in sequences], processes)
+        checked = parallel_map(_checked, [(folder, options, shares) for folder in sequences], processes)
     sections = [(folder.name, found.findings) for folder, (found, _) in zip(sequences, checked, strict=True)]
     places = [where for _, where in checked]
-    passed_over = [folder.name for folder in folders_in(root) if folder not in sequences]
-    across = [note(f'no radar scans recognised in {", ".join(passed_over)}')] if passed_over else []
+    ignored = [folder.name for folder in folders_in(root) if folder not in sequences]
+    across = [note(f'no radar scans recognised in {", ".join(ignored)}')] if ignored else []
     sections.append((f'all {len(sequences)} sequences', (*across, *check_alignment(places))))
     if split is not None:
         sections.append((f'split {split.name}', tuple(check_split(split, places))))
     return sections
 
 
-def _checked(path: Path, how: HowToCheck, shares: Shares) -> tuple[Findings, ScanPositions]:
-    """One sequence; that it cannot be opened is a finding."""
+def _checked(path: Path, options: CheckOptions, shares: Shares) -> tuple[Findings, ScanPositions]:
+    """Check one sequence; if it cannot be opened, that is a finding."""
     try:
         found = check_recording(
-            path, how.layout, radar=how.radar, position=how.position, sample=how.sample, progress=telling(shares)
+            path,
+            options.layout,
+            radar=options.radar,
+            position=options.position,
+            sample=options.sample,
+            progress=share_reporter(shares),
         )
     except OffradarError as error:
         return Findings(path, '', (problem(str(error)),)), no_positions(path.name)
     try:
-        sequence = open_source(path, how.layout, how.radar)
+        sequence = open_source(path, options.layout, options.radar)
     except OffradarError:
         return found, no_positions(path.name)
-    return found, scan_positions(path.name, sequence, how.position.max_gap_s)
+    return found, scan_positions(path.name, sequence, options.position.max_gap_s)

@@ -1,4 +1,4 @@
-"""One recording to a rosbag2 folder, and what there is to tell about it."""
+"""Conversion of one recording to a rosbag2 folder, and its report."""
 
 import dataclasses
 from pathlib import Path
@@ -16,22 +16,23 @@ from offradar_ros.sequence import RadarSequence
 
 
 class Conversion(NamedTuple):
-    """Attributes: what was written of a sequence.
+    """Report of a conversion.
 
-    scans: how many the sequence has.
-    skipped: why each scan that cannot be read was left out.
-    lack: which scans have no position and why; empty where none lacks one.
+    Attributes:
+        scans: number of scans of the sequence.
+        skipped: for each scan that was left out, why it cannot be read.
+        position_problem: how many scans have no position, and why; empty if every scan has one.
     """
 
     scans: int
     skipped: list[str]
-    lack: str
+    position_problem: str
 
 
 def convert_sequence(
     sequence: RadarSequence, out: Path, options: BagOptions, skip_unreadable: bool, progress: Optional[Progress] = None
 ) -> Conversion:
-    """Write the bag `out`; DataError where that cannot be done, or a scan cannot be read and those are not skipped."""
+    """Write the bag `out`; DataError where it cannot be written, or a scan cannot be read and is not to be skipped."""
     skipped: dict[int, OffradarError] = {}
 
     def skip(index: int, error: OffradarError) -> None:
@@ -41,12 +42,12 @@ def convert_sequence(
 
     write_bag(sequence, out, options, progress, skip)
     written_ns = np.delete(sequence.stamps_ns, list(skipped))
-    lack = _lack_of_positions(sequence, written_ns, options.position_offset_ns)
-    return Conversion(len(sequence), list(map(str, skipped.values())), lack)
+    position_problem = _position_problem(sequence, written_ns, options.position_offset_ns)
+    return Conversion(len(sequence), list(map(str, skipped.values())), position_problem)
 
 
-def _lack_of_positions(sequence: RadarSequence, scans_ns: NDArray[np.int64], offset_ns: int) -> str:
-    """In the words of `offradar check`."""
+def _position_problem(sequence: RadarSequence, scans_ns: NDArray[np.int64], offset_ns: int) -> str:
+    """The problem that `offradar check` would report; empty if there is none."""
     trajectory = sequence.trajectory
     if trajectory is None:
         return 'no positions: the source has none; this bag can be queried with, not mapped'

@@ -1,4 +1,4 @@
-"""`offradar convert`: a data-set folder to a rosbag2 folder, or a folder of several to one of each."""
+"""`offradar convert`: a data-set folder to a rosbag2 folder, or each of several to its own."""
 
 from pathlib import Path
 from typing import Annotated
@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from offradar_ros.cli.conversion import Conversion, convert_sequence
-from offradar_ros.cli.convert_set import HowToConvert, convert_set
+from offradar_ros.cli.convert_set import ConvertOptions, convert_set
 from offradar_ros.cli.progress import progress_bar
 from offradar_ros.config import RadarConfig
 from offradar_ros.errors import ConfigError
@@ -20,7 +20,7 @@ from offradar_ros.recordings.source import LAYOUT_HELP, open_source, recordings_
 def convert(
     source: Annotated[Path, typer.Argument(help='Data-set folder (or another bag), or a folder of several.')],
     out: Annotated[
-        Path, typer.Argument(help='rosbag2 folder to write; of several, the folder in which each gets its own.')
+        Path, typer.Argument(help='rosbag2 folder to write; for several, the folder that will hold one for each.')
     ],
     layout: Annotated[str, typer.Option(help=LAYOUT_HELP)] = 'auto',
     plain: Annotated[
@@ -32,7 +32,8 @@ def convert(
     overwrite: Annotated[
         bool,
         typer.Option(
-            '--overwrite', help='Replace existing bags; else one is an error, and of several those there are left.'
+            '--overwrite',
+            help='Replace existing bags; else one is an error, and among several it is kept.',
         ),
     ] = False,
     skip_unreadable: Annotated[
@@ -50,7 +51,7 @@ def convert(
     options = BagOptions(plain=plain, position_offset_ns=round(position_offset_s * 1e9), overwrite=overwrite)
     inside = recordings_in(source, layout)
     if len(inside) > 1:
-        _convert_several(source, inside, out, HowToConvert(layout, options, skip_unreadable), processes)
+        _convert_several(source, inside, out, ConvertOptions(layout, options, skip_unreadable), processes)
         return
     sequence = open_source(source, layout, RadarConfig())
     existed = out.exists()
@@ -59,21 +60,21 @@ def convert(
     with Bag(out) as bag:
         for topic, count in bag.counts.items():
             typer.echo(f'{topic}: {counted(count, "message")}')
-    _tell(made)
+    _report(made)
     typer.echo(f'{out}: {"replaced" if existed else "written"}')
 
 
-def _convert_several(root: Path, sources: list[Path], out: Path, how: HowToConvert, processes: int) -> None:
+def _convert_several(root: Path, sources: list[Path], out: Path, options: ConvertOptions, processes: int) -> None:
     if out.resolve() == root.resolve():
         raise ConfigError(f'{out}: expected another folder than the one that holds the sequences')
     with progress_bar(f'converting {root.name}') as progress:
-        outcomes = convert_set(sources, out, how, processes, progress)
+        outcomes = convert_set(sources, out, options, processes, progress)
     for path, outcome in outcomes.items():
         if outcome is None:
             typer.echo(f'{path}: there already')
         elif isinstance(outcome, Conversion):
             typer.echo(f'{path}: written, {counted(outcome.scans - len(outcome.skipped), "scan")}')
-            _tell(outcome)
+            _report(outcome)
     failures = [f'{path}: {outcome}' for path, outcome in outcomes.items() if isinstance(outcome, str)]
     for failure in failures:
         typer.echo(f'error: {failure}', err=True)
@@ -82,10 +83,10 @@ def _convert_several(root: Path, sources: list[Path], out: Path, how: HowToConve
         raise typer.Exit(1)
 
 
-def _tell(made: Conversion) -> None:
+def _report(made: Conversion) -> None:
     if made.skipped:
         typer.echo(f'skipped {len(made.skipped)} of {counted(made.scans, "scan")} that cannot be read:')
         for error in made.skipped:
             typer.echo(f'  {error}')
-    if made.lack:
-        typer.echo(f'warning: {made.lack}')
+    if made.position_problem:
+        typer.echo(f'warning: {made.position_problem}')

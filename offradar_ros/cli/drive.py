@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
-from offradar_ros.cli.answers import recall_line, require_writable, write_answers
+from offradar_ros.cli.answers import recall_line, write_answers
 from offradar_ros.cli.interrupt import held_interrupt
 from offradar_ros.cli.progress import progress_bar
 from offradar_ros.config import Config, load_config
@@ -29,6 +29,7 @@ from offradar_ros.recordings.datasets.check.findings import counted
 from offradar_ros.recordings.drive import DriveResult
 from offradar_ros.recordings.drive import drive as drive_through
 from offradar_ros.recordings.truth import errors_m, true_positions
+from offradar_ros.records import require_writable
 from offradar_ros.types import Match, PlaceTable
 
 INTERRUPTED = 130
@@ -39,11 +40,12 @@ def drive(
     params: Annotated[Optional[Path], typer.Option(help='Parameter file, as the nodes read it.')] = None,
     map_path: Annotated[Optional[Path], typer.Option('--map', help='SQLite map file; in memory if left out.')] = None,
     session: Annotated[Optional[str], typer.Option(help='Map the drive as a session of this name.')] = None,
-    out: Annotated[Optional[Path], typer.Option(help='CSV file for the answers, a row a scan.')] = None,
+    out: Annotated[Optional[Path], typer.Option(help='CSV file for the answers, a row for each scan.')] = None,
 ) -> None:
     """Encode, map and query every scan of a bag, exactly as the nodes do.
 
-    Without --session the map is only read, also while a map server writes it. Ctrl-C ends a session and keeps it.
+    Without --session the map is only read, which is possible while a map server writes it. Ctrl-C ends a session and
+    keeps it.
     """
     config = load_config(params, {'map.path': str(map_path)} if map_path else None)
     if out:

@@ -1,11 +1,11 @@
-"""`offradar export`: trained weights as the vehicle wants them."""
+"""`offradar export`: trained weights in the formats that a vehicle uses."""
 
 from pathlib import Path
-from typing import Annotated, List, Optional  # noqa: UP035
+from typing import Annotated, Optional
 
 import typer
 
-from offradar_ros.cli.need import pip_hint
+from offradar_ros.cli.install_hints import pip_hint
 from offradar_ros.cli.progress import progress_bar
 from offradar_ros.config import RadarConfig
 from offradar_ros.encoders.export.calibration_scans import SCANS, calibration_scans
@@ -35,7 +35,7 @@ def export(
         typer.Option(min=0.05, max=1.0, help="ONNX that keeps this share of the convolutions' multiplications."),
     ] = 1.0,
     calibrate: Annotated[
-        Optional[List[Path]],  # noqa: UP006
+        Optional[list[Path]],
         typer.Option(help='Drive that --int8 and --low-rank are fitted to, a bag or folder; may be repeated.'),
     ] = None,
     scans: Annotated[
@@ -45,8 +45,8 @@ def export(
 ) -> None:
     """Export a learned encoder to ONNX, which needs no torch, or to safetensors in half precision, its U set to 1.
 
-    An ONNX file holds the very model of its safetensors, down to the fingerprint; with --int8 or --low-rank another
-    one, which is quicker: its embeddings are compared with its own alone, and its thresholds are calibrated anew.
+    An ONNX file holds the same model as its safetensors, with the same fingerprint. With --int8 or --low-rank it is
+    another, faster model: its embeddings compare only with its own, and its thresholds must be calibrated again.
     """
     if str(weights) in pretrained_names():
         weights = find_weights(str(weights), (SAFETENSORS,))
@@ -74,7 +74,7 @@ def _compression(
     weights: Path,
     int8: bool,
     low_rank: float,
-    calibrate: List[Path],  # noqa: UP006
+    calibrate: list[Path],
     scans: int,
     layout: str,
 ) -> Optional[Compression]:

@@ -1,4 +1,4 @@
-"""Ctrl-C, and being asked to end, at a moment of our choosing."""
+"""Ctrl-C and SIGTERM, handled between two steps of a command."""
 
 import contextlib
 import signal
@@ -11,9 +11,9 @@ import typer
 
 @contextlib.contextmanager
 def held_interrupt() -> Iterator[Callable[[], None]]:
-    """Yields a function that raises KeyboardInterrupt where Ctrl-C was pressed since, so that it comes between scans.
+    """Yields a function that raises KeyboardInterrupt if Ctrl-C was pressed: the interrupt comes where it is called.
 
-    A second Ctrl-C is not held back.
+    A second Ctrl-C is not delayed.
     """
     with held_signals(signal.SIGINT) as check:
 
@@ -28,16 +28,16 @@ def held_interrupt() -> Iterator[Callable[[], None]]:
 
 @contextlib.contextmanager
 def resumable() -> Iterator[None]:
-    """Ends a command on Ctrl-C with a line that says that the same command goes on."""
+    """Ends a command on Ctrl-C with a line that says that the same command continues."""
     try:
         yield
     except KeyboardInterrupt:
-        typer.echo('\ninterrupted: the same command goes on from here', err=True)
+        typer.echo('\ninterrupted: the same command continues from here', err=True)
         raise typer.Exit(130) from None
 
 
 class Signalled(Exception):
-    """A signal came; `status` is the exit status that tells so, 130 for SIGINT and 143 for SIGTERM."""
+    """A signal was received; `status` is the exit status that reports it, 130 for SIGINT and 143 for SIGTERM."""
 
     def __init__(self, number: int) -> None:
         super().__init__(signal.Signals(number).name)
@@ -46,17 +46,17 @@ class Signalled(Exception):
 
 @contextlib.contextmanager
 def held_signals(*numbers: signal.Signals) -> Iterator[Callable[[], None]]:
-    """Yields a function that raises Signalled where one of the signals came since; the same once more is not held."""
-    came: list[int] = []
+    """Yields a function that raises Signalled if one of the signals was received; a second one is not delayed."""
+    received: list[int] = []
     before = {number: signal.getsignal(number) for number in numbers}
 
     def hold(number: int, _frame: Optional[FrameType]) -> None:
-        came.append(number)
+        received.append(number)
         signal.signal(number, before[signal.Signals(number)])
 
     def check() -> None:
-        if came:
-            raise Signalled(came[0])
+        if received:
+            raise Signalled(received[0])
 
     for number in numbers:
         signal.signal(number, hold)

@@ -1,4 +1,4 @@
-"""One progress bar of what several processes do at once, each on a task of its own."""
+"""One progress bar for several processes, each of which does one task at a time."""
 
 import contextlib
 import multiprocessing
@@ -10,15 +10,15 @@ from queue import Queue
 from typing import Optional
 
 Shares = Queue[Optional[float]]
-"""Takes the share of its task that a process has just done; all shares of a task add up to 1."""
+"""Carries the shares of tasks that processes have done; all shares of one task add up to 1."""
 
 
 @contextlib.contextmanager
 def joint_progress(progress: Callable[[float, float], None], tasks: int) -> Iterator[Shares]:
-    """Yields what may be sent to the processes; `progress` is told (tasks done, tasks), fractions of them included."""
+    """Yields a queue for the processes; `progress` gets (tasks done, tasks), with fractions of tasks."""
     progress(0.0, tasks)
     manager = SyncManager(ctx=multiprocessing.get_context('spawn'))
-    # A terminal's Ctrl-C reaches every process of it.
+    # A terminal sends Ctrl-C to this process too.
     manager.start(signal.signal, (signal.SIGINT, signal.SIG_IGN))
     with manager:
         shares: Shares = manager.Queue()
@@ -32,18 +32,18 @@ def joint_progress(progress: Callable[[float, float], None], tasks: int) -> Iter
     progress(tasks, tasks)
 
 
-def telling(shares: Shares) -> Callable[[int, int], None]:
-    """A function of (done, total), to be called once for each of the task's `total` parts."""
+def share_reporter(shares: Shares) -> Callable[[int, int], None]:
+    """A function of (done, total), to be called once for each of the `total` parts of a task."""
 
-    def tell(_done: int, total: int) -> None:
+    def report(_done: int, total: int) -> None:
         shares.put(1.0 / total)
 
-    return tell
+    return report
 
 
 def _add_up(shares: Shares, progress: Callable[[float, float], None], tasks: int) -> None:
     done = 0.0
     while (share := shares.get()) is not None:
         done += share
-        # Rounded, so that parts that add up to a task show as one.
+        # Rounded, because the parts of a task add up to nearly 1.
         progress(min(round(done, 6), tasks), tasks)

@@ -1,7 +1,7 @@
-"""`offradar`: everything that is not a node.
+"""`offradar`: the command line.
 
-A command's module is imported when the command is asked for, so that it starts with what it needs and no more: training
-runs where there is no rosbags.
+The module of a command is imported when the command is called, so that it needs only its own packages: training runs
+without rosbags.
 """
 
 import importlib
@@ -36,7 +36,7 @@ COMMANDS = {
 
 
 class _Commands(TyperGroup):
-    """Knows the commands by name alone."""
+    """Lists the commands by name, and imports a command when it is called."""
 
     def list_commands(self, ctx: Any) -> list[str]:
         del ctx
@@ -77,9 +77,9 @@ def _options(
 
 
 def main() -> int:
-    """Entry point; what is wrong with the input is one line and exit status 1."""
-    # Read by NumPy when it is imported: commands share their work out to threads or processes, one a core, and threads
-    # within those wait for each other many times as long as they compute.
+    """Entry point; wrong input gives one line and exit status 1."""
+    # Read by NumPy when it is imported. Commands work in parallel threads or processes, one for each core; further
+    # threads within those would wait for each other many times longer than they compute.
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     try:
         app(prog_name='offradar')

@@ -1,4 +1,4 @@
-"""`offradar map`: what a map file holds."""
+"""`offradar map`: the contents of a map file."""
 
 import datetime
 from collections.abc import Mapping
@@ -26,7 +26,7 @@ REPORTED = {
 
 def show_map(path: Annotated[Path, typer.Argument(help='SQLite map file.')]) -> None:
     """Print the model, the origin and the sessions of a map, without changing it."""
-    # Asked first: a session that a process starts meanwhile is not in what is read then.
+    # Before the file is read: a session that a process starts after this is not in the file that is read.
     is_written = has_writer(path)
     stored = MapStore.open_read_only(path)
     model, origin = stored.model, stored.origin
@@ -47,13 +47,13 @@ def show_map(path: Annotated[Path, typer.Argument(help='SQLite map file.')]) -> 
         pad_edge=False,
         padding=0,
     )
-    # The next writer of the file marks a session that was cut off; until then it says there that it runs.
+    # The next writer of the file marks a session that was cut off; until then its state in the file is running.
     states = [
         'interrupted' if session.state == 'running' and not is_written else session.state for session in stored.sessions
     ]
     for session, state in zip(stored.sessions, states, strict=True):
-        told = [_readable(session.report, column) for column in REPORTED.values()]
-        table.add_row(str(session.session_id), escape(session.name), _day(session.stamp_ns), escape(state), *told)
+        figures = [_readable(session.report, column) for column in REPORTED.values()]
+        table.add_row(str(session.session_id), escape(session.name), _day(session.stamp_ns), escape(state), *figures)
     Console().print(table)
     if 'interrupted' in states:
         typer.echo('interrupted: saved, then the process ended before the session did; it is kept and can be undone')

@@ -1,4 +1,4 @@
-"""`offradar parameters`: every parameter of the nodes, as a table or as the file that they read."""
+"""`offradar parameters`: every parameter of the nodes, as a table or as a parameter file."""
 
 from pathlib import Path
 from typing import Annotated, Optional
@@ -21,7 +21,7 @@ def parameters(
 
 
 def markdown_table() -> str:
-    """The table of the README."""
+    """The table in docs/nodes.md."""
     rows = ['| parameter | default | allowed | meaning |', '|---|---|---|---|']
     for leaf in leaves(Config()):
         rows.append(f'| `{leaf.name}` | {_value(leaf)} | {_allowed(leaf.bounds)} | {_meaning(leaf)} |')

@@ -1,4 +1,4 @@
-"""`offradar session`: the map server's services, where there is no ros2 command."""
+"""`offradar session`: the map server's services, also without the ros2 command."""
 
 import enum
 import importlib.util
@@ -9,13 +9,13 @@ from typing import Annotated
 
 import typer
 
+from offradar_ros.cli.install_hints import ros_hint
 from offradar_ros.cli.interrupt import Signalled, held_signals
-from offradar_ros.cli.need import ros_hint
 from offradar_ros.errors import OffradarError
 
 
 class Action(str, enum.Enum):
-    """What can be asked of the map server."""
+    """An action of the map server."""
 
     START = 'start'
     END = 'end'
@@ -34,19 +34,19 @@ SERVICES = {
 
 
 def session(
-    action: Annotated[Action, typer.Argument(help='What to ask of the map server.')],
+    action: Annotated[Action, typer.Argument(help='What the map server is to do.')],
     timeout: Annotated[float, typer.Option(min=0.1, max=3600.0, help='Longest wait for the map server, s.')] = 60.0,
 ) -> None:
     """Start, end, undo or save a session of the running map server, or clear its map, and print its answer."""
     if importlib.util.find_spec('rclpy') is None:
         raise OffradarError(f'this command {ros_hint("rclpy", "ros")}')
-    # From here on, since loading ROS takes a while too.
+    # From here on, because importing ROS takes time too.
     with held_signals(signal.SIGINT, signal.SIGTERM) as check:
-        _ask(SERVICES[action], timeout, check)
+        _call(SERVICES[action], timeout, check)
 
 
-def _ask(service: str, timeout: float, check: Callable[[], None]) -> None:
-    # Only this needs ROS: the other commands work without it.
+def _call(service: str, timeout: float, check: Callable[[], None]) -> None:
+    # Imported here: the other commands work without ROS.
     import rclpy  # noqa: PLC0415
     from rclpy.signals import SignalHandlerOptions  # noqa: PLC0415
 

@@ -31,10 +31,10 @@ def road(tmp_path_factory: pytest.TempPathFactory, street: Callable[..., Any]) -
 def test_three_drives_give_a_threshold_that_is_used(done: Callable[..., str], road: list[Path], tmp_path: Path) -> None:
     params, db, plot = tmp_path / 'params.yaml', tmp_path / 'map.db', tmp_path / 'plot.png'
     pytest.importorskip('matplotlib')
-    said = done('calibrate', *road, *RING_KEY, '--out', params, *EVERY, '--error-rate', '0.1', '--plot', plot)
-    assert said.startswith(f'{3 * COUNT} scans of 3 drives, 0 refused: ')
-    assert 'at most 0.1 of the answers are wrong, with confidence 0.95' in said
-    assert said.splitlines()[-2:] == [f'{plot}: written', f'{params}: written']
+    printed = done('calibrate', *road, *RING_KEY, '--out', params, *EVERY, '--error-rate', '0.1', '--plot', plot)
+    assert printed.startswith(f'{3 * COUNT} scans of 3 drives, 0 refused: ')
+    assert 'at most 0.1 of the answers are wrong, with confidence 0.95' in printed
+    assert printed.splitlines()[-2:] == [f'{plot}: written', f'{params}: written']
     assert plot.read_bytes().startswith(b'\x89PNG')
     config = load_config(params)
     assert config.query.levels == 20
@@ -45,15 +45,15 @@ def test_three_drives_give_a_threshold_that_is_used(done: Callable[..., str], ro
     assert sum(int(n) for n in re.findall(r'(?:match|rejected: uncertain) +│ (\d+)', answered)) == COUNT
 
 
-def test_what_was_given_is_kept_and_the_drives_give_the_scale(
+def test_given_parameters_are_kept_and_the_drives_give_the_scale(
     done: Callable[..., str], road: list[Path], tmp_path: Path
 ) -> None:
     given, params = tmp_path / 'given.yaml', tmp_path / 'params.yaml'
     given.write_text('encoder: {name: ring_key}\nquery: {levels: 8, level: 8, top_k: 3}\nmap: {path: town.db}\n')
     options = ['--params', given, *EVERY, '--error-rate', '0.2', '--confidence', '0.9']
-    said = done('calibrate', *road[:2], '--out', params, *options)
-    assert '80 scans of 2 drives' in said
-    assert 'U 1.000 on average' in said
+    printed = done('calibrate', *road[:2], '--out', params, *options)
+    assert '80 scans of 2 drives' in printed
+    assert 'U 1.000 on average' in printed
     values = read_parameters(params)
     assert (values['query.levels'], values['query.top_k'], values['map.path']) == (8, 3, 'town.db')
 
@@ -62,8 +62,8 @@ def test_a_rate_that_cannot_be_kept_is_refused_and_nothing_is_written(
     refused: Callable[..., str], road: list[Path], tmp_path: Path
 ) -> None:
     out = tmp_path / 'params.yaml'
-    said = refused('calibrate', *road, *RING_KEY, '--out', out, *EVERY, '--error-rate', '0.01')
-    assert 'expected at least 299 scans that can be answered, got 120' in said
+    printed = refused('calibrate', *road, *RING_KEY, '--out', out, *EVERY, '--error-rate', '0.01')
+    assert 'expected at least 299 scans that can be answered, got 120' in printed
     # A scan every 5 m of three drives of 49 m.
     assert 'expected at least 59 scans that can be answered, got 30' in refused(
         'calibrate', *road, *RING_KEY, '--out', out
@@ -71,7 +71,7 @@ def test_a_rate_that_cannot_be_kept_is_refused_and_nothing_is_written(
     assert not out.exists()
 
 
-def test_what_is_no_road_is_refused(
+def test_drives_of_other_roads_are_refused(
     refused: Callable[..., str], road: list[Path], street: Callable[..., Any], tmp_path: Path
 ) -> None:
     out = tmp_path / 'params.yaml'
@@ -88,23 +88,23 @@ def test_drives_without_positions_are_named(
     refused: Callable[..., str], road: list[Path], street: Callable[..., Any], tmp_path: Path
 ) -> None:
     lost = write_bag(street(count=4, name='lost').with_trajectory(None), tmp_path / 'lost')
-    said = refused('calibrate', road[0], lost, *RING_KEY, '--out', tmp_path / 'params.yaml')
-    assert f'{lost}: expected positions beside the scans, and there are none' in said
+    printed = refused('calibrate', road[0], lost, *RING_KEY, '--out', tmp_path / 'params.yaml')
+    assert f'{lost}: expected positions beside the scans, and there are none' in printed
 
 
-def test_a_plot_is_of_several_drives_and_can_be_written(
+def test_a_plot_needs_several_drives_and_a_writable_file(
     offradar: Callable[..., Any], refused: Callable[..., str], road: list[Path], tmp_path: Path
 ) -> None:
     pytest.importorskip('matplotlib')
     out, nowhere = tmp_path / 'params.yaml', tmp_path / 'no' / 'p.png'
-    said = refused('calibrate', road[0], *RING_KEY, '--out', out, '--plot', tmp_path / 'p.png')
-    assert '--plot: one drive has no wrong answers' in said
+    printed = refused('calibrate', road[0], *RING_KEY, '--out', out, '--plot', tmp_path / 'p.png')
+    assert '--plot: one drive has no wrong answers' in printed
     ran = offradar('calibrate', *road, *RING_KEY, '--out', out, '--plot', nowhere)
     assert ran.err == f'error: {nowhere}: cannot be written (No such file or directory)\n'
-    said = refused(
+    printed = refused(
         'calibrate', *road, *RING_KEY, '--out', out, *EVERY, '--error-rate', '0.2', '--plot', tmp_path / 'p.doc'
     )
-    assert f"{tmp_path / 'p.doc'}: the plot cannot be written (Format 'doc' is not supported" in said
+    assert f"{tmp_path / 'p.doc'}: the plot cannot be written (Format 'doc' is not supported" in printed
     assert not out.exists()
 
 

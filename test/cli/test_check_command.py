@@ -26,20 +26,18 @@ def test_a_sound_recording(offradar: Callable[..., Any], real_data: Path) -> Non
 
 
 @pytest.mark.parametrize(
-    ('folder', 'said'),
+    ('folder', 'expected'),
     [
         ('mulran_kaist03', '3 scans of 400 azimuths × 3360 range bins of 0.0595238 m'),
         ('mulran_ray', '1 scan of 400 azimuths × 3360 range bins of 0.0595238 m'),
         ('utias_frame', '1 scan of 400 azimuths × 6848 range bins'),
     ],
 )
-def test_recordings_of_other_layouts(offradar: Callable[..., Any], real_data: Path, folder: str, said: str) -> None:
-    assert said in offradar('check', real_data / folder).out
+def test_recordings_of_other_layouts(offradar: Callable[..., Any], real_data: Path, folder: str, expected: str) -> None:
+    assert expected in offradar('check', real_data / folder).out
 
 
-def test_what_is_wrong_with_a_recording_is_a_problem_and_status_1(
-    offradar: Callable[..., Any], real_data: Path
-) -> None:
+def test_a_problem_of_a_recording_is_reported_with_status_1(offradar: Callable[..., Any], real_data: Path) -> None:
     ran = offradar('check', real_data / 'radiate_tiny_foggy')
     assert ran.status == 1
     problems = [text for level, text in lines(ran) if level == 'problem']
@@ -82,7 +80,7 @@ def test_a_bag_whose_clocks_disagree(offradar: Callable[..., Any], street: Calla
     ) in problems
 
 
-def test_parameters_say_how_the_radar_is_read(
+def test_the_radar_is_read_with_the_given_parameters(
     offradar: Callable[..., Any], street_bag: Callable[..., Path], radiate_folder: Path, tmp_path: Path
 ) -> None:
     params = tmp_path / 'params.yaml'
@@ -122,7 +120,7 @@ def test_what_is_no_recording_is_an_error(refused: Callable[..., str], tmp_path:
 
 
 @pytest.mark.parametrize('command', ['check', 'convert', 'calibrate'])
-def test_a_folder_of_recordings_is_told_which_they_are(
+def test_for_a_folder_of_recordings_these_are_named(
     refused: Callable[..., str], street_bag: Callable[..., Path], tmp_path: Path, command: str
 ) -> None:
     (tmp_path / 'bags').mkdir()
@@ -133,24 +131,24 @@ def test_a_folder_of_recordings_is_told_which_they_are(
     }
     options = all_options[command]
 
-    def said() -> str:
+    def suggestion() -> str:
         return refused(command, tmp_path / 'bags', *options).partition('no radar scans recognised: ')[2]
 
-    assert len(said()) < 150
+    assert len(suggestion()) < 150
     (tmp_path / 'bags' / 'notes').mkdir()
     street_bag('bags/session_1', count=2)
-    assert said() == f'did you mean {tmp_path}/bags/session_1?'
+    assert suggestion() == f'did you mean {tmp_path}/bags/session_1?'
     if command != 'calibrate':
-        # What those do with several is told elsewhere.
+        # What they do with several is tested elsewhere.
         return
     street_bag('bags/session_2', count=2)
-    assert said() == f'did you mean {tmp_path}/bags/session_1 or {tmp_path}/bags/session_2?'
+    assert suggestion() == f'did you mean {tmp_path}/bags/session_1 or {tmp_path}/bags/session_2?'
     for number in range(3, 6):
         street_bag(f'bags/session_{number}', count=2)
-    assert said().endswith('session_3? (or one of 2 others)')
+    assert suggestion().endswith('session_3? (or one of 2 others)')
 
 
-def test_a_parent_of_data_sets_is_told_which_they_are(refused: Callable[..., str], radiate_folder: Path) -> None:
+def test_for_a_folder_of_data_sets_these_are_named(refused: Callable[..., str], radiate_folder: Path) -> None:
     assert f'did you mean {radiate_folder}?' in refused('check', radiate_folder.parent)
 
 

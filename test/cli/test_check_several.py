@@ -43,8 +43,8 @@ def sections(out: str) -> dict[str, list[tuple[str, str]]]:
 
 @pytest.mark.parametrize('processes', [1, 2])
 def test_a_sound_data_set(done: Callable[..., str], data_set: Path, processes: int) -> None:
-    said = done('check', data_set, '--processes', processes)
-    found = sections(said)
+    printed = done('check', data_set, '--processes', processes)
+    found = sections(printed)
     assert list(found) == ['friday', 'monday', 'tuesday', 'all 3 sequences']
     for name in ('friday', 'monday', 'tuesday'):
         assert {level for level, _ in found[name]} == {'ok'}
@@ -52,10 +52,10 @@ def test_a_sound_data_set(done: Callable[..., str], data_set: Path, processes: i
     levels = [level for level, _ in found['all 3 sequences']]
     assert levels == ['note', 'ok', 'ok', 'ok']
     assert found['all 3 sequences'][0] == ('note', 'no radar scans recognised in calibration')
-    assert said.endswith('\nno problems\n')
+    assert printed.endswith('\nno problems\n')
 
 
-def test_each_sequence_is_checked_as_one_alone(
+def test_each_sequence_is_checked_as_if_it_were_alone(
     done: Callable[..., str], offradar: Callable[..., Any], data_set: Path
 ) -> None:
     scans = sorted((data_set / 'monday' / 'radar').glob('*.png'))
@@ -85,7 +85,7 @@ def test_a_sequence_that_cannot_be_opened_does_not_stop_the_others(
     assert (ran.status, len(found)) == (1, 5)
 
 
-def test_bags_and_folders_are_held_against_each_other(
+def test_bags_and_folders_are_compared_with_each_other(
     done: Callable[..., str], data_set: Path, street_bag: Callable[..., Path], offradar: Callable[..., Any]
 ) -> None:
     street_bag('wednesday', count=6).rename(data_set / 'wednesday')
@@ -95,7 +95,7 @@ def test_bags_and_folders_are_held_against_each_other(
     assert 'no metadata.yaml' in sections(offradar('check', data_set).out)['wednesday'][0][1]
 
 
-def test_a_data_set_held_against_a_split(offradar: Callable[..., Any], data_set: Path, tmp_path: Path) -> None:
+def test_a_data_set_is_compared_with_a_split(offradar: Callable[..., Any], data_set: Path, tmp_path: Path) -> None:
     ran = offradar('check', data_set, '--split', tmp_path / 'street.yaml')
     assert ran.status == 1
     assert sections(ran.out)['split street'] == [
@@ -108,7 +108,7 @@ def test_a_data_set_held_against_a_split(offradar: Callable[..., Any], data_set:
     assert ran.out.endswith('\nproblems: split street\n')
 
 
-def test_a_split_may_be_held_against_the_only_sequence_there_is(
+def test_a_single_sequence_is_compared_with_a_split(
     offradar: Callable[..., Any], street: Callable[..., Any], tmp_path: Path
 ) -> None:
     write_oxford(street(count=2), tmp_path / 'data' / 'friday')
@@ -122,11 +122,11 @@ def test_a_split_needs_a_folder_of_sequences(refused: Callable[..., str], data_s
     assert 'oxfrod: expected a YAML file or one of the splits' in refused('check', data_set, '--split', 'oxfrod')
 
 
-def test_a_layout_is_that_of_every_sequence(done: Callable[..., str], data_set: Path) -> None:
+def test_the_layout_applies_to_every_sequence(done: Callable[..., str], data_set: Path) -> None:
     assert done('check', data_set, '--layout', 'boreas').count('boreas sequence ') == 3
 
 
-def test_a_folder_that_may_not_be_read_is_passed_over(
+def test_a_folder_that_may_not_be_read_is_ignored(
     offradar: Callable[..., Any], refused: Callable[..., str], data_set: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (data_set / 'lost+found').mkdir()

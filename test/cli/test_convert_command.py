@@ -30,9 +30,9 @@ def counts(path: Path) -> dict[str, int]:
 def test_every_scan_of_a_recording_is_in_the_bag(
     done: Callable[..., str], real_data: Path, tmp_path: Path, name: str, scans: int
 ) -> None:
-    said = done('convert', real_data / name, tmp_path / 'bag')
-    assert f'/radar_data/b_scan_image: {scans} messages\n' in said
-    assert said.endswith(f'{tmp_path / "bag"}: written\n')
+    printed = done('convert', real_data / name, tmp_path / 'bag')
+    assert f'/radar_data/b_scan_image: {scans} messages\n' in printed
+    assert printed.endswith(f'{tmp_path / "bag"}: written\n')
     source, bag = open_sequence(real_data / name), BagSequence(tmp_path / 'bag')
     assert len(bag) == scans
     np.testing.assert_array_equal(bag.stamps_ns, source.stamps_ns)
@@ -55,16 +55,16 @@ def test_an_offset_brings_positions_of_another_clock_back(
     done: Callable[..., str], real_data: Path, tmp_path: Path
 ) -> None:
     folder = real_data / 'radiate_tiny_foggy'
-    said = done('convert', folder, tmp_path / 'apart')
-    (warning,) = [line for line in said.splitlines() if line.startswith('warning: ')]
+    printed = done('convert', folder, tmp_path / 'apart')
+    (warning,) = [line for line in printed.splitlines() if line.startswith('warning: ')]
     assert warning == (
         'warning: positions: no scan has a position: positions start 59.8 s after the last scan '
         '(if the clocks disagree: offradar convert --position-offset-s -64.1)'
     )
     assert set(counts(tmp_path / 'apart')) == {'/radar_data/b_scan_image'}
     assert 'warning' not in done('convert', folder, tmp_path / 'joined', '--position-offset-s', '-64.1')
-    said = done('convert', folder, tmp_path / 'nearer', '--position-offset-s', '-30')
-    assert '--position-offset-s -64.1)' in said
+    printed = done('convert', folder, tmp_path / 'nearer', '--position-offset-s', '-30')
+    assert '--position-offset-s -64.1)' in printed
     assert counts(tmp_path / 'joined')['/gps/fix'] > 18
 
 
@@ -78,16 +78,16 @@ def test_the_offset_is_added_to_the_stamps(done: Callable[..., str], radiate_fol
 
 
 @pytest.mark.parametrize('seconds', ['nan', 'inf', '-1e300'])
-def test_an_offset_that_is_no_time_is_refused(
+def test_an_offset_that_is_too_large_is_refused(
     refused: Callable[..., str], radiate_folder: Path, tmp_path: Path, seconds: str
 ) -> None:
-    said = refused('convert', radiate_folder, tmp_path / 'bag', f'--position-offset-s={seconds}')
-    assert '--position-offset-s: expected seconds within' in said
+    printed = refused('convert', radiate_folder, tmp_path / 'bag', f'--position-offset-s={seconds}')
+    assert '--position-offset-s: expected seconds within' in printed
 
 
 def test_scans_without_a_position_are_counted(done: Callable[..., str], radiate_folder: Path, tmp_path: Path) -> None:
-    said = done('convert', radiate_folder, tmp_path / 'bag', '--position-offset-s', '-61.5')
-    assert 'warning: positions: 3 of 5 scans have a position (gaps up to 1.5 s)\n' in said
+    printed = done('convert', radiate_folder, tmp_path / 'bag', '--position-offset-s', '-61.5')
+    assert 'warning: positions: 3 of 5 scans have a position (gaps up to 1.5 s)\n' in printed
 
 
 def test_one_message_is_one(done: Callable[..., str], street_bag: Callable[..., Path], tmp_path: Path) -> None:
@@ -98,7 +98,7 @@ def test_the_help_names_the_layouts(done: Callable[..., str]) -> None:
     assert all(name in done('convert', '--help') for name in LAYOUTS)
 
 
-def test_a_source_without_positions_says_so(done: Callable[..., str], radiate_folder: Path, tmp_path: Path) -> None:
+def test_a_source_without_positions_is_reported(done: Callable[..., str], radiate_folder: Path, tmp_path: Path) -> None:
     (radiate_folder / 'GPS_IMU_Twist.txt').unlink()
     assert 'no positions: the source has none; ' in done('convert', radiate_folder, tmp_path / 'bag')
 
@@ -115,7 +115,7 @@ def test_a_bag_is_converted_to_the_same_bag(
     assert both[0] == both[1]
 
 
-def test_an_existing_bag_is_kept_unless_told(
+def test_an_existing_bag_is_kept_without_overwrite(
     done: Callable[..., str], refused: Callable[..., str], street_bag: Callable[..., Path], radiate_folder: Path
 ) -> None:
     bag = street_bag('bag', count=2)
@@ -135,22 +135,22 @@ def test_overwrite_replaces_bags_only(refused: Callable[..., str], radiate_folde
 def test_a_damaged_source_leaves_no_bag(refused: Callable[..., str], radiate_folder: Path, tmp_path: Path) -> None:
     scan = radiate_folder / 'Navtech_Polar' / '000004.png'
     scan.write_bytes(scan.read_bytes()[:1000])
-    said = refused('convert', radiate_folder, tmp_path / 'bag')
-    assert f'{scan}: truncated PNG' in said
-    assert said.endswith('(--skip-unreadable leaves such scans out)')
+    printed = refused('convert', radiate_folder, tmp_path / 'bag')
+    assert f'{scan}: truncated PNG' in printed
+    assert printed.endswith('(--skip-unreadable leaves such scans out)')
     cv2.imwrite(str(scan), np.zeros((576, 400, 3), np.uint8))
     assert f'{scan}: ' in refused('convert', radiate_folder, tmp_path / 'bag')
     assert [path.name for path in tmp_path.iterdir()] == ['city_1']
 
 
-def test_unreadable_scans_are_left_out_and_named_if_so_told(
+def test_unreadable_scans_are_left_out_and_named_with_the_option(
     done: Callable[..., str], radiate_folder: Path, tmp_path: Path
 ) -> None:
     scans = sorted((radiate_folder / 'Navtech_Polar').glob('*.png'))
     scans[0].write_bytes(b'')
     scans[3].write_bytes(scans[3].read_bytes()[:1000])
-    said = done('convert', radiate_folder, tmp_path / 'bag', '--skip-unreadable', '--position-offset-s', '-60')
-    summary = said[said.index('skipped') :].splitlines()
+    printed = done('convert', radiate_folder, tmp_path / 'bag', '--skip-unreadable', '--position-offset-s', '-60')
+    summary = printed[printed.index('skipped') :].splitlines()
     assert summary == [
         'skipped 2 of 5 scans that cannot be read:',
         f'  {scans[0]}: empty file, expected a PNG',
@@ -164,9 +164,9 @@ def test_unreadable_scans_are_left_out_and_named_if_so_told(
         np.testing.assert_array_equal(bag.scan(at).power, source.scan(index).power)
 
 
-@pytest.mark.parametrize('spoil', [b'', b'\x89PNG\r\n\x1a\n'])
+@pytest.mark.parametrize('damage', [b'', b'\x89PNG\r\n\x1a\n'])
 def test_an_unreadable_scan_with_metadata_columns_is_left_out(
-    done: Callable[..., str], real_data: Path, tmp_path: Path, spoil: bytes
+    done: Callable[..., str], real_data: Path, tmp_path: Path, damage: bytes
 ) -> None:
     folder = tmp_path / 'oxford_tiny'
     shutil.copytree(real_data / 'oxford_tiny', folder)
@@ -174,22 +174,22 @@ def test_an_unreadable_scan_with_metadata_columns_is_left_out(
     assert len(scans) == 11
     # The first, by which a layout is recognised, and the last.
     for scan in (scans[0], scans[-1]):
-        scan.write_bytes(spoil)
-    said = done('convert', folder, tmp_path / 'bag', '--skip-unreadable')
-    assert 'skipped 2 of 11 scans that cannot be read:\n' in said
-    assert all(f'  {scan}: ' in said for scan in (scans[0], scans[-1]))
+        scan.write_bytes(damage)
+    printed = done('convert', folder, tmp_path / 'bag', '--skip-unreadable')
+    assert 'skipped 2 of 11 scans that cannot be read:\n' in printed
+    assert all(f'  {scan}: ' in printed for scan in (scans[0], scans[-1]))
     assert counts(tmp_path / 'bag')['/radar_data/b_scan_image'] == 9
 
 
-def test_nothing_is_skipped_silently_and_nothing_readable_is_no_bag(
+def test_skipped_scans_are_reported_and_without_a_readable_scan_there_is_no_bag(
     done: Callable[..., str], refused: Callable[..., str], radiate_folder: Path, tmp_path: Path
 ) -> None:
     assert 'cannot be read' not in done('convert', radiate_folder, tmp_path / 'whole', '--skip-unreadable')
     scans = sorted((radiate_folder / 'Navtech_Polar').glob('*.png'))
     for scan in scans:
         scan.write_bytes(b'')
-    said = refused('convert', radiate_folder, tmp_path / 'bag', '--skip-unreadable')
-    assert said.endswith(f'none of its 5 scans can be read: {scans[0]}: empty file, expected a PNG')
+    printed = refused('convert', radiate_folder, tmp_path / 'bag', '--skip-unreadable')
+    assert printed.endswith(f'none of its 5 scans can be read: {scans[0]}: empty file, expected a PNG')
     assert not (tmp_path / 'bag').exists()
 
 
@@ -231,9 +231,9 @@ def test_an_interrupted_run_leaves_nothing_that_looks_complete(
         assert time.monotonic() < deadline_s
         time.sleep(0.01)
     process.send_signal(sent)
-    said = ''.join(process.communicate(timeout=WAIT_S))
+    printed = ''.join(process.communicate(timeout=WAIT_S))
     assert process.returncode != 0
-    assert 'Traceback' not in said, said
+    assert 'Traceback' not in printed, printed
     left = [path.name for path in tmp_path.iterdir() if path != endless_folder]
     assert left == ([] if sent == signal.SIGINT else ['bag.partial'])
     for path in (*tmp_path.glob('bag*'), *tmp_path.glob('bag.partial/*')):

@@ -32,8 +32,8 @@ def data_set(tmp_path: Path, street: Callable[..., Any]) -> Path:
 
 def test_every_sequence_becomes_a_bag(done: Callable[..., str], data_set: Path, tmp_path: Path) -> None:
     out = tmp_path / 'deep' / 'bags'
-    said = done('convert', data_set, out, '--processes', 2)
-    assert said.splitlines() == [f'{out / name}: written, 4 scans' for name in NAMES]
+    printed = done('convert', data_set, out, '--processes', 2)
+    assert printed.splitlines() == [f'{out / name}: written, 4 scans' for name in NAMES]
     assert sorted(path.name for path in out.iterdir()) == sorted(NAMES)
     for name in NAMES:
         source, bag = open_sequence(data_set / name), BagSequence(out / name)
@@ -52,7 +52,7 @@ def test_the_number_of_processes_changes_nothing(done: Callable[..., str], data_
         assert messages[0] == messages[1]
 
 
-def test_a_finished_bag_is_left_and_an_unfinished_one_made_again(
+def test_a_finished_bag_is_kept_and_an_unfinished_one_is_made_again(
     done: Callable[..., str], data_set: Path, tmp_path: Path
 ) -> None:
     out = tmp_path / 'bags'
@@ -62,8 +62,8 @@ def test_a_finished_bag_is_left_and_an_unfinished_one_made_again(
     cut = out / 'tuesday.partial' / 'tuesday'
     cut.mkdir(parents=True)
     (cut / 'tuesday.mcap').write_bytes(b'\x89MCAP0\r\n')
-    said = done('convert', data_set, out).splitlines()
-    assert said == [
+    printed = done('convert', data_set, out).splitlines()
+    assert printed == [
         f'{out / "friday"}: written, 4 scans',
         f'{out / "monday"}: there already',
         f'{out / "tuesday"}: written, 4 scans',
@@ -87,8 +87,8 @@ def test_one_bad_sequence_does_not_stop_the_others(
     ran = offradar('convert', data_set, out, '--processes', 2)
     assert ran.status == 1
     assert ran.out.splitlines() == [f'{out / "monday"}: written, 4 scans']
-    told = [line for line in ran.err.splitlines() if line.startswith(('error: ', '2 of'))]
-    assert told == [
+    reported = [line for line in ran.err.splitlines() if line.startswith(('error: ', '2 of'))]
+    assert reported == [
         f'error: {out / "friday"}: {scan}: truncated PNG, it ends after 1000 bytes '
         '(--skip-unreadable leaves such scans out)',
         f'error: {out / "tuesday"}: {out / "tuesday"}: exists already: choose another folder or pass --overwrite',
@@ -96,8 +96,8 @@ def test_one_bad_sequence_does_not_stop_the_others(
     ]
     (out / 'tuesday' / 'thesis.tex').unlink()
     (out / 'tuesday').rmdir()
-    said = done('convert', data_set, out, '--skip-unreadable').splitlines()
-    assert said == [
+    printed = done('convert', data_set, out, '--skip-unreadable').splitlines()
+    assert printed == [
         f'{out / "friday"}: written, 3 scans',
         'skipped 1 of 4 scans that cannot be read:',
         f'  {scan}: truncated PNG, it ends after 1000 bytes',
@@ -106,7 +106,7 @@ def test_one_bad_sequence_does_not_stop_the_others(
     ]
 
 
-def test_options_are_those_of_every_sequence(done: Callable[..., str], data_set: Path, tmp_path: Path) -> None:
+def test_options_apply_to_every_sequence(done: Callable[..., str], data_set: Path, tmp_path: Path) -> None:
     # Positions are 0.2 s apart.
     done('convert', data_set, tmp_path / 'bags', '--position-offset-s', '0.1')
     for name in NAMES:
@@ -120,11 +120,11 @@ def test_bags_are_not_put_among_the_sequences(refused: Callable[..., str], data_
     assert sorted(path.name for path in data_set.iterdir()) == sorted(NAMES)
 
 
-def test_ctrl_c_leaves_what_is_finished_and_the_next_run_goes_on(
+def test_ctrl_c_keeps_finished_bags_and_the_next_run_continues(
     done: Callable[..., str], data_set: Path, street: Callable[..., Any], tmp_path: Path
 ) -> None:
     unfinished = write_oxford(street(count=3), data_set / 'zoo')
-    # A pipe that nobody writes to: whoever reads this scan waits until he is interrupted, however fast the others are.
+    # A pipe without a writer: the process that reads it as a scan waits until it is interrupted.
     last = max((unfinished / 'radar').glob('*.png'))
     pipe = last.with_name(f'{int(last.stem) + 1_000_000}.png')
     os.mkfifo(pipe)
@@ -143,9 +143,9 @@ def test_ctrl_c_leaves_what_is_finished_and_the_next_run_goes_on(
         assert time.monotonic() < deadline_s
         time.sleep(0.01)
     process.send_signal(signal.SIGINT)
-    said = ''.join(process.communicate(timeout=WAIT_S))
+    printed = ''.join(process.communicate(timeout=WAIT_S))
     assert process.returncode != 0
-    assert 'Traceback' not in said, said
+    assert 'Traceback' not in printed, printed
     assert sorted(path.name for path in out.iterdir()) == sorted(NAMES)
     pipe.unlink()
     assert done('convert', data_set, out).count('there already') == 3

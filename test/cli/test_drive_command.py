@@ -91,8 +91,8 @@ def test_names_with_brackets_and_braces_are_printed_as_they_are(
 ) -> None:
     name = '[/b]{c}'
     bag = street_bag('bag', count=3).rename(tmp_path / 'a[red]{}')
-    said = done('drive', bag, '--map', tmp_path / 'map.db', '--session', name)
-    assert f'session 1 ({name}): ' in said
+    printed = done('drive', bag, '--map', tmp_path / 'map.db', '--session', name)
+    assert f'session 1 ({name}): ' in printed
     assert f'│{name}│' in done('map', tmp_path / 'map.db')
 
 
@@ -154,7 +154,7 @@ def test_bags_that_cannot_be_driven_are_refused(
     assert not (tmp_path / 'map.db').exists()
 
 
-def test_a_drive_that_breaks_off_changes_no_map(
+def test_a_drive_that_ends_with_an_error_changes_no_map(
     done: Callable[..., str], offradar: Callable[..., Any], drives: list[Path], tmp_path: Path
 ) -> None:
     db = tmp_path / 'map.db'
@@ -195,7 +195,7 @@ def test_a_query_needs_no_writer_and_writes_nothing(
     assert db.read_bytes() == before
 
 
-def test_answers_are_written_a_row_a_scan(
+def test_answers_are_written_as_a_row_for_each_scan(
     done: Callable[..., str], drives: list[Path], params: Path, tmp_path: Path
 ) -> None:
     db, out = tmp_path / 'map.db', tmp_path / 'answers.csv'
@@ -205,9 +205,9 @@ def test_answers_are_written_a_row_a_scan(
         rows = list(csv.DictReader(file))
     assert [(row['answer'], row['reason'], row['place_id']) for row in rows] == [('rejected', 'map_empty', '')] * COUNT
     assert all(row['true_x_m'] and not row['error_m'] for row in rows)
-    said = done('drive', drives[1], '--params', params, '--map', db, '--out', out)
-    assert f'Recall@1 within 25 m: 1.000 of {COUNT} scans, 1.000 of {COUNT} matches\n' in said
-    assert said.endswith(f'{out}: written\n')
+    printed = done('drive', drives[1], '--params', params, '--map', db, '--out', out)
+    assert f'Recall@1 within 25 m: 1.000 of {COUNT} scans, 1.000 of {COUNT} matches\n' in printed
+    assert printed.endswith(f'{out}: written\n')
     with out.open(newline='') as file:
         rows = list(csv.DictReader(file))
     stored = MapStore.open_read_only(db).places
@@ -228,26 +228,26 @@ def test_answers_that_cannot_be_written_are_refused_first(
     refused: Callable[..., str], drives: list[Path], tmp_path: Path
 ) -> None:
     out = tmp_path / 'no' / 'answers.csv'
-    said = refused('drive', drives[0], '--map', tmp_path / 'map.db', '--session', 'one', '--out', out)
-    assert f'{out}: cannot be written' in said
+    printed = refused('drive', drives[0], '--map', tmp_path / 'map.db', '--session', 'one', '--out', out)
+    assert f'{out}: cannot be written' in printed
     assert not (tmp_path / 'map.db').exists()
 
 
-def test_a_session_without_positions_says_why_nothing_was_mapped(
+def test_a_session_without_positions_reports_why_nothing_was_mapped(
     done: Callable[..., str], street: Callable[..., Any], tmp_path: Path
 ) -> None:
     drive = street(count=4)
     bag = write_bag(drive.with_trajectory(None), tmp_path / 'bag')
-    said = done('drive', bag, '--map', tmp_path / 'map.db', '--session', 'one')
+    printed = done('drive', bag, '--map', tmp_path / 'map.db', '--session', 'one')
     assert (
         'note: nothing was mapped: the bag has no sensor_msgs/msg/NavSatFix, which position.source: fix asks for'
-    ) in said
+    ) in printed
     late = dataclasses.replace(drive.trajectory, stamps_ns=drive.trajectory.stamps_ns + 5 * 10**9)
     bag = write_bag(drive.with_trajectory(late), tmp_path / 'late')
-    said = done('drive', bag, '--map', tmp_path / 'map.db', '--session', 'one')
-    assert 'note: nothing was mapped: 4 scans no_position' in said
-    # What was dropped is a table of its own.
-    assert said.index('rejected: map_empty') < said.index('┃ dropped') < said.index('│ no_position')
+    printed = done('drive', bag, '--map', tmp_path / 'map.db', '--session', 'one')
+    assert 'note: nothing was mapped: 4 scans no_position' in printed
+    # Dropped scans are a second table.
+    assert printed.index('rejected: map_empty') < printed.index('┃ dropped') < printed.index('│ no_position')
 
 
 def test_ctrl_c_ends_the_session_and_keeps_it(street_bag: Callable[..., Path], tmp_path: Path) -> None:
@@ -291,7 +291,7 @@ def test_an_interrupted_session_is_explained(
     assert shown.splitlines()[-1].startswith('interrupted: saved, then the process ended')
 
 
-def test_a_killed_process_s_session_is_interrupted_and_a_living_one_s_runs(
+def test_a_session_is_interrupted_if_its_process_was_killed_and_runs_if_it_lives(
     done: Callable[..., str], drives: list[Path], params: Path, tmp_path: Path
 ) -> None:
     db, link = tmp_path / 'map.db', tmp_path / 'link.db'

@@ -103,7 +103,7 @@ def test_a_network_in_integers_is_another_model_that_drives(
     one, two = street_bag('one', count=3), street_bag('two', count=3)
     drives = ['--calibrate', one, '--calibrate', two]
     made = {name: tmp_path / f'{name}.onnx' for name in ('int8', 'again', 'fewer', 'low_rank', 'both')}
-    said = done('export', weights, made['int8'], '--int8', *drives)
+    printed = done('export', weights, made['int8'], '--int8', *drives)
     done('export', weights, made['again'], '--int8', *drives)
     done('export', weights, made['fewer'], '--int8', *drives, '--scans', 2)
     done('export', weights, made['low_rank'], '--low-rank', 0.5, *drives)
@@ -112,7 +112,7 @@ def test_a_network_in_integers_is_another_model_that_drives(
     assert {path.name for path in tmp_path.glob('*.onnx')} == {path.name for path in made.values()}
     infos = {n: make_encoder(EncoderConfig(name='variational', weights=str(p))).info for n, p in made.items()}
     parent = make_encoder(EncoderConfig(name='variational', weights=str(weights))).info.fingerprint
-    assert said == f'{made["int8"]}: {infos["int8"].fingerprint}\n'
+    assert printed == f'{made["int8"]}: {infos["int8"].fingerprint}\n'
     assert len({parent, *(infos[name].fingerprint for name in ('int8', 'fewer', 'low_rank', 'both'))}) == 5
     assert infos['int8'].metadata['description'] == (
         f'random weights of a test; int8 of {parent}, fitted to 6 scans of one, two'
@@ -131,15 +131,15 @@ def test_weights_that_ship_are_exported_by_their_name(done: Callable[..., str], 
     assert done('export', 'compact', out) == f'{out}: {shipped.fingerprint}\n'
 
 
-def test_what_a_smaller_network_needs_is_said(
+def test_a_smaller_network_needs_drives(
     refused: Callable[..., str], weights: Path, street_bag: Callable[..., Path], tmp_path: Path
 ) -> None:
     out, bag = tmp_path / 'out.onnx', street_bag('bag', count=1)
     for options in (['--int8'], ['--low-rank', 0.5]):
         assert 'expected --calibrate DRIVE' in refused('export', weights, out, *options)
     for options in ([], ['--low-rank', 1.0]):
-        said = refused('export', weights, out, '--calibrate', bag, *options)
-        assert 'expected one of them, --low-rank below 1' in said
+        printed = refused('export', weights, out, '--calibrate', bag, *options)
+        assert 'expected one of them, --low-rank below 1' in printed
     half = tmp_path / 'out.safetensors'
     assert '--int8 and --low-rank are for .onnx' in refused('export', weights, half, '--int8', '--calibrate', bag)
     missing = tmp_path / 'nothing'

@@ -2,16 +2,16 @@ from __future__ import annotations
 
 import pytest
 
-from offradar_ros.cli.joint_progress import joint_progress, telling
+from offradar_ros.cli.joint_progress import joint_progress, share_reporter
 
 
 def test_parts_of_tasks_add_up() -> None:
     told: list[tuple[float, float]] = []
     with joint_progress(lambda done, total: told.append((done, total)), 3) as shares:
         for parts in (3, 2):
-            tell = telling(shares)
+            report = share_reporter(shares)
             for done in range(parts):
-                tell(done + 1, parts)
+                report(done + 1, parts)
     assert [total for _, total in told] == [3] * 7
     expected = [0, 1 / 3, 2 / 3, 1, 1.5, 2, 3]
     assert [done for done, _ in told] == pytest.approx(expected, abs=1e-6)

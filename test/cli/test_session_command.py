@@ -1,4 +1,4 @@
-"""`offradar session` against a real map server, in a domain of its own."""
+"""`offradar session` with a real map server."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ WAIT_S = 120.0
 """Longer than the command itself waits for a map server."""
 
 
-def test_it_says_what_it_needs(refused: Callable[..., str], monkeypatch: pytest.MonkeyPatch) -> None:
+def test_it_reports_what_it_needs(refused: Callable[..., str], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr('importlib.util.find_spec', lambda name: None)
-    said = refused('session', 'start')
-    assert "needs rclpy: source a ROS 2 installation, or pip install '.[ros]' in the project's folder" in said
+    printed = refused('session', 'start')
+    assert "needs rclpy: source a ROS 2 installation, or pip install '.[ros]' in the project's folder" in printed
 
 
 @pytest.mark.skipif(importlib.util.find_spec('rclpy') is None, reason='rclpy is not installed')
@@ -35,13 +35,13 @@ def test_every_action_reaches_the_map_server(tmp_path: Path, domain_id: int) -> 
                 command, env=nodes.environment, capture_output=True, text=True, timeout=WAIT_S, check=False
             )
             # Where the machine is busy, the two may take seconds to find one another.
-            said = [line for line in ran.stderr.splitlines(keepends=True) if not line.startswith('waiting for ')]
-            return ran.returncode, ran.stdout, ''.join(said)
+            printed = [line for line in ran.stderr.splitlines(keepends=True) if not line.startswith('waiting for ')]
+            return ran.returncode, ran.stdout, ''.join(printed)
 
-        status, said, _ = call('start')
-        assert (status, 'session 1' in said) == (0, True)
-        status, said, _ = call('end')
-        assert (status, said.startswith('session 1')) == (0, True)
+        status, printed, _ = call('start')
+        assert (status, 'session 1' in printed) == (0, True)
+        status, printed, _ = call('end')
+        assert (status, printed.startswith('session 1')) == (0, True)
         assert call('end') == (1, '', 'error: service map_server/end_session: no session runs: start one first\n')
         assert call('save')[0] == 0
         assert call('undo')[2].startswith('error: service map_server/undo_session: ')
@@ -62,21 +62,21 @@ def test_no_map_server_is_one_line(domain_id: int) -> None:
 
 @pytest.mark.skipif(importlib.util.find_spec('rclpy') is None, reason='rclpy is not installed')
 @pytest.mark.parametrize(('sent', 'status'), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
-def test_a_long_wait_is_spoken_of_and_ends_when_told(sent: signal.Signals, status: int) -> None:
+def test_a_long_wait_is_reported_and_ends_with_a_signal(sent: signal.Signals, status: int) -> None:
     from offradar_ros.lab.live.node_processes import isolated_environment  # noqa: PLC0415
 
     command = [sys.executable, '-m', 'offradar_ros.cli.main', 'session', 'end']
     with subprocess.Popen(command, env=isolated_environment(76), stderr=subprocess.PIPE, text=True) as waiting:
         assert waiting.stderr is not None
-        said = waiting.stderr.readline()
-        assert said.startswith('waiting for the service /map_server/end_session (gives up after 60 s; is map_server')
+        printed = waiting.stderr.readline()
+        assert printed.startswith('waiting for the service /map_server/end_session (gives up after 60 s; is map_server')
         waiting.send_signal(sent)
         assert waiting.stderr.read() == 'interrupted while waiting for the service /map_server/end_session\n'
         assert waiting.wait(WAIT_S) == status
 
 
 @pytest.mark.skipif(importlib.util.find_spec('rclpy') is None, reason='rclpy is not installed')
-def test_a_map_server_that_does_not_answer_is_spoken_of(tmp_path: Path) -> None:
+def test_a_map_server_that_does_not_answer_is_reported(tmp_path: Path) -> None:
     from offradar_ros.lab.live.node_processes import Stack  # noqa: PLC0415
 
     parameters = {'map.path': tmp_path / 'map.db', 'map.start_session': False}
@@ -90,8 +90,8 @@ def test_a_map_server_that_does_not_answer_is_spoken_of(tmp_path: Path) -> None:
         try:
             with subprocess.Popen(command, env=nodes.environment, stderr=subprocess.PIPE, text=True) as waiting:
                 assert waiting.stderr is not None
-                said = waiting.stderr.readline()
-                assert said.startswith('waiting for the ')
+                printed = waiting.stderr.readline()
+                assert printed.startswith('waiting for the ')
                 waiting.send_signal(signal.SIGTERM)
                 (last,) = waiting.stderr.readlines()
                 assert last.startswith('interrupted while waiting for the ')

@@ -4,7 +4,7 @@ import dataclasses
 import shlex
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Optional
 
 import typer
 
@@ -23,12 +23,12 @@ def card(
             help='results.json of offradar evaluate, with the method ours; or a card, NAME.card.json, to rewrite.'
         ),
     ],
-    weights: Annotated[Path | None, typer.Option(help='The weights of that method, safetensors.')] = None,
+    weights: Annotated[Optional[Path], typer.Option(help='The weights of that method, safetensors.')] = None,
     out: Annotated[
-        Path | None, typer.Option(help='Card for programs, NAME.card.json; NAME.md is written next to it.')
+        Optional[Path], typer.Option(help='Card for programs, NAME.card.json; NAME.md is written next to it.')
     ] = None,
-    training: Annotated[Path | None, typer.Option(help='Folder of the training run, with its config.yaml.')] = None,
-    remarks: Annotated[Path | None, typer.Option(help='Markdown for the card: intended use, limits.')] = None,
+    training: Annotated[Optional[Path], typer.Option(help='Folder of the training run, with its config.yaml.')] = None,
+    remarks: Annotated[Optional[Path], typer.Option(help='Markdown for the card: intended use, limits.')] = None,
 ) -> None:
     """Write the model card of trained weights from the results of an evaluation."""
     text = '' if remarks is None else _remarks(remarks)

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from offradar_ros.cli.need import ros_hint
+from offradar_ros.cli.install_hints import ros_hint
 from offradar_ros.cli.progress import progress_bar
 from offradar_ros.errors import OffradarError
 

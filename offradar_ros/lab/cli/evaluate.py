@@ -4,13 +4,13 @@ import importlib.util
 import shlex
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Optional
 
 import typer
 from rich.console import Console
 
+from offradar_ros.cli.install_hints import pip_hint
 from offradar_ros.cli.interrupt import resumable
-from offradar_ros.cli.need import pip_hint
 from offradar_ros.cli.progress import progress_bar
 from offradar_ros.config import RadarConfig, load_config, read_parameters
 from offradar_ros.errors import ConfigError
@@ -54,20 +54,20 @@ def evaluate(
     params: Params = None,
     streets: Streets = None,
     clean_scans: Annotated[
-        Path | None,
+        Optional[Path],
         typer.Option(
             help='A recording in good conditions: U of its scans, as recorded and with faults added to their bytes.'
         ),
     ] = None,
     compared_scans: Annotated[
-        list[str] | None,
+        Optional[list[str]],
         typer.Option(
             metavar='NAME=RECORDING',
             help='Another recording, whose U is compared with that of the clean scans. May be repeated.',
         ),
     ] = None,
     cache: Annotated[
-        Path | None, typer.Option(help='Folder of simulated scans and embeddings, kept; OUT/cache if not given.')
+        Optional[Path], typer.Option(help='Folder of simulated scans and embeddings, kept; OUT/cache if not given.')
     ] = None,
     processes: Processes = 0,
     threads: Threads = 0,

@@ -2,7 +2,7 @@
 
 import dataclasses
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Optional
 
 import typer
 
@@ -20,15 +20,15 @@ METHODS_HELP = (
 DEFAULT_METHODS = ('ring_key', 'ours=compact')
 
 ProtocolName = Annotated[
-    str | None,
+    Optional[str],
     typer.Argument(
         help='Protocol: a YAML file, or the name of one that ships; simulated if not given, or own with --map.'
     ),
 ]
-Methods = Annotated[list[str] | None, typer.Option('--method', metavar='NAME[=WEIGHTS]', help=METHODS_HELP)]
-Data = Annotated[Path | None, typer.Option(help='Folder of the recorded sequences that the protocol names.')]
+Methods = Annotated[Optional[list[str]], typer.Option('--method', metavar='NAME[=WEIGHTS]', help=METHODS_HELP)]
+Data = Annotated[Optional[Path], typer.Option(help='Folder of the recorded sequences that the protocol names.')]
 Maps = Annotated[
-    list[Path] | None,
+    Optional[list[Path]],
     typer.Option(
         '--map',
         help='A recording of your own that is mapped, in place of the drives of the protocol; for M the other '
@@ -36,23 +36,23 @@ Maps = Annotated[
     ),
 ]
 Queries = Annotated[
-    list[Path] | None, typer.Option('--query', help='A recording of your own that is searched for in the maps.')
+    Optional[list[Path]], typer.Option('--query', help='A recording of your own that is searched for in the maps.')
 ]
 ExclusionS = Annotated[
-    float | None,
+    Optional[float],
     typer.Option(
         min=0.0,
         help='Above 0: drives are also searched for in their own maps, without places scanned within these seconds.',
     ),
 ]
 Params = Annotated[
-    Path | None,
+    Optional[Path],
     typer.Option(
         help='Parameter file: how recordings are read, the encoder, and the threshold in use where it has one.'
     ),
 ]
 Streets = Annotated[
-    Path | None, typer.Option(help='Folder of the nav2 maps and recorded traversals that the protocol names.')
+    Optional[Path], typer.Option(help='Folder of the nav2 maps and recorded traversals that the protocol names.')
 ]
 Processes = Annotated[int, typer.Option(min=0, help='Processes that simulate; 0 for one per core.')]
 Threads = Annotated[int, typer.Option(min=0, help='Threads of a learned encoder; 0 for one per core.')]

@@ -2,11 +2,11 @@
 
 import importlib.util
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Optional
 
 import typer
 
-from offradar_ros.cli.need import pip_hint
+from offradar_ros.cli.install_hints import pip_hint
 from offradar_ros.errors import ConfigError
 from offradar_ros.lab.report.build import build_report
 from offradar_ros.lab.report.source import read_source
@@ -15,7 +15,7 @@ from offradar_ros.lab.report.write import write_report
 
 def report(
     folder: Annotated[Path, typer.Argument(help='Folder of results: --out of offradar evaluate.')],
-    out: Annotated[Path | None, typer.Option(help='Folder for the report; FOLDER/report if not given.')] = None,
+    out: Annotated[Optional[Path], typer.Option(help='Folder for the report; FOLDER/report if not given.')] = None,
 ) -> None:
     """Write report.html (self-contained), report.md with figures/, and tables/ as CSV."""
     for package in ('matplotlib', 'jinja2'):

@@ -3,7 +3,7 @@
 import dataclasses
 import enum
 from pathlib import Path
-from typing import Annotated, List  # noqa: UP035
+from typing import Annotated, Optional
 
 import typer
 
@@ -36,16 +36,16 @@ def simulate(
     world: Annotated[str, typer.Argument(help='city, city:SEED, or the YAML file of a nav2 map.')],
     out: Annotated[Path, typer.Option(help='Folder in which to write the drives.')],
     sessions: Annotated[
-        int | None, typer.Option(min=1, max=100, help='Drives; 3, or one for each traversal.', show_default=False)
+        Optional[int], typer.Option(min=1, max=100, help='Drives; 3, or one for each traversal.', show_default=False)
     ] = None,
     scans: Annotated[
-        int | None,
+        Optional[int],
         typer.Option(
             min=1, max=100_000, help=f'Scans of each drive; {SCANS}, or the whole traversal.', show_default=False
         ),
     ] = None,
     traversal: Annotated[
-        List[Path] | None,  # noqa: UP006
+        Optional[list[Path]],
         typer.Option(help='TUM file of a drive to follow, in the frame of the world; sessions take several in turn.'),
     ] = None,
     two_way: Annotated[bool, typer.Option('--two-way', help='Drive every second session backwards.')] = False,
@@ -54,7 +54,7 @@ def simulate(
     seed: Annotated[int, typer.Option(min=0, max=10**12, help='Of the world and of the drives.')] = 1,
     degraded: Annotated[float, typer.Option(min=0.0, max=1.0, help='Share of degraded scans in every drive.')] = 0.0,
     kind: Annotated[
-        List[DegradationKind] | None,  # noqa: UP006
+        Optional[list[DegradationKind]],
         typer.Option(help='Degradation to draw from; several may be given, all by default.'),
     ] = None,
     weather: Annotated[str, typer.Option(help='clear, or rain=MM_H,snow=MM_H,fog=VISIBILITY_M.')] = 'clear',

@@ -3,12 +3,12 @@
 import math
 import os
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Optional
 
 import typer
 
+from offradar_ros.cli.install_hints import pip_hint
 from offradar_ros.cli.interrupt import held_interrupt
-from offradar_ros.cli.need import pip_hint
 from offradar_ros.cli.progress import progress_bar
 from offradar_ros.errors import ConfigError
 
@@ -20,14 +20,14 @@ def train(
     out: Annotated[Path, typer.Option(help='Folder for weights, checkpoint, logs and curves.')],
     resume: Annotated[bool, typer.Option('--resume', help="Continue from the folder's checkpoint.")] = False,
     minutes: Annotated[
-        float | None, typer.Option(min=0.0, help='Stop with a checkpoint after this time; --resume continues later.')
+        Optional[float], typer.Option(min=0.0, help='Stop with a checkpoint after this time; --resume continues later.')
     ] = None,
     device: Annotated[str, typer.Option(help=f'Where to compute: {", ".join(DEVICES)}.')] = 'auto',
     settings: Annotated[
-        list[str] | None, typer.Option('--set', metavar='KEY=VALUE', help='Change a key of the configuration.')
+        Optional[list[str]], typer.Option('--set', metavar='KEY=VALUE', help='Change a key of the configuration.')
     ] = None,
     cache: Annotated[
-        Path | None, typer.Option(help='Folder of cached scans, which runs may share; OUT/cache if not given.')
+        Optional[Path], typer.Option(help='Folder of cached scans, which runs may share; OUT/cache if not given.')
     ] = None,
 ) -> None:
     """Train a network on simulated or recorded drives; several GPUs by torchrun."""

@@ -1,8 +1,8 @@
-"""What to do where a package that not every command needs is missing."""
+"""How to install packages that only some commands need."""
 
 
 def ros_hint(package: str, extra: str) -> str:
-    """`needs …` for a package that a ROS 2 installation or an extra of ours brings."""
+    """`needs …`, for a package that comes with a ROS 2 installation or with an extra of this project."""
     return f'needs {package}: source a ROS 2 installation, or {pip_hint(extra)}'
 
 
