@@ -53,7 +53,7 @@ def read_map_image(path: str | Path) -> MapImage:
     values = _read_yaml(path)
     resolution = _number(path, values, 'resolution')
     if not 1e-3 <= resolution <= 100.0:
-        raise DataError(f'{path}: resolution: expected 0.001 to 100 metres a cell, got {resolution:g}')
+        raise DataError(f'{path}: resolution: expected 0.001 to 100 metres per cell, got {resolution:g}')
     origin = values.get('origin')
     if not isinstance(origin, list) or len(origin) < 3 or not all(_finite(v) for v in origin[:3]):
         raise DataError(f'{path}: origin: expected three numbers, x, y and yaw, got {origin!r}')

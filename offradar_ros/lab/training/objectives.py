@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pkgutil
 
-from torch import nn
-
+from offradar_ros.encoders.networks.network import Network
 from offradar_ros.encoders.registry import ENCODERS
 from offradar_ros.errors import ConfigError
 from offradar_ros.lab.training.config import TrainingConfig
@@ -17,7 +16,7 @@ def needs_teacher(method: str) -> bool:
     return bool(ENCODERS[method].teacher)
 
 
-def make_objective(config: TrainingConfig, teacher: nn.Module | None = None) -> Objective:
+def make_objective(config: TrainingConfig, teacher: Network | None = None) -> Objective:
     """The objective of `config.method`, with a network initialised from torch's seed.
 
     `teacher` is the trained network of a method that needs one; ConfigError if it is missing.

@@ -13,16 +13,16 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, cast
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
 import torch
-from torch import nn
 
 from offradar_ros import __version__
 from offradar_ros.encoders.network_config import NetworkConfig
 from offradar_ros.encoders.networks.files import load_network
+from offradar_ros.encoders.networks.network import Network
 from offradar_ros.encoders.networks.variational import VariationalNetwork
 from offradar_ros.errors import ConfigError, DataError
 from offradar_ros.lab.drives.cache import cached_drives
@@ -86,6 +86,14 @@ class RunResult(NamedTuple):
     score: float
 
 
+class _Context(NamedTuple):
+    """Attributes of a run that its parts share; `deadline_s` is a value of ``time.monotonic()``."""
+
+    options: RunOptions
+    group: Group
+    deadline_s: float
+
+
 def run(config: TrainingConfig, out: Path, options: RunOptions) -> RunResult:
     """Train, and write into `out` the best and last weights, a checkpoint, logs, curves, configuration and versions.
 
@@ -96,27 +104,27 @@ def run(config: TrainingConfig, out: Path, options: RunOptions) -> RunResult:
     deadline_s = math.inf if options.minutes is None else time.monotonic() + 60.0 * options.minutes
     with process_group(options.device) as group:
         stages = _both_stages if config.refinement.steps else _first_stage
-        return stages(config, out, options, group, deadline_s)
+        return stages(config, out, _Context(options, group, deadline_s))
 
 
-def _first_stage(config: TrainingConfig, out: Path, options: RunOptions, group: Group, deadline_s: float) -> RunResult:
+def _first_stage(config: TrainingConfig, out: Path, context: _Context) -> RunResult:
     """Train the network, after its teacher if it needs one, or fit the centres."""
     if (out / FIRST / CHECKPOINT).is_file():
         raise ConfigError(f'{out}: its run was started with a second stage: expected refinement.steps above 0')
     teacher = _load_teacher(config)
-    data = _cached(config.network, config.data, options, group, 'training scans')
+    data = _cached(config.network, config.data, context, 'training scans')
     if config.fit == 'rad_vlad':
         return RunResult(True, 0, fit_centres(config, data, out), math.nan)
-    validation = _cached(config.network, config.validation, options, group, 'validation scans')
+    validation = _cached(config.network, config.validation, context, 'validation scans')
     if needs_teacher(config.method) and teacher is None:
-        trained = _train_teacher(config, out, options, group, data, validation, deadline_s)
+        trained = _train_teacher(config, out, context, data, validation)
         if isinstance(trained, RunResult):
             return trained
         teacher = trained
-    return _train(config, out, options, group, data, validation, deadline_s, teacher)
+    return _train(config, out, context, data, validation, teacher)
 
 
-def _load_teacher(config: TrainingConfig) -> nn.Module | None:
+def _load_teacher(config: TrainingConfig) -> Network | None:
     """The teacher of `teacher.weights`, if given. Settings that the objective refuses are reported here, early."""
     if config.fit != 'network' or (needs_teacher(config.method) and not config.teacher.weights):
         return None
@@ -128,29 +136,26 @@ def _load_teacher(config: TrainingConfig) -> nn.Module | None:
 def _train_teacher(
     config: TrainingConfig,
     out: Path,
-    options: RunOptions,
-    group: Group,
+    context: _Context,
     data: Sequence[Drive],
     validation: Sequence[Drive],
-    deadline_s: float,
-) -> nn.Module | RunResult:
+) -> Network | RunResult:
     """The trained teacher, or the result of its run if that was stopped."""
     network = dataclasses.replace(config.network, method=config.teacher.method)
     teacher = dataclasses.replace(config, network=network, steps=config.teacher.steps)
-    result = _train(teacher, out / TEACHER, options, group, data, validation, deadline_s)
+    result = _train(teacher, out / TEACHER, context, data, validation)
     return load_network(result.best)[0] if result.finished else result
 
 
 def _train(
     config: TrainingConfig,
     out: Path,
-    options: RunOptions,
-    group: Group,
+    context: _Context,
     data: Sequence[Drive],
     validation: Sequence[Drive],
-    deadline_s: float,
-    teacher: nn.Module | None = None,
+    teacher: Network | None = None,
 ) -> RunResult:
+    options, group, deadline_s = context
     resume = options.resume and (out / CHECKPOINT).is_file()
     if resume:
         _require_same(config, read_progress(out / CHECKPOINT).config, out)
@@ -170,9 +175,9 @@ def _train(
     return RunResult(finished, loop.step, out / (BEST if step >= 0 else LAST), score if step >= 0 else math.nan)
 
 
-def _both_stages(config: TrainingConfig, out: Path, options: RunOptions, group: Group, deadline_s: float) -> RunResult:
+def _both_stages(config: TrainingConfig, out: Path, context: _Context) -> RunResult:
     """Train the first stage, unless its weights are given, and the second, which is short and not resumable."""
-    refinement = config.refinement
+    refinement, (options, group, deadline_s) = config.refinement, context
     if config.fit != 'network' or config.method != 'variational':
         what = config.method if config.fit == 'network' else config.fit
         raise ConfigError(f'key refinement.steps: expected 0, as {what} has no second stage')
@@ -184,15 +189,15 @@ def _both_stages(config: TrainingConfig, out: Path, options: RunOptions, group: 
     weights = Path(refinement.weights)
     if not refinement.weights:
         first = dataclasses.replace(config, refinement=RefinementConfig())
-        result = _first_stage(first, out / FIRST, options, group, deadline_s)
+        result = _first_stage(first, out / FIRST, context)
         if not result.finished or group.any(time.monotonic() >= deadline_s):
             return result._replace(finished=False)
         weights = result.best
-    network = cast(VariationalNetwork, load_network(weights)[0])
-    if network.config != config.network:
+    network, _ = load_network(weights)
+    if not isinstance(network, VariationalNetwork) or network.config != config.network:
         raise ConfigError(f'{weights}: expected weights of the configured network, {config.network}')
-    data = _cached(config.network, refinement.data, options, group, 'scans to search for')
-    validation = _cached(config.network, config.validation, options, group, 'validation scans')
+    data = _cached(config.network, refinement.data, context, 'scans to search for')
+    validation = _cached(config.network, config.validation, context, 'validation scans')
     score = -1.0
     if group.rank == 0:
         _describe(config, out, group, network, data)
@@ -233,9 +238,8 @@ def _completed(values: Mapping[str, Any], default: dict[str, Any]) -> dict[str, 
     return {key: _completed(value, default[key]) if isinstance(value, dict) else value for key, value in given.items()}
 
 
-def _cached(
-    network: NetworkConfig, config: DataConfig | ValidationConfig, options: RunOptions, group: Group, text: str
-) -> list[Drive]:
+def _cached(network: NetworkConfig, config: DataConfig | ValidationConfig, context: _Context, text: str) -> list[Drive]:
+    options, group, _ = context
     sources = _sources(config)
     reduction = Reduction.for_image(network)
     if group.rank == 0:
@@ -265,7 +269,7 @@ def _shown(options: RunOptions, text: str) -> Iterator[Progress | None]:
         yield progress
 
 
-def _describe(config: TrainingConfig, out: Path, group: Group, network: nn.Module, data: Sequence[Drive]) -> None:
+def _describe(config: TrainingConfig, out: Path, group: Group, network: Network, data: Sequence[Drive]) -> None:
     """Write the configuration and, as a line of JSON, versions, machine and data; a resumed run appends a line."""
     out.mkdir(parents=True, exist_ok=True)
     write_record(out / 'config.yaml', config)

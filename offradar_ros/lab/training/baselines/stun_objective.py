@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import torch
-from torch import nn
 
 from offradar_ros.encoders.networks.bc_radar import BcRadarNetwork
+from offradar_ros.encoders.networks.network import Network
 from offradar_ros.encoders.networks.stun import StunNetwork
 from offradar_ros.errors import ModelError
 from offradar_ros.lab.training.baselines.distillation import distillation, gaussian_distillation
@@ -20,7 +20,7 @@ class StunObjective:
     teacher's backbone and head, as "finetuned" in the paper suggests; its uncertainty is then lower.
     """
 
-    def __init__(self, config: TrainingConfig, teacher: nn.Module | None) -> None:
+    def __init__(self, config: TrainingConfig, teacher: Network | None) -> None:
         """ModelError for a teacher that is no `BcRadarNetwork` or has another dimension or image (and so backbone)."""
         if not isinstance(teacher, BcRadarNetwork):
             raise ModelError(f'teacher: expected a trained bc_radar network, got {type(teacher).__name__}')
