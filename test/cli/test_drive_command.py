@@ -309,7 +309,7 @@ def test_a_session_is_interrupted_if_its_process_was_killed_and_runs_if_it_lives
         for path in (db, link):
             shown = done('map', path)
             assert '│running' in shown
-            assert 'interrupted' not in shown
+            assert '│interrupted' not in shown
     # Left by a process that was killed: nothing holds it.
     db.with_name('map.db.lock').touch()
     assert '│interrupted' in done('map', db)
