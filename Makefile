@@ -3,6 +3,8 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 SOURCES := setup.py setup.cfg package.xml constraints.txt $(shell find offradar_ros scripts params launch resource -type f -not -name '*.pyc')
+# One thread in each test process: more would wait for one another, on a busy machine for most of the time.
+PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
 .PHONY: demo test lint test-fast bench bench-check bag clean
@@ -11,7 +13,7 @@ demo: $(VENV)/.demo
 	$(BIN)/offradar demo
 
 test: lint
-	$(BIN)/python -m pytest -n 2 --dist loadfile
+	$(PYTEST)
 
 lint: $(VENV)/.test
 	$(BIN)/ruff check .
@@ -20,7 +22,7 @@ lint: $(VENV)/.test
 
 # Without the tests that start nodes.
 test-fast: $(VENV)/.test
-	$(BIN)/python -m pytest -n 2 --dist loadfile --ignore test/nodes
+	$(PYTEST) --ignore test/nodes
 
 # The figures that benchmarks/README.md explains, into BENCH; of driving with each encoder, SECONDS.
 SECONDS ?= 60
