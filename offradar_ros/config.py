@@ -252,10 +252,89 @@ class MapConfig:
 
 
 @dataclasses.dataclass(frozen=True)
+class ConfidenceConfig:
+    """Log-odds that an answer is right, a sum of evidence (docs/confidence.md). No coefficient is positive."""
+
+    model: str = parameter(
+        '',
+        'fingerprint of the model that these coefficients are for (offradar calibrate); empty takes those that ship '
+        'for the model of the map',
+        read_only=False,
+    )
+    intercept: float = parameter(
+        0.0, 'log-odds of an answer whose other terms are 0', minimum=-1e6, maximum=1e6, read_only=False
+    )
+    distance: float = parameter(
+        0.0,
+        'times the distance of the nearest place in embedding space: how little the scan resembles it',
+        minimum=-1e6,
+        maximum=0.0,
+        read_only=False,
+    )
+    spatial_ratio: float = parameter(
+        0.0,
+        'times the log of that distance over the distance of the nearest place elsewhere: how little better it '
+        'resembles this place than another',
+        minimum=-1e6,
+        maximum=0.0,
+        read_only=False,
+    )
+    place_ratio: float = parameter(
+        0.0,
+        'times the log of that distance over the distance from the place to the nearest place elsewhere: how little '
+        'better than two places of the map resemble each other',
+        minimum=-1e6,
+        maximum=0.0,
+        read_only=False,
+    )
+    uncertainty: float = parameter(0.0, 'times the log of U of the scan', minimum=-1e6, maximum=0.0, read_only=False)
+    place_uncertainty: float = parameter(
+        0.0, 'times the log of U of the scan that the place holds', minimum=-1e6, maximum=0.0, read_only=False
+    )
+    usual_uncertainty: float = parameter(
+        1.0,
+        'U of an ordinary scan of this sensor, which both uncertainties are divided by (offradar calibrate)',
+        minimum=1e-12,
+        maximum=1e12,
+        read_only=False,
+    )
+    unrelated_distance: float = parameter(
+        1.0,
+        'typical distance between scans of different places; the distance of a place elsewhere counts as this if it is '
+        'greater, or if the map has none',
+        minimum=1e-6,
+        maximum=1e6,
+        read_only=False,
+    )
+
+
+@dataclasses.dataclass(frozen=True)
 class QueryConfig:
-    """Introspective querying (Sec. III-C of the paper)."""
+    """Introspective querying: the paper's rule on U (Sec. III-C), or the probability that the answer is right."""
 
     top_k: int = parameter(5, 'places returned by a match', minimum=1, maximum=1000, read_only=False)
+    gate: str = parameter(
+        'probability',
+        "what decides whether a query is answered: the probability that the answer is right, or the paper's rule on U "
+        'alone, which is also used where the probability is not known',
+        choices=('probability', 'paper'),
+        read_only=False,
+    )
+    min_probability: float = parameter(
+        0.9,
+        'a query whose answer is right with a lower probability is rejected',
+        minimum=0.0,
+        maximum=1.0,
+        read_only=False,
+    )
+    tolerance_m: float = parameter(
+        25.0,
+        'an answer is right if the place is nearer to the vehicle than this; shipped probabilities are for 25 m',
+        unit='m',
+        minimum=0.01,
+        maximum=10000.0,
+        read_only=False,
+    )
     delta: float = parameter(0.5, 'Δ: thresholds span 1 − Δ to 1 + Δ', minimum=0.0, maximum=1e6, read_only=False)
     levels: int = parameter(10, 'N: number of steps between the thresholds', minimum=1, maximum=10000, read_only=False)
     level: int = parameter(
@@ -293,6 +372,7 @@ class QueryConfig:
         '',
         'SQLite map to read at start: for maps that are too large for a message, or to query without a map server',
     )
+    confidence: ConfidenceConfig = dataclasses.field(default_factory=ConfidenceConfig)
 
     def __post_init__(self) -> None:
         if self.level > self.levels:

@@ -17,11 +17,20 @@ def shipped_file(folder: str, text: str | Path) -> Path:
     """
     if os.sep in str(text) or str(text).endswith('.yaml'):
         return Path(text)
-    found = {path.stem: path for place in _places() for path in sorted((place / folder).glob('*.yaml'))}
+    found = _by_name(folder)
     if str(text) not in found:
         names = ', '.join(sorted(found)) or 'none are installed'
         raise ConfigError(f'{text}: expected a YAML file or one of the {folder} of this package: {names}')
     return found[str(text)]
+
+
+def shipped_files(folder: str) -> list[Path]:
+    """Every YAML file of ``params/FOLDER``, sorted by name."""
+    return [path for _, path in sorted(_by_name(folder).items())]
+
+
+def _by_name(folder: str) -> dict[str, Path]:
+    return {path.stem: path for place in _places() for path in sorted((place / folder).glob('*.yaml'))}
 
 
 def installed_file(name: str) -> Path | None:

@@ -141,13 +141,39 @@ class Candidate:
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
+class Evidence:
+    """What is known about the nearest place of a query. Distances are Euclidean, in embedding space.
+
+    Attributes:
+        distance: d₁, from the query to the nearest place.
+        distance_apart: from the query to the nearest place that is more than the tolerance away from the first one on
+            the ground; infinite if there is none.
+        place_distance_apart: from the nearest place itself to the nearest other such place; infinite if there is none.
+        uncertainty: U of the query.
+        place_uncertainty: U of the scan that the place holds.
+    """
+
+    distance: float
+    distance_apart: float
+    place_distance_apart: float
+    uncertainty: float
+    place_uncertainty: float
+
+
+@dataclasses.dataclass(frozen=True, slots=True)
 class Match:
-    """An accepted query and its places, nearest first; it would have been rejected for U above `threshold`."""
+    """An accepted query and its places, nearest first.
+
+    `p_right` is the probability that the first place is within the tolerance of the vehicle, from the evidence; NaN
+    where none is calibrated for the model. `threshold` is that of the paper's rule, on U.
+    """
 
     stamp_ns: int
     uncertainty: float
     threshold: float
     candidates: tuple[Candidate, ...]
+    p_right: float = math.nan
+    evidence: Evidence | None = None
 
 
 class Reason(str, enum.Enum):
@@ -155,6 +181,7 @@ class Reason(str, enum.Enum):
 
     UNCERTAIN = 'uncertain'
     UNKNOWN_PLACE = 'unknown_place'
+    AMBIGUOUS = 'ambiguous'
     INVALID_EMBEDDING = 'invalid_embedding'
     MAP_EMPTY = 'map_empty'
     WRONG_MODEL = 'wrong_model'
@@ -164,7 +191,8 @@ class Reason(str, enum.Enum):
 class Rejection:
     """A rejected query, with the places that a match would have had.
 
-    `uncertainty` is NaN for an invalid embedding; `detail` is one line for people.
+    `uncertainty` is NaN for an invalid embedding; `detail` is one line for people. `p_right` and `evidence` are as in a
+    match, for the first of the places; NaN and None where there is none.
     """
 
     stamp_ns: int
@@ -173,6 +201,8 @@ class Rejection:
     threshold: float
     candidates: tuple[Candidate, ...]
     detail: str
+    p_right: float = math.nan
+    evidence: Evidence | None = None
 
 
 Outcome = Match | Rejection

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros.calibration.conformal import conformal_quantile, scans_for_quantile
-from offradar_ros.calibration.parameters import Calibration, calibrated_parameters
+from offradar_ros.calibration.parameters import Calibration, Thresholds, calibrated_parameters
 from offradar_ros.calibration.variance_scale import spanning_delta, variance_factor
 from offradar_ros.config import Config
 from offradar_ros.encoders.protocol import Encoder
@@ -54,7 +54,7 @@ def calibrate_drive(
             'threshold is just above all of them, and will reject more'
         )
     lines.append('note: nothing is known of wrong answers: calibrate over several drives of one road to keep them rare')
-    values = calibrated_parameters(config, encoder, factor, delta, levels, level)
+    values = calibrated_parameters(config, encoder, uncertainties, factor, Thresholds(delta, levels, level))
     return Calibration(values, f'{scans} scans of {sequence.name}', tuple(lines))
 
 

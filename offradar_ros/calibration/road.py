@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from offradar_ros.calibration.error_control import upper_bound
-from offradar_ros.calibration.parameters import Calibration, calibrated_parameters
+from offradar_ros.calibration.parameters import Calibration, Thresholds, calibrated_parameters
 from offradar_ros.calibration.threshold_choice import ThresholdChoice, choose_threshold
 from offradar_ros.calibration.validation_queries import SQUARE_M, EncodedDrive, validation_queries
 from offradar_ros.calibration.variance_scale import spanning_delta, variance_factor
@@ -57,7 +57,8 @@ def calibrate_road(
     queries = dataclasses.replace(queries, uncertainties=queries.uncertainties * factor)
     delta, levels = spanning_delta(queries.uncertainties[known]), config.query.levels
     choice = choose_threshold(queries, static_thresholds(delta, levels), limit.error_rate, limit.confidence)
-    values = calibrated_parameters(config, encoder, factor, delta, levels, choice.level)
+    usable = queries.uncertainties[known]
+    values = calibrated_parameters(config, encoder, usable, factor, Thresholds(delta, levels, choice.level))
     source = f'{len(queries)} scans of {", ".join(drive.name for drive in drives)}'
     return Calibration(values, source, tuple(_lines(choice, delta))), choice
 

@@ -12,7 +12,21 @@ from offradar_ros.errors import DataError
 from offradar_ros.recordings.truth import TOLERANCE_M, recall_at_1
 from offradar_ros.types import Match, Outcome
 
-COLUMNS = ('stamp_ns', 'answer', 'reason', 'uncertainty', 'threshold', 'place_id', 'distance', 'x_m', 'y_m')
+COLUMNS = (
+    'stamp_ns',
+    'answer',
+    'reason',
+    'p_right',
+    'uncertainty',
+    'threshold',
+    'place_id',
+    'distance',
+    'distance_apart',
+    'place_distance_apart',
+    'place_uncertainty',
+    'x_m',
+    'y_m',
+)
 TRUTH_COLUMNS = ('true_x_m', 'true_y_m', 'error_m')
 
 
@@ -39,13 +53,15 @@ def _answer(outcome: Outcome) -> list[object]:
         outcome.stamp_ns,
         'match' if is_match else 'rejected',
         '' if isinstance(outcome, Match) else outcome.reason.value,
+        _known(outcome.p_right),
         _known(outcome.uncertainty),
         outcome.threshold,
     ]
     if not outcome.candidates:
-        return [*row, '', '', '', '']
-    best = outcome.candidates[0]
-    return [*row, best.place_id, best.distance, best.pose.x_m, best.pose.y_m]
+        return [*row, *('' for _ in range(7))]
+    best, evidence = outcome.candidates[0], outcome.evidence
+    apart = (evidence.distance_apart, evidence.place_distance_apart) if evidence else (math.nan, math.nan)
+    return [*row, best.place_id, best.distance, *map(_known, apart), best.uncertainty, best.pose.x_m, best.pose.y_m]
 
 
 def _known(value: float) -> object:

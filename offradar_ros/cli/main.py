@@ -23,6 +23,7 @@ COMMANDS = {
     'drive': 'cli.drive:drive',
     'encode': 'lab.cli.encode:encode',
     'evaluate': 'lab.cli.evaluate:evaluate',
+    'confidence': 'lab.cli.confidence:confidence',
     'report': 'lab.cli.report:report',
     'card': 'lab.cli.card:card',
     'map': 'cli.map:show_map',

@@ -1,14 +1,16 @@
-"""Introspective query rejection (Sec. III-C of the paper): the nearest places, or a reason for the rejection."""
+"""Introspective query rejection: the nearest places, or a reason for the rejection (Sec. III-C, and a probability)."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
-from offradar_ros.config import QueryConfig
+from offradar_ros.config import ConfidenceConfig, QueryConfig
 from offradar_ros.mapping.embedding_check import embedding_problem
+from offradar_ros.retrieval.confidence import confidence_for, probability, without_rival
 from offradar_ros.retrieval.searched_map import SearchedMap
 from offradar_ros.retrieval.thresholds import threshold_at
-from offradar_ros.types import Candidate, Embedding, Match, Outcome, Reason, Rejection
+from offradar_ros.types import Candidate, Embedding, Evidence, Match, Outcome, Reason, Rejection
 
 
 class IntrospectiveQuery:
@@ -23,6 +25,9 @@ class IntrospectiveQuery:
     def query(self, embedding: Embedding) -> Outcome:
         """A match with the `top_k` nearest places, or a rejection with the places that a match would have had.
 
+        The gate is `query.gate`: the probability that the first place is right, or the paper's rule on U, which is also
+        used where no coefficients are known for the model.
+
         The first reason that applies is given. `wrong_model`: the embedding is not of the model that the thresholds
         are calibrated for (`query.model`, if set), or not of the map's model. An empty map from a file has a model. An
         empty map from a message has none: it may later hold any model, and valid embeddings are rejected as
@@ -33,19 +38,53 @@ class IntrospectiveQuery:
         if problem := self._model_problem(embedding):
             return self._rejection(embedding, Reason.WRONG_MODEL, problem)
         # Similarity is Euclidean distance; the prediction is the k nearest places.
-        include_running = not self.config.exclude_current_session
-        candidates = self.map.nearest(embedding, self.config.top_k, include_running=include_running)
+        search = self.map.around(embedding, include_running=not self.config.exclude_current_session)
+        candidates = search.nearest(self.config.top_k)
         if not candidates:
             return self._rejection(embedding, Reason.MAP_EMPTY, 'the map holds no places to search')
+        evidence = search.evidence(candidates[0], self.config.tolerance_m)
+        coefficients = confidence_for(embedding.model, self.config.confidence)
+        p_right = float(probability(evidence, coefficients)) if coefficients else math.nan
+        if coefficients and self.config.gate == 'probability':
+            found = self._improbable(evidence, p_right, coefficients)
+        else:
+            found = self._paper_rule(evidence)
+        if found is None:
+            return Match(embedding.stamp_ns, embedding.uncertainty, self.threshold, candidates, p_right, evidence)
+        rejection = self._rejection(embedding, *found, candidates)
+        return dataclasses.replace(rejection, p_right=p_right, evidence=evidence)
+
+    def _paper_rule(self, evidence: Evidence) -> tuple[Reason, str] | None:
+        """Why the paper's rule rejects, or None."""
         # U = (1/d) Σ_i Σ_ii: a scan of higher variance than the threshold is rejected.
-        if embedding.uncertainty > self.threshold:
-            detail = f'U {embedding.uncertainty:.4g} is above the threshold {self.threshold:.4g}'
-            return self._rejection(embedding, Reason.UNCERTAIN, detail, candidates)
+        if evidence.uncertainty > self.threshold:
+            return Reason.UNCERTAIN, f'U {evidence.uncertainty:.4g} is above the threshold {self.threshold:.4g}'
         # Not in the paper: a scan that is far from every place in embedding space.
-        if 0.0 < self.config.max_distance < candidates[0].distance:
-            detail = f'the nearest place is {candidates[0].distance:.4g} away, above {self.config.max_distance:.4g}'
-            return self._rejection(embedding, Reason.UNKNOWN_PLACE, detail, candidates)
-        return Match(embedding.stamp_ns, embedding.uncertainty, self.threshold, candidates)
+        if 0.0 < self.config.max_distance < evidence.distance:
+            return (
+                Reason.UNKNOWN_PLACE,
+                f'the nearest place is {evidence.distance:.4g} away, above {self.config.max_distance:.4g}',
+            )
+        return None
+
+    def _improbable(
+        self, evidence: Evidence, p_right: float, coefficients: ConfidenceConfig
+    ) -> tuple[Reason, str] | None:
+        """Why the gate on the probability rejects, or None.
+
+        The reason is what speaks most against an answer: another place that resembles the scan (without it, the answer
+        would be probable enough), a scan of high U (by the paper's rule), or that the scan resembles no place.
+        """
+        least = self.config.min_probability
+        if p_right >= least:
+            return None
+        low = f'right with probability {p_right:.3g}, below {least:g}'
+        if probability(without_rival(evidence), coefficients) >= least:
+            rival = f'at {evidence.distance_apart:.4g}, elsewhere, after the nearest at {evidence.distance:.4g}'
+            return Reason.AMBIGUOUS, f'{low}: another place resembles the scan nearly as well ({rival})'
+        if evidence.uncertainty > self.threshold:
+            return Reason.UNCERTAIN, f'{low}: U {evidence.uncertainty:.4g} is above {self.threshold:.4g}'
+        return Reason.UNKNOWN_PLACE, f'{low}: the scan resembles no place (the nearest is at {evidence.distance:.4g})'
 
     def _model_problem(self, embedding: Embedding) -> str | None:
         made_by = f'made by model {embedding.model[:12] or "(none)"}'

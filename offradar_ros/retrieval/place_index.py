@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -108,13 +110,23 @@ class PlaceIndex:
         Fewer than k if the index has fewer. `exclude` (M,) int64 are ids that are not searched. Distances are exact,
         rounded to single precision.
         """
-        query = np.asarray(mean, np.float32)
+        return self.around(mean, exclude).nearest(k)
+
+    def around(self, mean: NDArray[np.float32], exclude: NDArray[np.int64] | None = None) -> PlaceSearch:
+        """The places by their distance to `mean`, to be asked more than once; `exclude` as in `search`."""
         rows, known = self._columns.find(np.empty(0, np.int64) if exclude is None else exclude)
-        excluded = np.unique(rows[known])
-        k = min(k, len(self) - len(excluded))
-        if k <= 0:
-            return []
-        return self._candidates(*self._ranked(query, self._shortlist(query, k, excluded), k))
+        return PlaceSearch(self, np.asarray(mean, np.float32), np.unique(rows[known]))
+
+    def mean_of(self, place_id: int) -> NDArray[np.float32] | None:
+        """(d,) a copy of the mean of a place; None if it is not in the index."""
+        rows, known = self._columns.find(np.array([place_id], np.int64))
+        return self._columns.table.means[rows[0]].copy() if known[0] else None
+
+    def rows_within(self, position_m: NDArray[np.float64], radius_m: float) -> NDArray[np.bool_]:
+        """(N,) whether each place is within `radius_m` of (x, y) on the ground."""
+        offsets = self._columns.table.positions_m[:, :2] - position_m[:2]
+        within: NDArray[np.bool_] = np.einsum('ij,ij->i', offsets, offsets) <= radius_m**2
+        return within
 
     def search_many(
         self, queries: NDArray[np.float32], k: int, exclude: NDArray[np.bool_] | None = None
@@ -200,17 +212,14 @@ class PlaceIndex:
         nearest = np.argsort(distances, kind='stable')[:k]
         return rows[nearest], distances[nearest]
 
-    def _shortlist(self, query: NDArray[np.float32], k: int, excluded: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Ascending rows among which the k nearest are for certain."""
-        squares = self._squared_norms[: len(self)]
+    def _scores(self, query: NDArray[np.float32]) -> tuple[NDArray[np.float32], float] | None:
+        """(N,) |x|² − 2 x·q, and the bound on their error; None where single precision could overflow."""
         largest = (np.sqrt(self._largest_squared_norm()) + np.linalg.norm(query.astype(np.float64))) ** 2
         if not largest < _LARGEST_SQUARE:
-            return np.setdiff1d(np.arange(len(self)), excluded)
+            return None
         scores = self._columns.table.means @ (np.float32(-2.0) * query)
-        scores += squares
-        scores[excluded] = np.inf
-        bound = (self.dimension + 8) * (_UNIT_ROUNDOFF * largest + _TINY)
-        return _rows_within_margin(scores, k, 2.0 * bound)
+        scores += self._squared_norms[: len(self)]
+        return scores, (self.dimension + 8) * (_UNIT_ROUNDOFF * float(largest) + _TINY)
 
     def _distances(self, queries: NDArray[np.float32], rows: NDArray[np.intp]) -> NDArray[np.float32]:
         """(M,) exact distances of (M,) rows to one query (d,), or of each row to its own query (M, d)."""
@@ -273,3 +282,36 @@ class PlaceIndex:
         wrong = np.flatnonzero(~(np.isfinite(lowest) & np.isfinite(highest)))
         if len(wrong):
             raise RefusedInput('invalid_place', f'place {table.place_ids[wrong[0]]}: its mean is not finite')
+
+
+class PlaceSearch:
+    """The places of an index by their distance to one mean, computed once; valid until the index changes."""
+
+    def __init__(self, index: PlaceIndex, query: NDArray[np.float32], excluded: NDArray[np.intp]) -> None:
+        self._index, self._query, self._excluded = index, query, excluded
+        self._scored = index._scores(query) if len(index) > len(excluded) else None
+
+    def nearest(self, k: int) -> list[Candidate]:
+        """As `PlaceIndex.search`."""
+        k = min(k, len(self._index) - len(self._excluded))
+        if k <= 0:
+            return []
+        return self._index._candidates(*self._index._ranked(self._query, self._shortlist(k, self._excluded), k))
+
+    def distance_apart(self, position_m: NDArray[np.float64], radius_m: float) -> float:
+        """Distance, in embedding space, of the nearest place farther than `radius_m` from (x, y); infinite if none."""
+        near = np.flatnonzero(self._index.rows_within(position_m, radius_m))
+        excluded = np.union1d(near, self._excluded)
+        if len(excluded) == len(self._index):
+            return math.inf
+        return float(self._index._ranked(self._query, self._shortlist(1, excluded), 1)[1][0])
+
+    def _shortlist(self, k: int, excluded: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Ascending rows among which the k nearest are for certain."""
+        if self._scored is None:
+            return np.setdiff1d(np.arange(len(self._index)), excluded)
+        scores, error = self._scored
+        if len(excluded):
+            scores = scores.copy()
+            scores[excluded] = np.inf
+        return _rows_within_margin(scores, k, 2.0 * error)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +13,12 @@ from offradar_ros.errors import RefusedInput
 from offradar_ros.mapping.map_reader import FileState, file_state, read_committed
 from offradar_ros.mapping.place_columns import take_rows
 from offradar_ros.retrieval.place_index import PlaceIndex
-from offradar_ros.types import Candidate, Embedding, PlaceTable
+from offradar_ros.types import Candidate, Embedding, Evidence, PlaceTable
 
 MAX_WAITING_UPDATES = 64
 """Most updates of the running session that wait for a later scan."""
+
+_NO_IDS: NDArray[np.int64] = np.empty(0, np.int64)
 
 
 class SearchedMap:
@@ -93,16 +96,18 @@ class SearchedMap:
         `include_running` searches the running session too, without this scan itself: a place that the session changed
         counts with its present content, unless that is this scan. The embedding must have the map's dimension.
         """
+        return self.around(embedding, include_running=include_running).nearest(k)
+
+    def around(self, embedding: Embedding, *, include_running: bool = False) -> MapSearch:
+        """The places by their distance to a mean (d,), as `nearest` searches them; valid until the map changes."""
         if not self.model:
-            return ()
+            return MapSearch(embedding, [])
         self._apply_updates_before(embedding.stamp_ns)
         if not include_running or not len(self._running):
-            return tuple(self._committed.search(embedding.mean, k))
+            return MapSearch(embedding, [(self._committed, _NO_IDS)])
         own = self._running.place_ids_at(embedding.stamp_ns)
         changed: NDArray[np.int64] = np.setdiff1d(self._running.place_ids, own)
-        found = self._committed.search(embedding.mean, k, exclude=changed)
-        found += self._running.search(embedding.mean, k, exclude=own)
-        return tuple(sorted(found, key=lambda candidate: (candidate.distance, candidate.place_id))[:k])
+        return MapSearch(embedding, [(self._committed, changed), (self._running, own)])
 
     def _apply_updates_before(self, stamp_ns: int) -> None:
         # The update with a scan's own row may arrive before or after its query: it is applied from the next scan on.
@@ -110,3 +115,32 @@ class SearchedMap:
             self._waiting_updates[0].stamps_ns.max() < stamp_ns or len(self._waiting_updates) > MAX_WAITING_UPDATES
         ):
             self._running.upsert(self._waiting_updates.popleft())
+
+
+class MapSearch:
+    """One query of a map: places of one or two indices, without some ids of each."""
+
+    def __init__(self, embedding: Embedding, indices: Sequence[tuple[PlaceIndex, NDArray[np.int64]]]) -> None:
+        self._embedding, self._indices = embedding, indices
+        self._searches = [index.around(embedding.mean, excluded) for index, excluded in indices]
+
+    def nearest(self, k: int) -> tuple[Candidate, ...]:
+        """The k nearest places, nearest first; of equal distances the lower id first."""
+        found = [candidate for search in self._searches for candidate in search.nearest(k)]
+        return tuple(sorted(found, key=lambda candidate: (candidate.distance, candidate.place_id))[:k])
+
+    def evidence(self, nearest: Candidate, tolerance_m: float) -> Evidence:
+        """The evidence for `nearest`, the first place; places within `tolerance_m` of it are the same answer."""
+        here = np.array([nearest.pose.x_m, nearest.pose.y_m])
+        means = [
+            index.mean_of(nearest.place_id) for index, excluded in self._indices if nearest.place_id not in excluded
+        ]
+        mean = next(mean for mean in means if mean is not None)
+        of_place = [index.around(mean, excluded) for index, excluded in self._indices]
+        return Evidence(
+            distance=nearest.distance,
+            distance_apart=min(search.distance_apart(here, tolerance_m) for search in self._searches),
+            place_distance_apart=min(search.distance_apart(here, tolerance_m) for search in of_place),
+            uncertainty=self._embedding.uncertainty,
+            place_uncertainty=nearest.uncertainty,
+        )

@@ -15,7 +15,7 @@ from offradar_ros.messages import stamp_ns
 from offradar_ros.ros.clouds import from_cloud, to_cloud
 from offradar_ros.ros.place_message import MAP_FRAME
 from offradar_ros.ros.stamps import header
-from offradar_ros.types import Candidate, Match, Pose, Reason, Rejection
+from offradar_ros.types import Candidate, Evidence, Match, Pose, Reason, Rejection
 
 CANDIDATE = np.dtype(
     [
@@ -28,12 +28,18 @@ CANDIDATE = np.dtype(
         ('yaw', '<f4'),
         ('query_uncertainty', '<f8'),
         ('threshold', '<f8'),
+        ('p_right', '<f8'),
+        ('distance_apart', '<f8'),
+        ('place_distance_apart', '<f8'),
     ]
 )
 
 
 def match_message(match: Match) -> PointCloud2:
-    """The top k places, nearest first; `uncertainty` is the place's, `query_uncertainty` the scan's."""
+    """The top k places, nearest first; `uncertainty` is the place's, `query_uncertainty` the scan's.
+
+    `p_right` and both distances are of the first place, in each point.
+    """
     points = np.empty(len(match.candidates), CANDIDATE)
     for point, candidate in zip(points, match.candidates, strict=True):
         pose = candidate.pose
@@ -41,6 +47,8 @@ def match_message(match: Match) -> PointCloud2:
         point['distance'], point['uncertainty'] = candidate.distance, candidate.uncertainty
         point['place_id'] = candidate.place_id
     points['query_uncertainty'], points['threshold'] = match.uncertainty, match.threshold
+    points['p_right'] = match.p_right
+    points['distance_apart'], points['place_distance_apart'] = _distances_apart(match.evidence)
     return to_cloud(points, header(match.stamp_ns, MAP_FRAME))
 
 
@@ -59,9 +67,28 @@ def match_record(message: PointCloud2, topic: str) -> Match:
         for p in points
     )
     first = points[0]
+    uncertainty = float(first['query_uncertainty'])
+    apart = float(first['distance_apart']), float(first['place_distance_apart'])
     return Match(
-        stamp_ns(message.header.stamp), float(first['query_uncertainty']), float(first['threshold']), candidates
+        stamp_ns(message.header.stamp),
+        uncertainty,
+        float(first['threshold']),
+        candidates,
+        float(first['p_right']),
+        _evidence(candidates, uncertainty, apart),
     )
+
+
+def _distances_apart(evidence: Evidence | None) -> tuple[float, float]:
+    return (evidence.distance_apart, evidence.place_distance_apart) if evidence else (math.nan, math.nan)
+
+
+def _evidence(
+    candidates: tuple[Candidate, ...], uncertainty: float, distances_apart: tuple[float, float]
+) -> Evidence | None:
+    if math.isnan(distances_apart[0]) or not candidates:
+        return None
+    return Evidence(candidates[0].distance, *distances_apart, uncertainty, candidates[0].uncertainty)
 
 
 def match_pose_message(match: Match, position_sigma_m: float) -> PoseWithCovarianceStamped:
@@ -85,7 +112,7 @@ def match_pose_message(match: Match, position_sigma_m: float) -> PoseWithCovaria
 
 
 def rejection_message(rejection: Rejection) -> DiagnosticArray:
-    """Reason, U, threshold and, as JSON, the candidates that would have been returned."""
+    """Reason, U, threshold, probability, evidence and, as JSON, the candidates that would have been returned."""
     candidates = [
         {
             'place_id': c.place_id,
@@ -98,10 +125,14 @@ def rejection_message(rejection: Rejection) -> DiagnosticArray:
         }
         for c in rejection.candidates
     ]
+    apart, place_apart = _distances_apart(rejection.evidence)
     values = {
         'reason': rejection.reason.value,
         'uncertainty': repr(rejection.uncertainty),
         'threshold': repr(rejection.threshold),
+        'p_right': repr(rejection.p_right),
+        'distance_apart': repr(apart),
+        'place_distance_apart': repr(place_apart),
         'candidates': json.dumps(candidates),
     }
     status = DiagnosticStatus(
@@ -127,13 +158,17 @@ def rejection_record(message: DiagnosticArray, topic: str) -> Rejection:
             )
             for c in json.loads(values['candidates'])
         )
+        uncertainty = float(values['uncertainty'])
+        apart = float(values['distance_apart']), float(values['place_distance_apart'])
         return Rejection(
             stamp_ns(message.header.stamp),
             Reason(values['reason']),
-            float(values['uncertainty']),
+            uncertainty,
             float(values['threshold']),
             candidates,
             status.message.partition(': ')[2],
+            float(values['p_right']),
+            _evidence(candidates, uncertainty, apart),
         )
     except (IndexError, KeyError, ValueError, TypeError) as error:
         raise RefusedInput(

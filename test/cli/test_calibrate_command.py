@@ -150,7 +150,7 @@ def test_every_other_parameter_of_the_file_is_kept(
     done('calibrate', street_bag('bag', count=3), '--out', params, '--params', params)
     after = read_parameters(params)
     new = {name for name in after if name not in before}
-    assert all(name.startswith('encoder.') or name in ('query.level', 'query.levels', 'query.model') for name in new)
+    assert all(name.startswith(('encoder.', 'query.confidence.', 'query.level', 'query.model')) for name in new)
     assert {name for name in before if after[name] != before[name]} == {'query.delta'}
     # Nodes refuse a whole number where they want a decimal one.
     assert isinstance(after['position.max_gap_s'], float)

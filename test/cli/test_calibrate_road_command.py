@@ -42,7 +42,7 @@ def test_three_drives_give_a_threshold_that_is_used(done: Callable[..., str], ro
     assert params.read_text().startswith('# Written by offradar calibrate over 120 scans of drive_0, drive_1, drive_2.')
     done('drive', road[0], '--params', params, '--map', db, '--session', 'one')
     answered = done('drive', road[1], '--params', params, '--map', db)
-    assert sum(int(n) for n in re.findall(r'(?:match|rejected: uncertain) +│ (\d+)', answered)) == COUNT
+    assert sum(int(n) for n in re.findall(r'(?:match|rejected: \w+) +│ (\d+)', answered)) == COUNT
 
 
 def test_given_parameters_are_kept_and_the_drives_give_the_scale(

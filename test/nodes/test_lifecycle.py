@@ -201,7 +201,7 @@ def test_an_interrupt_ends_the_session_and_keeps_it(
 def test_an_ended_session_is_kept_after_a_kill_and_searched_then(
     stack: Callable[..., Stack], street_bag: Callable[..., Path], tmp_path: Path
 ) -> None:
-    parameters = {'map.path': str(tmp_path / 'map.db'), 'query.delta': 100.0}
+    parameters = {'map.path': str(tmp_path / 'map.db'), 'query.delta': 100.0, 'query.min_probability': 0.0}
     first = street_bag('first', count=8)
     with stack(parameters) as nodes:
         nodes.wait_until_ready()
@@ -221,7 +221,7 @@ def test_a_map_can_be_queried_without_a_map_server(
     with stack({'map.path': str(tmp_path / 'map.db')}) as nodes:
         nodes.wait_until_ready()
         replay(nodes, street_bag('first', count=8), '--lockstep', '--session')
-    parameters = {'query.map_path': str(tmp_path / 'map.db'), 'query.delta': 100.0}
+    parameters = {'query.map_path': str(tmp_path / 'map.db'), 'query.delta': 100.0, 'query.min_probability': 0.0}
     with stack(parameters, names=('encoder_node', 'query_node')) as nodes:
         nodes.wait_until_ready()
         printed = replay(nodes, street_bag('again', count=8, noise_seed=5), '--lockstep')

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from offradar_ros.config import QueryConfig
+from offradar_ros.config import ConfidenceConfig, QueryConfig
 from offradar_ros.retrieval.introspective_query import IntrospectiveQuery
 from offradar_ros.retrieval.searched_map import SearchedMap
-from offradar_ros.types import Embedding, Match, Outcome, Place, PlaceTable, Pose, Reason, Rejection
+from offradar_ros.types import Embedding, Evidence, Match, Outcome, Place, PlaceTable, Pose, Reason, Rejection
 
 MODEL, OTHER = 'a' * 64, 'b' * 64
 CONFIG = QueryConfig(top_k=2, delta=0.5, levels=10, level=10)
@@ -160,3 +160,76 @@ def test_an_empty_map_is_searched_after_its_first_update() -> None:
     assert rejected(searched, scan(model=OTHER)).reason is Reason.MAP_EMPTY
     searched.update(places((1, (0, 0))), MODEL, committed=True)
     assert isinstance(answer(searched, scan()), Match)
+
+
+# At distance 1 from place 2; places 1 and 3 are within 25 m of it, so that nothing is elsewhere.
+PROBABLE = ConfidenceConfig(model=MODEL, intercept=3.0, distance=-1.0, uncertainty=-2.0, unrelated_distance=10.0)
+
+
+def p_of(log_odds: float) -> float:
+    return 1.0 / (1.0 + math.exp(-log_odds))
+
+
+def test_an_answer_has_its_probability_and_evidence(searched: SearchedMap) -> None:
+    outcome = answer(searched, scan(), confidence=PROBABLE, min_probability=0.5)
+    assert isinstance(outcome, Match)
+    assert outcome.p_right == pytest.approx(p_of(2.0))
+    assert outcome.evidence == Evidence(1.0, math.inf, math.inf, 1.0, float(np.float32(0.9)))
+
+
+def test_without_coefficients_the_probability_is_unknown_and_the_paper_decides(searched: SearchedMap) -> None:
+    accepted, rejected = answer(searched, scan()), answer(searched, scan(uncertainty=2.0))
+    assert isinstance(accepted, Match)
+    assert isinstance(rejected, Rejection)
+    assert rejected.reason is Reason.UNCERTAIN
+    assert math.isnan(accepted.p_right)
+    assert math.isnan(rejected.p_right)
+    assert accepted.evidence is not None
+
+
+def test_an_improbable_answer_is_withheld(searched: SearchedMap) -> None:
+    outcome = answer(searched, scan((500.0, 0.0)), confidence=PROBABLE)
+    assert isinstance(outcome, Rejection)
+    assert outcome.reason is Reason.UNKNOWN_PLACE
+    assert ids(outcome) == [3, 1]
+    assert outcome.p_right < 1e-6
+    assert 'resembles no place' in outcome.detail
+
+
+def test_a_degraded_scan_is_uncertain_before_it_is_of_an_unknown_place(searched: SearchedMap) -> None:
+    outcome = answer(searched, scan((6.0, 0.0), uncertainty=5.0), confidence=PROBABLE)
+    assert isinstance(outcome, Rejection)
+    assert outcome.reason is Reason.UNCERTAIN
+
+
+def test_a_scan_of_high_uncertainty_is_answered_where_the_answer_is_probable(searched: SearchedMap) -> None:
+    likely = dataclasses.replace(PROBABLE, intercept=20.0)
+    by_probability, by_paper = (
+        answer(searched, scan(uncertainty=2.0), confidence=likely, gate=gate) for gate in ('probability', 'paper')
+    )
+    assert isinstance(by_probability, Match)
+    assert isinstance(by_paper, Rejection)
+    assert by_paper.reason is Reason.UNCERTAIN
+    assert by_paper.p_right == by_probability.p_right
+
+
+def test_two_distant_places_that_resemble_the_scan_are_ambiguous() -> None:
+    searched = SearchedMap()
+    twins = places((1, (0, 1)), (200, (0, -1)))
+    searched.load(twins, MODEL)
+    rivals = dataclasses.replace(PROBABLE, spatial_ratio=-3.0)
+    outcome = answer(searched, scan(), confidence=rivals)
+    assert isinstance(outcome, Rejection)
+    assert outcome.reason is Reason.AMBIGUOUS
+    assert 'another place' in outcome.detail
+    # The same scan where only one of them is mapped.
+    searched.load(places((1, (0, 1))), MODEL)
+    assert isinstance(answer(searched, scan(), confidence=rivals), Match)
+
+
+def test_the_tolerance_says_which_places_are_the_same_answer() -> None:
+    searched = SearchedMap()
+    searched.load(places((1, (0, 1)), (41, (0, -1))), MODEL)
+    rivals = dataclasses.replace(PROBABLE, spatial_ratio=-3.0)
+    assert isinstance(answer(searched, scan(), confidence=rivals), Rejection)
+    assert isinstance(answer(searched, scan(), confidence=rivals, tolerance_m=50.0), Match)

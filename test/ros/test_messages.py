@@ -31,7 +31,7 @@ from offradar_ros.ros.place_message import (
     descriptors_record,
     map_message,
 )
-from offradar_ros.types import Candidate, Embedding, Match, Place, PlaceTable, Pose, Reason, Rejection
+from offradar_ros.types import Candidate, Embedding, Evidence, Match, Place, PlaceTable, Pose, Reason, Rejection
 
 MODEL = 'ab' * 32
 STAMP_NS = 1_600_000_000_123_456_789
@@ -131,10 +131,18 @@ def same_candidates(found: tuple[Candidate, ...], expected: tuple[Candidate, ...
 
 
 def test_a_match_is_unchanged() -> None:
-    match = Match(STAMP_NS, 0.123456789012345, 1.1, CANDIDATES)
+    evidence = Evidence(0.5, 0.7, math.inf, 0.123456789012345, 0.25)
+    match = Match(STAMP_NS, 0.123456789012345, 1.1, CANDIDATES, 0.987654321098765, evidence)
     back = match_record(transmitted(match_message(match)), 'matches')
     assert (back.stamp_ns, back.uncertainty, back.threshold) == (match.stamp_ns, match.uncertainty, match.threshold)
+    assert (back.p_right, back.evidence) == (match.p_right, evidence)
     same_candidates(back.candidates, CANDIDATES)
+
+
+def test_a_match_without_a_probability_is_unchanged() -> None:
+    back = match_record(transmitted(match_message(Match(STAMP_NS, 0.5, 1.1, CANDIDATES))), 'matches')
+    assert math.isnan(back.p_right)
+    assert back.evidence is None
 
 
 def test_a_match_is_a_pose_of_unknown_heading() -> None:
@@ -156,6 +164,13 @@ def test_a_rejection_is_unchanged(reason: Reason, uncertainty: float, candidates
     assert (back.stamp_ns, back.reason, back.threshold, back.detail) == (STAMP_NS, reason, 1.1, rejection.detail)
     np.testing.assert_equal(back.uncertainty, uncertainty)
     same_candidates(back.candidates, candidates)
+
+
+def test_a_rejection_keeps_its_probability_and_evidence() -> None:
+    evidence = Evidence(0.5, 0.55, 0.6, 1.234567890123456, 0.25)
+    rejection = Rejection(STAMP_NS, Reason.AMBIGUOUS, 1.234567890123456, 1.5, CANDIDATES, 'two places', 0.25, evidence)
+    back = rejection_record(transmitted(rejection_message(rejection)), 'rejections')
+    assert (back.reason, back.p_right, back.evidence) == (Reason.AMBIGUOUS, 0.25, evidence)
 
 
 @pytest.mark.parametrize('message', [DiagnosticArray(), DiagnosticArray(status=[DiagnosticStatus()])])

@@ -16,7 +16,7 @@ from rich.table import Table
 from offradar_ros.lab.demo.truth import ComparedDrive
 from offradar_ros.mapping.stored_map import StoredSession
 from offradar_ros.recordings.truth import TOLERANCE_M
-from offradar_ros.types import Match, PlaceTable, Reason
+from offradar_ros.types import Match, PlaceTable
 
 
 def print_table(drives: list[ComparedDrive], sessions: Sequence[StoredSession], console: Console) -> None:
@@ -45,7 +45,7 @@ def _rows(drives: list[ComparedDrive]) -> dict[str, list[str]]:
         'unanswered': [str(drive.replayed.counts['unanswered']) for drive in drives],
         'matches': [str(drive.replayed.counts['matches']) for drive in drives],
         **{f'rejected: {reason}': [str(counter[reason]) for counter in rejected] for reason in reasons},
-        'rejected as uncertain, degraded / clean': [_uncertain(drive) for drive in drives],
+        'rejected with a map, degraded / clean': [_rejected(drive) for drive in drives],
         f'Recall@1 within {TOLERANCE_M:g} m, all scans': recall(
             [np.ones(len(drive.accepted), bool) for drive in drives]
         ),
@@ -57,10 +57,9 @@ def _rows(drives: list[ComparedDrive]) -> dict[str, list[str]]:
     }
 
 
-def _uncertain(compared: ComparedDrive) -> str:
-    outcomes = compared.replayed.outcomes
-    uncertain = np.array([not isinstance(o, Match) and o.reason is Reason.UNCERTAIN for o in outcomes], np.bool_)
-    return f'{int((uncertain & compared.degraded).sum())} / {int((uncertain & ~compared.degraded).sum())}'
+def _rejected(compared: ComparedDrive) -> str:
+    rejected = np.array([not isinstance(o, Match) and bool(o.candidates) for o in compared.replayed.outcomes], np.bool_)
+    return f'{int((rejected & compared.degraded).sum())} / {int((rejected & ~compared.degraded).sum())}'
 
 
 def _map_rows(drives: list[ComparedDrive], sessions: Sequence[StoredSession]) -> dict[str, list[str]]:

@@ -137,6 +137,17 @@ def is_searched(mapped: Drive, query: Drive, protocol: Protocol) -> bool:
     return mapped.mapped and query.queried and (mapped is not query or protocol.exclusion_s > 0.0)
 
 
+def embedded_worlds(
+    method: Method, worlds: Worlds, cache: Path, bar: Bar
+) -> dict[tuple[str, str], list[EmbeddedDrive]]:
+    """Every drive, encoded by a method that is not fitted to maps, or read from the cache."""
+    with bar(f'{method.name}: encoding') as progress:
+        embed = _Embedder(
+            cache / 'embeddings', progress, sum(len(drive) for drives in worlds.values() for drive in drives)
+        )
+        return {key: [embed(method.encoder_for(drive), drive) for drive in drives] for key, drives in worlds.items()}
+
+
 class Encodings(NamedTuple):
     """Numbers of drives and scans that one method encoded, now or earlier, and of scans that it refused."""
 

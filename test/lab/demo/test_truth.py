@@ -70,7 +70,7 @@ def test_the_table_shows_the_comparison(compared: ComparedDrive) -> None:
         'matches .* 3 ',
         'rejected: map_empty .* 1 ',
         'rejected: uncertain .* 2 ',
-        'rejected as uncertain, degraded / clean .* 2 / 0 ',
+        'rejected with a map, degraded / clean .* 2 / 0 ',
         'Recall@1 of the matches .* 1.000 of 3',
         'inserted, replaced, kept .* 2, 1, 3',
         'mean U .* - → 0.988',

@@ -1,0 +1,150 @@
+"""How well answers on and off the map are told apart, by each signal and by all: see README.md."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from offradar_ros.calibration.confidence_fit import fit_confidence
+from offradar_ros.cli.progress import progress_bar
+from offradar_ros.config import ConfidenceConfig, QueryConfig
+from offradar_ros.lab.evaluation.confidence import (
+    Embedded,
+    Setting,
+    embed,
+    joined,
+    open_sets_of,
+    settings,
+)
+from offradar_ros.lab.evaluation.evaluate import Options
+from offradar_ros.lab.evaluation.metrics.auroc import auroc
+from offradar_ros.lab.evaluation.open_set import OpenSet
+from offradar_ros.lab.evaluation.protocol_file import read_protocol
+from offradar_ros.retrieval.confidence import TERMS, confidence_for, log_odds, probability, terms_of
+from offradar_ros.retrieval.evidence import EvidenceTable
+
+Score = Callable[[EvidenceTable], NDArray[np.float64]]
+PRECISIONS = (0.95, 0.99, 0.999)
+
+
+@dataclasses.dataclass(frozen=True)
+class Figures:
+    """Of one confidence over the queries of some open sets, each a mean over all queries."""
+
+    auroc: float
+    recalls: tuple[float, ...]
+    off_map_at_99: float
+
+
+def figures(confidence: NDArray[np.float64], right: NDArray[np.bool_], on_map: NDArray[np.bool_]) -> Figures:
+    """`recalls`: share of Recall@1 that is left where the answers that remain have each precision."""
+    order = np.argsort(-confidence, kind='stable')
+    found = np.cumsum(right[order])
+    precision = found / np.arange(1, len(order) + 1)
+    # Equal confidences are answered together.
+    last = np.append(np.diff(confidence[order]) != 0.0, True)
+    answered = [int(np.flatnonzero((precision >= wanted) & last).max(initial=-1)) + 1 for wanted in PRECISIONS]
+    recalls = tuple(float(right[order[:count]].sum()) / max(int(right[on_map].sum()), 1) for count in answered)
+    off = ~on_map[order[: answered[1]]]
+    return Figures(auroc(-confidence, ~right), recalls, float(off.sum()) / max(int((~on_map).sum()), 1))
+
+
+def expected_calibration_error(p_right: NDArray[np.float64], right: NDArray[np.bool_], bins: int = 15) -> float:
+    """Σ_b n_b/n |mean p − share right| over equal intervals of p (Guo et al., ICML 2017)."""
+    rows = np.minimum((p_right * bins).astype(np.int64), bins - 1)
+    gaps = np.bincount(rows, p_right - right, bins)
+    return float(np.abs(gaps).sum() / len(right))
+
+
+def main() -> None:
+    """Print tables in Markdown for each group of the protocol and each kind of map."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('protocol')
+    parser.add_argument('--method', default='ours=compact')
+    parser.add_argument('--fitted-on', default='confidence', help='protocol for the ablation of the terms')
+    parser.add_argument('--cache', type=Path, required=True, help='folder of simulated scans and embeddings, kept')
+    parser.add_argument('--streets', type=Path, help='folder of the maps and traversals that the protocol names')
+    arguments = parser.parse_args()
+    options = Options(arguments.cache, arguments.cache, '', progress_bar, arguments.streets)
+    protocol = read_protocol(arguments.protocol)
+    info, worlds = embed(protocol, arguments.method, options)
+    shipped = confidence_for(info.fingerprint, ConfidenceConfig())
+    if shipped is None:
+        parser.error(f'{arguments.method}: no coefficients ship for its model')
+    scores = _scores(shipped) | _ablation(arguments.fitted_on, arguments.method, options, shipped)
+    for setting in settings(protocol, max(len(drives) for drives in worlds.values())):
+        _print(worlds, setting, protocol.tolerance_m, scores, shipped)
+
+
+def _scores(shipped: ConfidenceConfig) -> dict[str, Score]:
+    return {
+        'U alone (the paper)': lambda evidence: -evidence.uncertainty,
+        'distance': lambda evidence: -evidence.distance,
+        'spatial ratio': lambda evidence: -terms_of(evidence, shipped)[:, 1],
+        'place ratio': lambda evidence: -terms_of(evidence, shipped)[:, 2],
+        'p_right': lambda evidence: log_odds(evidence, shipped),
+    }
+
+
+def _ablation(protocol: str, method: str, options: Options, shipped: ConfidenceConfig) -> dict[str, Score]:
+    """The model fitted without one of its terms."""
+    made = read_protocol(protocol)
+    _, worlds = embed(made, method, options)
+    kinds = settings(made, max(len(drives) for drives in worlds.values()))
+    sets = [joined(list(open_sets_of(worlds, kind, made.tolerance_m))) for kind in kinds]
+    terms = np.concatenate([terms_of(evidence, shipped) for evidence, _ in sets])
+    right = np.concatenate([right for _, right in sets])
+    weights = np.concatenate([np.full(len(right), 1.0 / len(right)) for _, right in sets])
+    without: dict[str, Score] = {}
+    for column, name in enumerate(TERMS):
+        kept = terms.copy()
+        kept[:, column] = 0.0
+        fitted = fit_confidence(kept, right, weights, shipped)
+        without[f'without {name}'] = lambda evidence, fitted=fitted: log_odds(evidence, fitted)  # type: ignore[misc]
+    return without
+
+
+def _print(
+    worlds: Embedded, setting: Setting, tolerance_m: float, scores: dict[str, Score], shipped: ConfidenceConfig
+) -> None:
+    sets = list(open_sets_of(worlds, setting, tolerance_m))
+    for group in dict.fromkeys(one.group for one in sets):
+        some = [one for one in sets if one.group == group]
+        evidence, right = joined(some)
+        on_map = np.concatenate([one.on_map for one in some])
+        places = round(float(np.median([one.places for one in some])))
+        print(f'\n{group}, {setting}: {len(right)} queries, {places} places, {on_map.mean():.2f} of them on the map')
+        print(f'Recall@1 {right[on_map].mean():.3f}; {_gate(some, evidence, right, on_map, shipped)}\n')
+        print('| confidence | AUROC | ' + ' | '.join(f'at precision {p:g}' for p in PRECISIONS) + ' | off-map at .99 |')
+        print('|---' * (len(PRECISIONS) + 3) + '|')
+        for name, score in scores.items():
+            found = figures(score(evidence), right, on_map)
+            recalls = ' | '.join(f'{value:.3f}' for value in found.recalls)
+            print(f'| {name} | {found.auroc:.4f} | {recalls} | {found.off_map_at_99:.4f} |')
+
+
+def _gate(
+    some: list[OpenSet],
+    evidence: EvidenceTable,
+    right: NDArray[np.bool_],
+    on_map: NDArray[np.bool_],
+    shipped: ConfidenceConfig,
+) -> str:
+    p_right = probability(evidence, shipped)
+    degraded = np.concatenate([one.degraded for one in some])
+    answered = p_right >= QueryConfig().min_probability
+    clean = on_map & ~degraded
+    return (
+        f'ECE {expected_calibration_error(p_right, right):.3f}; the default gate answers {answered[on_map].mean():.3f} '
+        f'on the map ({answered[clean].mean():.3f} of clean scans), {answered[~on_map].mean():.4f} off it, and '
+        f'{(~right[answered]).mean():.4f} of its answers are wrong'
+    )
+
+
+if __name__ == '__main__':
+    main()

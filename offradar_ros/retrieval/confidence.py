@@ -1,0 +1,87 @@
+"""The probability that an answer is right: a logistic model of a few readable terms."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from offradar_ros.config import ConfidenceConfig
+from offradar_ros.records import read_record
+from offradar_ros.retrieval.evidence import EvidenceTable
+from offradar_ros.shipped import shipped_files
+from offradar_ros.types import Evidence
+
+TERMS = ('distance', 'spatial_ratio', 'place_ratio', 'uncertainty', 'place_uncertainty')
+"""The terms of the log-odds, in the order of the columns of `terms_of`."""
+
+_LEAST = 1e-9
+"""Smaller distances and variances count as this: their logarithm stays finite."""
+
+
+def terms_of(evidence: Evidence | EvidenceTable, scales: ConfidenceConfig) -> NDArray[np.float64]:
+    """(5,) or (Q, 5) float64: the values that the coefficients of `TERMS` multiply.
+
+    With d₁ the distance, d₂ that of the nearest place elsewhere, and d₃ that from the place to the nearest elsewhere:
+
+        d₁,  ln(d₁ / d₂),  ln(d₁ / d₃),  ln(U / u),  ln(U of the place / u)
+
+    where u is the usual U of the sensor. d₂ and d₃ are at most the distance that is typical of different places.
+
+    Both ratios compare distances that become smaller together as a map grows. Off the map, d₁ and d₂ are the smallest
+    of many distances, of which their ratio depends little on how many there are.
+    """
+    d1, d2, d3, u, place_u = (
+        np.maximum(column, _LEAST)
+        for column in (
+            np.asarray(evidence.distance, np.float64),
+            np.minimum(evidence.distance_apart, scales.unrelated_distance),
+            np.minimum(evidence.place_distance_apart, scales.unrelated_distance),
+            np.asarray(evidence.uncertainty, np.float64) / scales.usual_uncertainty,
+            np.asarray(evidence.place_uncertainty, np.float64) / scales.usual_uncertainty,
+        )
+    )
+    terms: NDArray[np.float64] = np.stack(
+        [np.asarray(evidence.distance, np.float64), np.log(d1 / d2), np.log(d1 / d3), np.log(u), np.log(place_u)],
+        axis=-1,
+    )
+    return terms
+
+
+def log_odds(evidence: Evidence | EvidenceTable, coefficients: ConfidenceConfig) -> NDArray[np.float64]:
+    """() or (Q,) float64 log-odds that the nearest place is right; finite."""
+    weights = np.array([getattr(coefficients, term) for term in TERMS])
+    terms = terms_of(evidence, coefficients)
+    # Term by term, so that one query and many give the same bits.
+    total = np.full(terms.shape[:-1], coefficients.intercept)
+    for column, weight in enumerate(weights.tolist()):
+        total = total + weight * terms[..., column]
+    return total
+
+
+def probability(evidence: Evidence | EvidenceTable, coefficients: ConfidenceConfig) -> NDArray[np.float64]:
+    """() or (Q,) float64 in [0, 1]: the probability that the nearest place is within the tolerance of the vehicle."""
+    odds: NDArray[np.float64] = 0.5 * (1.0 + np.tanh(0.5 * log_odds(evidence, coefficients)))
+    return odds
+
+
+def without_rival(evidence: Evidence) -> Evidence:
+    """The evidence if no place elsewhere resembled the query or the place found."""
+    return dataclasses.replace(evidence, distance_apart=math.inf, place_distance_apart=math.inf)
+
+
+@functools.cache
+def shipped_confidences() -> dict[str, ConfidenceConfig]:
+    """Coefficients in ``params/confidence`` by the fingerprint of their model."""
+    records = [read_record(ConfidenceConfig, path) for path in shipped_files('confidence')]
+    return {record.model: record for record in records}
+
+
+def confidence_for(model: str, configured: ConfidenceConfig) -> ConfidenceConfig | None:
+    """The coefficients for a model: the configured ones if they are for it, else the shipped; None if there is none."""
+    if configured.model:
+        return configured if configured.model == model else None
+    return shipped_confidences().get(model)

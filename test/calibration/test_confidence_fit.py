@@ -1,0 +1,67 @@
+"""Coefficients are found again, never positive, and shared evenly between kinds of maps."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from offradar_ros.calibration.confidence_fit import fit_confidence
+from offradar_ros.config import ConfidenceConfig
+from offradar_ros.errors import DataError
+from offradar_ros.retrieval.confidence import TERMS
+
+TRUE = np.array([-6.0, -4.0, -2.0, -1.0, -0.5])
+SCALES = ConfidenceConfig(model='a' * 64, unrelated_distance=0.9)
+
+
+def drawn(
+    count: int, coefficients: NDArray[np.float64], seed: int = 0
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    rng = np.random.default_rng(seed)
+    terms = rng.normal(0.0, 0.7, (count, 5))
+    odds = 1.0 + terms @ coefficients
+    return terms, rng.random(count) < 1.0 / (1.0 + np.exp(-odds))
+
+
+def coefficients_of(found: ConfidenceConfig) -> NDArray[np.float64]:
+    return np.array([getattr(found, name) for name in TERMS])
+
+
+def test_the_coefficients_of_drawn_answers_are_found_again() -> None:
+    terms, right = drawn(40_000, TRUE)
+    found = fit_confidence(terms, right, np.ones(len(right)), SCALES)
+    np.testing.assert_allclose(coefficients_of(found), TRUE, atol=0.2)
+    assert found.intercept == pytest.approx(1.0, abs=0.15)
+    assert (found.model, found.unrelated_distance) == (SCALES.model, SCALES.unrelated_distance)
+
+
+def test_no_coefficient_is_positive() -> None:
+    terms, right = drawn(5000, -TRUE)
+    found = coefficients_of(fit_confidence(terms, right, np.ones(len(right)), SCALES))
+    assert (found <= 0.0).all()
+    np.testing.assert_allclose(found, 0.0, atol=1e-6)
+
+
+def test_a_weight_counts_as_that_many_queries() -> None:
+    terms, right = drawn(8000, TRUE)
+    twice = np.ones(len(right))
+    twice[:2000] = 2.0
+    repeated = np.concatenate([np.arange(2000), np.arange(8000)])
+    weighted = fit_confidence(terms, right, twice, SCALES)
+    plain = fit_confidence(terms[repeated], right[repeated], np.ones(10_000), SCALES)
+    np.testing.assert_allclose(coefficients_of(weighted), coefficients_of(plain), rtol=0.02, atol=0.02)
+
+
+def test_separable_answers_have_finite_coefficients() -> None:
+    terms = np.zeros((100, 5))
+    terms[:, 0] = np.linspace(-1.0, 1.0, 100)
+    found = coefficients_of(fit_confidence(terms, terms[:, 0] < 0.0, np.ones(100), SCALES))
+    assert np.isfinite(found).all()
+    assert found[0] < -1.0
+
+
+@pytest.mark.parametrize('right', [True, False])
+def test_answers_of_one_kind_teach_nothing(right: bool) -> None:
+    with pytest.raises(DataError, match='expected right and wrong answers'):
+        fit_confidence(np.zeros((5, 5)), np.full(5, right), np.ones(5), SCALES)
