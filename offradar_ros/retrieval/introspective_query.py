@@ -72,18 +72,18 @@ class IntrospectiveQuery:
     ) -> tuple[Reason, str] | None:
         """Why the gate on the probability rejects, or None.
 
-        The reason is what speaks most against an answer: another place that resembles the scan (without it, the answer
-        would be probable enough), a scan of high U (by the paper's rule), or that the scan resembles no place.
+        The reason is the first that applies: a scan of high U, by the paper's rule; another place that resembles it,
+        without which the answer would be probable enough; or that it resembles no place.
         """
         least = self.config.min_probability
         if p_right >= least:
             return None
         low = f'right with probability {p_right:.3g}, below {least:g}'
+        if evidence.uncertainty > self.threshold:
+            return Reason.UNCERTAIN, f'{low}: U {evidence.uncertainty:.4g} is above {self.threshold:.4g}'
         if probability(without_rival(evidence), coefficients) >= least:
             rival = f'at {evidence.distance_apart:.4g}, elsewhere, after the nearest at {evidence.distance:.4g}'
             return Reason.AMBIGUOUS, f'{low}: another place resembles the scan nearly as well ({rival})'
-        if evidence.uncertainty > self.threshold:
-            return Reason.UNCERTAIN, f'{low}: U {evidence.uncertainty:.4g} is above {self.threshold:.4g}'
         return Reason.UNKNOWN_PLACE, f'{low}: the scan resembles no place (the nearest is at {evidence.distance:.4g})'
 
     def _model_problem(self, embedding: Embedding) -> str | None:

@@ -48,7 +48,9 @@ def test_every_scan_is_embedded_and_answered_once(
     if encoder:
         pytest.importorskip('onnxruntime')
     bag = write_bag(open_sequence(real_data / name), tmp_path / name)
-    with stack({'map.path': str(tmp_path / 'map.db'), 'query.delta': 100.0, **encoder}) as nodes:
+    with stack(
+        {'map.path': str(tmp_path / 'map.db'), 'query.delta': 100.0, 'query.min_probability': 0.0, **encoder}
+    ) as nodes:
         nodes.wait_until_ready()
         first = counts(replay(nodes, bag, '--lockstep', '--session'))
         second = counts(replay(nodes, bag, '--lockstep'))

@@ -277,7 +277,7 @@ def test_a_recording_that_is_shorter_than_the_restart_gap_is_played_again(
     stack: Callable[..., Stack], street_bag: Callable[..., Path], count: int
 ) -> None:
     bag = street_bag('drive', count=count)
-    with stack() as nodes:
+    with stack({'query.min_probability': 0.0}) as nodes:
         nodes.wait_until_ready()
         for loops in (3, 1):
             scans = loops * count

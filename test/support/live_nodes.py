@@ -131,4 +131,12 @@ def key(outcome: Outcome) -> tuple[Any, ...]:
     """The part of an outcome that must be equal to the last bit, whether nodes or `drive` made it."""
     kind = 'match' if isinstance(outcome, Match) else outcome.reason.value
     found = tuple((c.place_id, c.distance, c.uncertainty) for c in outcome.candidates)
-    return outcome.stamp_ns, kind, outcome.uncertainty, outcome.threshold, found, repr(outcome.p_right), outcome.evidence
+    return (
+        outcome.stamp_ns,
+        kind,
+        outcome.uncertainty,
+        outcome.threshold,
+        found,
+        repr(outcome.p_right),
+        outcome.evidence,
+    )

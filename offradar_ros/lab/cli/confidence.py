@@ -1,7 +1,5 @@
 """`offradar confidence`: coefficients of the probability that an answer is right, from the drives of a protocol."""
 
-import shlex
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -48,5 +46,5 @@ def confidence(
     )
     with resumable():
         found = fit(read_protocol(protocol), method, options)
-    write_confidence(out, found, f'{method}, by {shlex.join(["offradar", *sys.argv[1:]])}')
+    write_confidence(out, found, f'For {method}, fitted to the protocol {protocol} by offradar confidence.')
     typer.echo(f'{out}: written, for model {found.model[:12]}')

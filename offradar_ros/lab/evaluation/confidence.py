@@ -75,8 +75,8 @@ def embed(protocol: Protocol, method: str, options: Options) -> tuple[ModelInfo,
 def open_sets_of(worlds: Embedded, setting: Setting, tolerance_m: float) -> Iterator[OpenSet]:
     """The open sets of every world, with maps of this kind."""
     for key, drives in worlds.items():
-        others = [drive for other, some in worlds.items() if other != key for drive in some[: setting.added]]
-        added = other_roads(others, ADDED_SPACING_M) if others else None
+        others = [some[: setting.added] for other, some in worlds.items() if other != key]
+        added = other_roads(others, ADDED_SPACING_M) if others and setting.added else None
         yield from open_sets(drives, setting.spacing_m, tolerance_m, added)
 
 

@@ -16,7 +16,7 @@ from offradar_ros.retrieval.evidence import EvidenceTable, evidence_table
 from offradar_ros.types import PlaceTable
 
 _APART_M = 1e6
-"""Distance between the frames of roads that share a map: far beyond any tolerance."""
+"""Distance between the frames of worlds that share a map: far beyond any tolerance."""
 
 
 class OpenSet(NamedTuple):
@@ -48,11 +48,14 @@ def halves(mapped: EmbeddedDrive, rows: NDArray[np.intp]) -> Iterator[NDArray[np
     yield rows[~first]
 
 
-def other_roads(drives: Sequence[EmbeddedDrive], spacing_m: float) -> PlaceTable:
-    """The places of drives of other worlds, each in a frame of its own, to be added to a map."""
-    tables = [places_of(drive, map_rows(drive, spacing_m)) for drive in drives]
-    for number, table in enumerate(tables):
-        table.positions_m[:, 0] += _APART_M * (number + 1)
+def other_roads(worlds: Sequence[Sequence[EmbeddedDrive]], spacing_m: float) -> PlaceTable:
+    """The places of drives of other worlds, each world in a frame of its own, to be added to a map."""
+    tables = []
+    for number, drives in enumerate(worlds):
+        for drive in drives:
+            table = places_of(drive, map_rows(drive, spacing_m))
+            table.positions_m[:, 0] += _APART_M * (number + 1)
+            tables.append(table)
     return _joined(tables)
 
 
