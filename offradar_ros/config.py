@@ -380,6 +380,88 @@ class QueryConfig:
 
 
 @dataclasses.dataclass(frozen=True)
+class LocalisationConfig:
+    """The belief over the places of the map that many scans give together (docs/localisation.md)."""
+
+    tolerance_m: float = parameter(
+        25.0,
+        'the vehicle is at a place if it is within this of it; p_here is the probability of that',
+        unit='m',
+        minimum=0.1,
+        maximum=1000.0,
+    )
+    spacing_m: float = parameter(
+        15.0,
+        'two places up to this apart are neighbours on a road; set it to the distance at which the map was made, if '
+        'that is larger',
+        unit='m',
+        minimum=0.1,
+        maximum=1000.0,
+    )
+    max_speed_mps: float = parameter(
+        25.0,
+        'bounds the distance driven between two scans where odometry does not give it',
+        unit='m/s',
+        minimum=0.1,
+        maximum=1000.0,
+    )
+    independent_m: float = parameter(
+        10.0,
+        'a scan counts in full if the vehicle has driven this since the last scan with evidence, and in proportion if '
+        'it has driven less; about twice the distance over which the errors of scans are correlated',
+        unit='m',
+        minimum=0.01,
+        maximum=1000.0,
+    )
+    prior_on_map: float = parameter(
+        0.5, 'probability that the vehicle is on the map before its first scan', minimum=1e-6, maximum=1.0 - 1e-6
+    )
+    leave_per_m: float = parameter(
+        5e-4, 'rate at which a road leaves the map, where mapped road goes on', unit='1/m', minimum=0.0, maximum=1.0
+    )
+    leave_at_end_per_m: float = parameter(
+        0.02, 'is added to that rate where mapped road ends', unit='1/m', minimum=0.0, maximum=1.0
+    )
+    enter_per_m: float = parameter(
+        1e-3, 'rate at which a vehicle that is off the map enters it, anywhere', unit='1/m', minimum=1e-9, maximum=1.0
+    )
+    kidnapped_per_m: float = parameter(
+        1e-5,
+        'rate at which the vehicle is suddenly elsewhere on the map; a larger one recovers sooner from a wrong belief',
+        unit='1/m',
+        minimum=1e-12,
+        maximum=1.0,
+    )
+    decide_probability: float = parameter(
+        0.99, 'on_map starts when p_here is at least this, and off_map when p_off_map is', minimum=0.5, maximum=1.0
+    )
+    keep_probability: float = parameter(
+        0.9, 'on_map ends when p_here falls below this, and off_map when p_off_map does', minimum=0.5, maximum=1.0
+    )
+    lost_after_s: float = parameter(
+        10.0,
+        'the state is lost when for longer than this no scan with evidence led to on_map or off_map',
+        unit='s',
+        minimum=0.0,
+        maximum=1e6,
+    )
+    restart_after_s: float = parameter(
+        1.0,
+        'a stamp that jumps back by more than this means that the recording starts again; a smaller jump is an error',
+        unit='s',
+        minimum=0.0,
+        maximum=1e6,
+    )
+
+    def __post_init__(self) -> None:
+        if self.keep_probability > self.decide_probability:
+            raise ConfigError(
+                f'localisation.keep_probability: expected at most localisation.decide_probability = '
+                f'{self.decide_probability:g}, got {self.keep_probability:g}'
+            )
+
+
+@dataclasses.dataclass(frozen=True)
 class Config:
     """All parameters of the pipeline, the command line and the nodes."""
 

@@ -206,3 +206,36 @@ class Rejection:
 
 
 Outcome = Match | Rejection
+
+
+class LocalisationState(str, enum.Enum):
+    """What the belief over the map has decided (see `PlaceBelief`)."""
+
+    ON_MAP = 'on_map'
+    OFF_MAP = 'off_map'
+    UNSURE = 'unsure'
+    LOST = 'lost'
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class Localisation:
+    """Where the vehicle is after all scans up to a stamp.
+
+    Attributes:
+        stamp_ns: the stamp of the last scan.
+        state: what is decided.
+        p_on_map: probability that the vehicle is at any place of the map; 1 − `p_on_map` is that of off the map.
+        place_id: the best place, around which the probability is largest; None if the map is empty.
+        p_here: probability that the vehicle is within the tolerance of the best place.
+        position_m: (2,) float64 in the ``map`` frame, mean of the places within the tolerance of the best one, weighted
+            by their probability; NaN if the map is empty.
+        covariance_m2: (2, 2) float64 of that position, given that the vehicle is there; NaN if the map is empty.
+    """
+
+    stamp_ns: int
+    state: LocalisationState
+    p_on_map: float
+    place_id: int | None
+    p_here: float
+    position_m: NDArray[np.float64]
+    covariance_m2: NDArray[np.float64]

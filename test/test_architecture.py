@@ -37,6 +37,7 @@ ORDER = (
     'encoders',
     'mapping',
     'retrieval',
+    'belief',
     'stages',
     'recordings',
     'calibration',
