@@ -30,7 +30,7 @@ from offradar_ros.errors import RefusedInput
 from offradar_ros.radar.stamps import StampGate
 from offradar_ros.types import Localisation, LocalisationState
 
-MOST_STRIDES = 12
+MOST_STRIDES = 8
 """After a longer drive without evidence, where on the map the vehicle was is forgotten."""
 
 LEAST_SHARE = 0.05

@@ -108,7 +108,7 @@ def scans_of(places: int) -> st.SearchStrategy[list[Scan]]:
         st.builds(
             Scan,
             st.none() | st.lists(ratio, min_size=places, max_size=places),
-            st.none() | st.floats(0.0, 20.0),
+            st.none() | st.floats(0.0, 12.0),
         ),
         min_size=1,
         max_size=5,
@@ -146,7 +146,8 @@ def by_paths(positions_m: NDArray[np.float64], scans: list[Scan], config: Locali
         for (moves, likelihoods), before, now in zip(steps, path, path[1:], strict=False):
             probability *= moves[before, now] * likelihoods[now]
         posterior[path[-1]] += probability
-    return posterior / posterior.sum()
+    posterior /= posterior.sum()
+    return posterior
 
 
 @settings(max_examples=60, deadline=None)
