@@ -53,19 +53,18 @@ def terms_of(evidence: Evidence | EvidenceTable, scales: ConfidenceConfig) -> ND
 
 def log_odds(evidence: Evidence | EvidenceTable, coefficients: ConfidenceConfig) -> NDArray[np.float64]:
     """() or (Q,) float64 log-odds that the nearest place is right; finite."""
-    weights = np.array([getattr(coefficients, term) for term in TERMS])
     terms = terms_of(evidence, coefficients)
-    # Term by term, so that one query and many give the same bits.
     total = np.full(terms.shape[:-1], coefficients.intercept)
-    for column, weight in enumerate(weights.tolist()):
-        total = total + weight * terms[..., column]
+    for column, term in enumerate(TERMS):
+        total = total + getattr(coefficients, term) * terms[..., column]
     return total
 
 
 def probability(evidence: Evidence | EvidenceTable, coefficients: ConfidenceConfig) -> NDArray[np.float64]:
     """() or (Q,) float64 in [0, 1]: the probability that the nearest place is within the tolerance of the vehicle."""
-    odds: NDArray[np.float64] = 0.5 * (1.0 + np.tanh(0.5 * log_odds(evidence, coefficients)))
-    return odds
+    # The logistic function, in a form that does not overflow.
+    p_right: NDArray[np.float64] = 0.5 * (1.0 + np.tanh(0.5 * log_odds(evidence, coefficients)))
+    return p_right
 
 
 def without_rival(evidence: Evidence) -> Evidence:

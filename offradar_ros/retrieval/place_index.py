@@ -113,7 +113,7 @@ class PlaceIndex:
         return self.around(mean, exclude).nearest(k)
 
     def around(self, mean: NDArray[np.float32], exclude: NDArray[np.int64] | None = None) -> PlaceSearch:
-        """The places by their distance to `mean`, to be asked more than once; `exclude` as in `search`."""
+        """The places by their distance to `mean` (d,), for several searches; `exclude` as in `search`."""
         rows, known = self._columns.find(np.empty(0, np.int64) if exclude is None else exclude)
         return PlaceSearch(self, np.asarray(mean, np.float32), np.unique(rows[known]))
 
