@@ -16,10 +16,10 @@ from typing import Any
 import numpy as np
 from measuring import Timing, interleaved, machine, rounded, single_threaded, write_results
 from numpy.typing import NDArray
-from simulated_evidence import GRACE_M, LIMIT, PERIOD_NS, RIGHT_WITHIN_M, STEP_M, Seen, Streets, localised
+from simulated_evidence import GRACE_M, LIMIT, PERIOD_NS, RIGHT_WITHIN_M, STEP_M, TOLERANCE_M, Seen, Streets, localised
 
 from offradar_ros.belief.place_belief import PlaceBelief
-from offradar_ros.config import LocalisationConfig
+from offradar_ros.config import LocalisationConfig, replace_values
 from offradar_ros.types import LocalisationState
 
 SEED = 11
@@ -46,7 +46,8 @@ def main() -> None:
     arguments = parser.parse_args()
     if unknown := set(arguments.parts) - set(PARTS):
         parser.error(f'no such part: {", ".join(sorted(unknown))}')
-    config = LocalisationConfig(**{name: float(value) for name, _, value in (s.partition('=') for s in arguments.set)})
+    given = {name: float(value) for name, _, value in (s.partition('=') for s in arguments.set)}
+    config = replace_values(LocalisationConfig(), given)
     print(json.dumps(machine()), flush=True)
     results = {part: PARTS[part](config, arguments) for part in arguments.parts or PARTS}
     if arguments.out:
@@ -85,7 +86,7 @@ def _cold_start(
     config: LocalisationConfig, positions_m: NDArray[np.float64], draws: NDArray[np.float64]
 ) -> Callable[[], object]:
     """The first scan, when every place has probability."""
-    belief = PlaceBelief(config)
+    belief = PlaceBelief(config, TOLERANCE_M)
     belief.set_places(positions_m, np.arange(len(positions_m)))
 
     def first_scan() -> None:
@@ -102,7 +103,7 @@ def _stepping(
     travelled_m: float | None,
     periods: int,
 ) -> Callable[[], object]:
-    belief = PlaceBelief(config)
+    belief = PlaceBelief(config, TOLERANCE_M)
     belief.set_places(positions_m, np.arange(len(positions_m)))
     scans = itertools.count(1)
 
@@ -114,7 +115,7 @@ def _stepping(
 
 
 def _map_changes(config: LocalisationConfig, positions_m: NDArray[np.float64], ids: NDArray[np.int64]) -> Timing:
-    belief = PlaceBelief(config)
+    belief = PlaceBelief(config, TOLERANCE_M)
     taken = []
     for kept in (len(ids), len(ids) - 10, len(ids)):
         start_s = time.perf_counter()
@@ -128,7 +129,7 @@ def measure_decisions(config: LocalisationConfig, arguments: argparse.Namespace)
     found: dict[str, Any] = {}
     for (blocks, spacing_m), odometry in itertools.product(STREETS, (True, False)):
         streets = Streets.drawn(blocks, spacing_m, 0.5, SEED)
-        belief = PlaceBelief(config)
+        belief = PlaceBelief(config, TOLERANCE_M)
         belief.set_places(streets.positions_m, np.arange(len(streets.positions_m)))
 
         def drive(
@@ -141,8 +142,7 @@ def measure_decisions(config: LocalisationConfig, arguments: argparse.Namespace)
             return localised(belief, streets, scans, odometry, rng, arguments.correlated_m)
 
         rng = np.random.default_rng(SEED + 1)
-        tolerance_m = config.tolerance_m
-        figures = _starts(drive, rng, arguments.starts, tolerance_m) | _states(drive(arguments.scans, rng), tolerance_m)
+        figures = _starts(drive, rng, arguments.starts) | _states(drive(arguments.scans, rng))
         figures = {key: rounded(value) for key, value in figures.items()}
         name = f'{len(belief.place_ids):,} places, every {spacing_m:g} m, {"with" if odometry else "no"} odometry'
         if not found:
@@ -153,7 +153,7 @@ def measure_decisions(config: LocalisationConfig, arguments: argparse.Namespace)
 
 
 def _starts(
-    drive: Callable[[int, np.random.Generator], list[Seen]], rng: np.random.Generator, starts: int, tolerance_m: float
+    drive: Callable[[int, np.random.Generator], list[Seen]], rng: np.random.Generator, starts: int
 ) -> dict[str, float]:
     """Scans until the first ``on_map``, of drives that start on the map and stay on it."""
     scans: list[int] = []
@@ -165,7 +165,7 @@ def _starts(
             first = next((i for i, scan in enumerate(seen) if scan.state is LocalisationState.ON_MAP), len(seen) - 1)
             scans.append(first + 1)
             usable.append(sum(scan.usable for scan in seen[: first + 1]))
-            wrong += seen[first].wrong(tolerance_m)
+            wrong += seen[first].wrong(TOLERANCE_M)
     return {
         f'starts within {LIMIT} scans': float(np.mean(np.array(scans) <= LIMIT)),
         f'within {LIMIT} with evidence': float(np.mean(np.array(usable) <= LIMIT)),
@@ -175,12 +175,12 @@ def _starts(
     }
 
 
-def _states(seen: list[Seen], tolerance_m: float) -> dict[str, float]:
+def _states(seen: list[Seen]) -> dict[str, float]:
     """Wrong states of a long drive, and how far behind the last right place they are noticed."""
     states = np.array([scan.state.value for scan in seen])
-    wrong = np.array([scan.wrong(tolerance_m) for scan in seen])
+    wrong = np.array([scan.wrong(TOLERANCE_M) for scan in seen])
     inside = np.array([scan.nearest_m <= RIGHT_WITHIN_M for scan in seen])
-    outside = np.array([scan.nearest_m > tolerance_m for scan in seen])
+    outside = np.array([scan.nearest_m > TOLERANCE_M for scan in seen])
     left, entered = np.flatnonzero(inside[:-1] & ~inside[1:]) + 1, np.flatnonzero(~inside[:-1] & inside[1:]) + 1
     leavings_m = []
     for end in left[states[left - 1] == 'on_map'].tolist():

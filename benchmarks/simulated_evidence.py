@@ -23,6 +23,8 @@ DEGRADED, IMPOSTORS = 0.35, 0.02
 """Shares of scans."""
 STEP_M, PERIOD_NS = 2.5, 250_000_000
 """Ten metres a second, four scans a second."""
+TOLERANCE_M = 25.0
+"""The vehicle is at a place if it is nearer to it than this."""
 LIMIT, GRACE_M = 5, 50.0
 """The targets: scans to ``on_map`` from a cold start, and distance within which a change is noticed."""
 

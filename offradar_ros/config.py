@@ -261,6 +261,14 @@ class ConfidenceConfig:
         'for the model of the map',
         read_only=False,
     )
+    base_rate: float = parameter(
+        0.5,
+        'share of right answers among those that the coefficients were fitted to, on the map and off it; what a scan '
+        'tells a belief over many is how much more probable than this its answer is',
+        minimum=1e-6,
+        maximum=1.0 - 1e-6,
+        read_only=False,
+    )
     intercept: float = parameter(
         0.0, 'log-odds of an answer whose other terms are 0', minimum=-1e6, maximum=1e6, read_only=False
     )
@@ -383,12 +391,18 @@ class QueryConfig:
 class LocalisationConfig:
     """The belief over the places of the map that many scans give together (docs/localisation.md)."""
 
-    tolerance_m: float = parameter(
-        25.0,
-        'the vehicle is at a place if it is within this of it; p_here is the probability of that',
-        unit='m',
-        minimum=0.1,
-        maximum=1000.0,
+    max_places: int = parameter(
+        200_000,
+        'a map of more places is not localised in, because a scan would take long (about 1 ms for 10,000 places); '
+        '0 turns localisation off',
+        minimum=0,
+        maximum=2**31 - 1,
+    )
+    recall: float = parameter(
+        0.95,
+        'probability that the place found is right, of any scan that is taken on the map',
+        minimum=0.01,
+        maximum=0.9999,
     )
     spacing_m: float = parameter(
         15.0,
@@ -438,11 +452,21 @@ class LocalisationConfig:
     keep_probability: float = parameter(
         0.9, 'on_map ends when p_here falls below this, and off_map when p_off_map does', minimum=0.5, maximum=1.0
     )
+    relocalise_scans: int = parameter(
+        8, 'number of last scans that the service relocalise answers from', minimum=1, maximum=1000
+    )
     lost_after_s: float = parameter(
         10.0,
         'the state is lost when for longer than this no scan with evidence led to on_map or off_map',
         unit='s',
         minimum=0.0,
+        maximum=1e6,
+    )
+    forget_after_s: float = parameter(
+        60.0,
+        'after this time without a scan the vehicle may be anywhere: all earlier scans are forgotten',
+        unit='s',
+        minimum=0.1,
         maximum=1e6,
     )
     restart_after_s: float = parameter(
@@ -470,6 +494,7 @@ class Config:
     position: PositionConfig = dataclasses.field(default_factory=PositionConfig)
     map: MapConfig = dataclasses.field(default_factory=MapConfig)
     query: QueryConfig = dataclasses.field(default_factory=QueryConfig)
+    localisation: LocalisationConfig = dataclasses.field(default_factory=LocalisationConfig)
 
 
 @dataclasses.dataclass(frozen=True)

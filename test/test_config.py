@@ -50,7 +50,9 @@ def test_every_parameter_has_a_description_and_an_allowed_default(name: str) -> 
     assert leaf.bounds.problem(leaf.value) is None
     if isinstance(leaf.value, (int, float)) and not isinstance(leaf.value, bool):
         assert leaf.bounds.minimum is not None and leaf.bounds.maximum is not None
-    if name.rsplit('_', 1)[-1] in ('m', 's', 'rad', 'px', 'bytes'):
+    if name.endswith('_per_m'):
+        assert leaf.bounds.unit == '1/m'
+    elif name.rsplit('_', 1)[-1] in ('m', 's', 'rad', 'px', 'bytes'):
         assert leaf.bounds.unit == name.rsplit('_', 1)[-1]
 
 
@@ -61,6 +63,11 @@ def test_python_and_yaml_give_the_same_configuration(
 ) -> None:
     if values.get('query.level', 10) > values.get('query.levels', 10):
         with pytest.raises(ConfigError, match=r'query\.level: expected at most query\.levels'):
+            load_config(overrides=values)
+        return
+    least, most = 'localisation.keep_probability', 'localisation.decide_probability'
+    if values.get(least, LEAVES[least].value) > values.get(most, LEAVES[most].value):
+        with pytest.raises(ConfigError, match=rf'{least}: expected at most {most}'):
             load_config(overrides=values)
         return
     config = load_config(overrides=values)

@@ -48,6 +48,8 @@ class Belief(NamedTuple):
 class PlaceBelief:
     """Where the vehicle is, from the evidence of all scans up to now. Not thread-safe.
 
+    The vehicle is at a place if it is within `tolerance_m` of it; `p_here` is the probability of that.
+
     States (`p_off_map` is 1 − `p_on_map`):
 
     * ``on_map``: `p_here` has reached `decide_probability`, and has not fallen below `keep_probability` since.
@@ -57,11 +59,12 @@ class PlaceBelief:
     * ``unsure``: none of these, as after a cold start.
     """
 
-    def __init__(self, config: LocalisationConfig) -> None:
+    def __init__(self, config: LocalisationConfig, tolerance_m: float) -> None:
         self.config = config
+        self._tolerance_m = tolerance_m
         self._gate = StampGate(round(config.restart_after_s * 1e9))
         self._place_ids = np.empty(0, np.int64)
-        self._graph = PlaceGraph(np.empty((0, 2)), config.spacing_m, config.tolerance_m)
+        self._graph = PlaceGraph(np.empty((0, 2)), config.spacing_m, tolerance_m)
         self._enter, self._kidnapped = _in_stride(np.array([config.enter_per_m, config.kidnapped_per_m])).tolist()
         self._leave = np.empty(0)
         self.reset()
@@ -81,6 +84,18 @@ class PlaceBelief:
     def place_ids(self) -> NDArray[np.int64]:
         """(N,) int64 of the places, in the order of `set_places`."""
         return self._place_ids
+
+    @property
+    def shares(self) -> NDArray[np.float64]:
+        """(N,) float64 ρ, the share of the mapped road that each place stands for."""
+        return self._graph.shares
+
+    def without_memory(self) -> PlaceBelief:
+        """A belief over the same map that has seen no scan."""
+        made = PlaceBelief(self.config, self._tolerance_m)
+        made._place_ids, made._graph, made._leave = self._place_ids, self._graph, self._leave
+        made.reset()
+        return made
 
     @property
     def belief(self) -> Belief:
@@ -118,7 +133,8 @@ class PlaceBelief:
         if np.array_equal(old_ids, place_ids) and np.array_equal(old.positions_m, positions_m):
             return
         config = self.config
-        self._place_ids, self._graph = place_ids.copy(), PlaceGraph(positions_m, config.spacing_m, config.tolerance_m)
+        self._place_ids = place_ids.copy()
+        self._graph = PlaceGraph(positions_m, config.spacing_m, self._tolerance_m)
         self._leave = _in_stride(config.leave_per_m + config.leave_at_end_per_m * self._graph.ends)
         _, before, now = np.intersect1d(old_ids, place_ids, assume_unique=True, return_indices=True)
         near = np.linalg.norm(old.positions_m[before] - positions_m[now], axis=1) <= STRIDE_M + config.spacing_m
@@ -143,7 +159,8 @@ class PlaceBelief:
         """Use one scan, and say where the vehicle is.
 
         Args:
-            stamp_ns: the scan's stamp. A jump back of more than `restart_after_s` starts again from the prior.
+            stamp_ns: the scan's stamp. A jump back of more than `restart_after_s`, or forward of more than
+                `forget_after_s`, starts again from the prior.
             log_likelihood_ratios: (N,) finite l_i of each place, in the order of `set_places`; None for a scan without
                 evidence, which gives a prediction only.
             travelled_m: distance driven since the last call; None if it is not known.
@@ -155,7 +172,8 @@ class PlaceBelief:
         ratios = None if log_likelihood_ratios is None else self._checked(log_likelihood_ratios)
         if travelled_m is not None and not 0.0 <= travelled_m < math.inf:
             raise RefusedInput('invalid_distance', f'distance driven {travelled_m} m refused: expected 0 or more')
-        if self._gate.check(stamp_ns):
+        late = self._last_ns is not None and stamp_ns - self._last_ns > self.config.forget_after_s * 1e9
+        if self._gate.check(stamp_ns) or late:
             self.reset()
             self._gate.check(stamp_ns)
         if self._last_ns is None:

@@ -4,13 +4,15 @@ import csv
 import math
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Optional
 
 import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros.errors import DataError
+from offradar_ros.recordings.drive import DriveResult
 from offradar_ros.recordings.truth import TOLERANCE_M, recall_at_1
-from offradar_ros.types import Match, Outcome
+from offradar_ros.types import Localisation, Match, Outcome
 
 COLUMNS = (
     'stamp_ns',
@@ -27,22 +29,24 @@ COLUMNS = (
     'x_m',
     'y_m',
 )
+LOCALISATION_COLUMNS = ('state', 'p_on_map', 'p_here', 'localised_x_m', 'localised_y_m')
 TRUTH_COLUMNS = ('true_x_m', 'true_y_m', 'error_m')
 
 
-def write_answers(
-    path: Path, outcomes: Sequence[Outcome], positions: NDArray[np.float64], errors: NDArray[np.float64]
-) -> None:
-    """CSV with the best candidate, returned or withheld, of each outcome; unknown values are empty.
+def write_answers(path: Path, result: DriveResult, positions: NDArray[np.float64], errors: NDArray[np.float64]) -> None:
+    """CSV with the best candidate, returned or withheld, of each outcome, and where the vehicle then is.
+
+    Unknown values are empty.
 
     `positions` (N, 2) and `errors` (N,) as `offradar_ros.recordings.truth` has them, metres in the ``map`` frame.
     """
     try:
         with path.open('w', encoding='utf-8', newline='') as file:
             writer = csv.writer(file, lineterminator='\n')
-            writer.writerow((*COLUMNS, *TRUTH_COLUMNS))
-            for outcome, (x_m, y_m), error_m in zip(outcomes, positions.tolist(), errors.tolist(), strict=True):
-                writer.writerow((*_answer(outcome), *(_known(value) for value in (x_m, y_m, error_m))))
+            writer.writerow((*COLUMNS, *LOCALISATION_COLUMNS, *TRUTH_COLUMNS))
+            truth = np.column_stack([positions, errors]).tolist()
+            for outcome, found, true in zip(result.outcomes, result.localisations, truth, strict=True):
+                writer.writerow((*_answer(outcome), *_localisation(found), *map(_known, true)))
     except OSError as error:
         raise DataError(f'{path}: cannot be written ({error.strerror})') from error
 
@@ -62,6 +66,12 @@ def _answer(outcome: Outcome) -> list[object]:
     best, evidence = outcome.candidates[0], outcome.evidence
     apart = (evidence.distance_apart, evidence.place_distance_apart) if evidence else (math.nan, math.nan)
     return [*row, best.place_id, best.distance, *map(_known, apart), best.uncertainty, best.pose.x_m, best.pose.y_m]
+
+
+def _localisation(found: Optional[Localisation]) -> list[object]:
+    if found is None:
+        return ['' for _ in LOCALISATION_COLUMNS]
+    return [found.state.value, found.p_on_map, found.p_here, *map(_known, found.position_m.tolist())]
 
 
 def _known(value: float) -> object:

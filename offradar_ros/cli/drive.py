@@ -67,7 +67,7 @@ def drive(
     if recall:
         typer.echo(recall)
     if out:
-        write_answers(out, result.outcomes, positions, errors)
+        write_answers(out, result, positions, errors)
         typer.echo(f'{out}: written')
 
 
@@ -130,7 +130,13 @@ def _position_type(config: Config) -> str:
 
 def _print(result: DriveResult) -> None:
     answers = Counter('match' if isinstance(o, Match) else f'rejected: {o.reason.value}' for o in result.outcomes)
-    for title, counts in ((('answer', 'scans'), answers), (('dropped', 'scans or positions'), result.refused)):
+    states = Counter(found.state.value for found in result.localisations if found is not None)
+    tables = (
+        (('answer', 'scans'), answers),
+        (('localisation', 'scans'), states),
+        (('dropped', 'scans or positions'), result.refused),
+    )
+    for title, counts in tables:
         if counts:
             table = Table(*title)
             for name, count in sorted(counts.items()):

@@ -9,40 +9,52 @@ from typing import Any
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
 from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Float64
+from std_srvs.srv import Trigger
 
 from offradar_ros.config import Config
 from offradar_ros.errors import RefusedInput
-from offradar_ros.messages import stamp_ns
+from offradar_ros.messages import pose_from_odometry, stamp_ns
 from offradar_ros.ros import qos
 from offradar_ros.ros.embedding_message import embedding_record
+from offradar_ros.ros.localisation_message import localisation_message, localisation_pose_message
 from offradar_ros.ros.outcome_message import match_message, match_pose_message, rejection_message
 from offradar_ros.ros.place_message import descriptors_record, is_read_the_file
 from offradar_ros.ros.run import run
 from offradar_ros.ros.stage_node import StageNode
 from offradar_ros.stages.query import QueryStage
-from offradar_ros.types import Embedding, Match
+from offradar_ros.types import Embedding, LocalisationState, Match
 
 
 class QueryNode(StageNode):
-    """Answers each embedding exactly once, on `matches` (and `match_pose`) or on `rejections`."""
+    """Answers each embedding exactly once, on `matches` (and `match_pose`) or on `rejections`.
 
-    parameter_groups = ('query',)
+    `localisation` says where the vehicle is after all scans up to now.
+    """
+
+    parameter_groups = ('query', 'localisation')
     timed_topic = 'embedding'
 
     def __init__(self, **options: Any) -> None:
         super().__init__('query', **options)
-        self.stage = QueryStage(self.config.query)
+        self.stage = QueryStage(self.config.query, self.config.localisation)
         self._matches = self.publisher(PointCloud2, 'matches', qos.RESULTS)
         self._poses = self.publisher(PoseWithCovarianceStamped, 'match_pose', qos.RESULTS)
         self._rejections = self.publisher(DiagnosticArray, 'rejections', qos.RESULTS)
+        self._localisations = self.publisher(DiagnosticArray, 'localisation', qos.RESULTS)
+        self._localisation_poses = self.publisher(PoseWithCovarianceStamped, 'localisation_pose', qos.RESULTS)
+        self._p_on_map = self.publisher(Float64, 'p_on_map', qos.RESULTS)
+        self.create_service(Trigger, '~/relocalise', self._relocalise)
         self.subscribe(PointCloud2, 'map/descriptors', qos.LATCHED, self._on_map)
         self.subscribe(PointCloud2, 'map/updates', qos.UPDATES, self._on_update)
+        self.subscribe(Odometry, 'odometry', qos.POSITIONS, self._on_odometry)
         self.subscribe(PointCloud2, 'embedding', qos.RESULTS, self._on_embedding)
 
     def configure(self) -> None:
         """Start with an empty map, or with the file that `query.map_path` names."""
-        self.stage = QueryStage(self.config.query)
+        self.stage = QueryStage(self.config.query, self.config.localisation)
         if self.stage.open_file():
             path = self.config.query.map_path
             self.get_logger().warning(f'query.map_path: {path} does not exist yet: waiting for the map server')
@@ -65,6 +77,8 @@ class QueryNode(StageNode):
         if math.isfinite(self.stage.mean_uncertainty):
             self.status.facts['mean_uncertainty'] = f'{self.stage.mean_uncertainty:.4f}'
         self.status.warning = self.stage.warning
+        if not_localised := self.stage.not_localised:
+            self.status.facts['localisation'] = f'off: {not_localised}'
 
     def _on_map(self, message: PointCloud2) -> None:
         if is_read_the_file(message):
@@ -92,6 +106,28 @@ class QueryNode(StageNode):
         else:
             self.status.counts[f'rejected.{outcome.reason.value}'] += 1
             self._rejections.publish(rejection_message(outcome))
+        self.guarded('localisation', self._localise)
+
+    def _localise(self) -> None:
+        found = self.stage.localise()
+        if found is None:
+            return
+        self.status.facts['localisation'] = found.state.value
+        self._localisations.publish(localisation_message(found))
+        self._p_on_map.publish(Float64(data=found.p_on_map))
+        if found.state is LocalisationState.ON_MAP:
+            self._localisation_poses.publish(localisation_pose_message(found))
+
+    def _on_odometry(self, message: Odometry) -> None:
+        self.stage.add_odometry(stamp_ns(message.header.stamp), pose_from_odometry(message))
+
+    def _relocalise(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if self.active:
+            answer = self.stage.relocalise()
+            response.success, response.message = answer.found, answer.detail
+        else:
+            response.success, response.message = False, 'the node is not active'
+        return response
 
 
 def main(args: list[str] | None = None) -> int:

@@ -15,11 +15,11 @@ from offradar_ros.mapping.session_report import SessionReport
 from offradar_ros.mapping.sessions import SessionMap
 from offradar_ros.messages import point_from_fix, pose_from_odometry, scan_from_image, stamp_ns
 from offradar_ros.recordings.bags.reader import Bag, RawMessage, scan_topic
-from offradar_ros.recordings.bags.topics import FIX, FIX_TYPE, ODOMETRY, ODOMETRY_TYPE
+from offradar_ros.recordings.bags.topics import FIX, FIX_TYPE, ODOMETRY, ODOMETRY_TYPE, VEHICLE_ODOMETRY
 from offradar_ros.stages.encode import EncodeStage
 from offradar_ros.stages.map import MapStage, MapUpdate
 from offradar_ros.stages.query import QueryStage
-from offradar_ros.types import Outcome, PlaceTable
+from offradar_ros.types import Localisation, Outcome, PlaceTable
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,11 +28,13 @@ class DriveResult:
 
     Attributes:
         outcomes: one for each embedding, in order.
+        localisations: where the vehicle is after each embedding; None where that is not known.
         report: of the session that the drive was mapped as; None if it was not mapped.
         refused: dropped scans and positions by cause.
     """
 
     outcomes: tuple[Outcome, ...]
+    localisations: tuple[Localisation | None, ...]
     report: SessionReport | None
     refused: Counter[str]
 
@@ -63,9 +65,10 @@ class _Drive:
         self._bag, self._config = bag, config
         self._fingerprint = encoder.info.fingerprint
         self._encode = EncodeStage(encoder, config.radar.restart_after_s)
-        self._query = QueryStage(config.query)
+        self._query = QueryStage(config.query, config.localisation)
         self._mapping: MapStage | None = None
         self._outcomes: list[Outcome] = []
+        self._localisations: list[Localisation | None] = []
         self._refused: Counter[str] = Counter()
         if isinstance(session_map, PlaceTable):
             self._query.load(session_map, self._fingerprint)
@@ -80,13 +83,18 @@ class _Drive:
         scans = scan_topic(self._bag)
         total = self._bag.counts[scans]
         positions = _position_topics(self._bag, self._config) if self._mapping else []
-        for raw in in_lockstep_order(self._bag, scans, positions, self._config.position.max_gap_s):
+        odometry = [topic for topic in self._bag.topics_of(ODOMETRY_TYPE) if topic == VEHICLE_ODOMETRY]
+        others = sorted({*positions, *odometry})
+        for raw in in_lockstep_order(self._bag, scans, others, self._config.position.max_gap_s):
             message = self._bag.decode(raw)
             try:
                 if raw.topic == scans:
                     self._handle_scan(message)
                     progress(len(self._outcomes), total)
-                elif self._mapping:
+                    continue
+                if raw.topic in odometry:
+                    self._query.add_odometry(stamp_ns(message.header.stamp), pose_from_odometry(message))
+                if self._mapping and raw.topic in positions:
                     self._apply(_added_position(self._mapping, raw.msgtype, message))
             except RefusedInput as problem:
                 self._refused[problem.cause] += 1
@@ -94,7 +102,7 @@ class _Drive:
         if self._mapping:
             updates, report = self._mapping.end_session()
             self._apply(updates)
-        return DriveResult(tuple(self._outcomes), report, self._refused)
+        return DriveResult(tuple(self._outcomes), tuple(self._localisations), report, self._refused)
 
     def _handle_scan(self, message: Any) -> None:
         decode = functools.partial(scan_from_image, message, self._config.radar)
@@ -103,8 +111,16 @@ class _Drive:
             self._refused[encoded.problem.cause] += 1
         if encoded.embedding is not None:
             self._outcomes.append(self._query.query(encoded.embedding))
+            self._localisations.append(self._localised())
             if self._mapping:
                 self._apply(self._mapping.add_embedding(encoded.embedding))
+
+    def _localised(self) -> Localisation | None:
+        try:
+            return self._query.localise()
+        except RefusedInput as problem:
+            self._refused[problem.cause] += 1
+            return None
 
     def _apply(self, updates: Iterable[MapUpdate]) -> None:
         for update in updates:

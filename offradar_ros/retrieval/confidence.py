@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +66,31 @@ def probability(evidence: Evidence | EvidenceTable, coefficients: ConfidenceConf
     # The logistic function, in a form that does not overflow.
     p_right: NDArray[np.float64] = 0.5 * (1.0 + np.tanh(0.5 * log_odds(evidence, coefficients)))
     return p_right
+
+
+class SimilarPlaces(NamedTuple):
+    """The places within the tolerance of the one found, as evidence for a belief over many scans.
+
+    Attributes:
+        place_ids: (M,) int64.
+        log_odds: (M,) float64, that the answer is right, if it had the distance of each place. The greatest is that of
+            the place found.
+        base_rate: share of right answers for which the log-odds are.
+    """
+
+    place_ids: NDArray[np.int64]
+    log_odds: NDArray[np.float64]
+    base_rate: float
+
+
+def similar_places(
+    place_ids: NDArray[np.int64], distances: NDArray[np.float32], evidence: Evidence, coefficients: ConfidenceConfig
+) -> SimilarPlaces:
+    """What (M,) places near the one found, at (M,) distances in embedding space, and the evidence for it tell."""
+    rest = [getattr(evidence, field.name) for field in dataclasses.fields(evidence)[1:]]
+    columns = (np.full(len(distances), value, np.float64) for value in rest)
+    table = EvidenceTable(place_ids, distances.astype(np.float64), *columns)
+    return SimilarPlaces(place_ids, log_odds(table, coefficients), coefficients.base_rate)
 
 
 def without_rival(evidence: Evidence) -> Evidence:

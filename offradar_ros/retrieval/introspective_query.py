@@ -4,13 +4,27 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import NamedTuple
 
 from offradar_ros.config import ConfidenceConfig, QueryConfig
 from offradar_ros.mapping.embedding_check import embedding_problem
-from offradar_ros.retrieval.confidence import confidence_for, probability, without_rival
+from offradar_ros.retrieval.confidence import (
+    SimilarPlaces,
+    confidence_for,
+    probability,
+    similar_places,
+    without_rival,
+)
 from offradar_ros.retrieval.searched_map import SearchedMap
 from offradar_ros.retrieval.thresholds import threshold_at
 from offradar_ros.types import Candidate, Embedding, Evidence, Match, Outcome, Reason, Rejection
+
+
+class Answer(NamedTuple):
+    """The answer to one scan, and its evidence for a belief over many; None without a map or coefficients."""
+
+    outcome: Outcome
+    similar: SimilarPlaces | None = None
 
 
 class IntrospectiveQuery:
@@ -33,25 +47,41 @@ class IntrospectiveQuery:
         empty map from a message has none: it may later hold any model, and valid embeddings are rejected as
         `map_empty`.
         """
+        return self.answer(embedding).outcome
+
+    def answer(self, embedding: Embedding) -> Answer:
+        """As `query`, with the evidence for a belief over many scans."""
         if problem := embedding_problem(embedding):
-            return self._rejection(embedding, Reason.INVALID_EMBEDDING, problem)
+            return Answer(self._rejection(embedding, Reason.INVALID_EMBEDDING, problem))
         if problem := self._model_problem(embedding):
-            return self._rejection(embedding, Reason.WRONG_MODEL, problem)
+            return Answer(self._rejection(embedding, Reason.WRONG_MODEL, problem))
         # Similarity is Euclidean distance; the prediction is the k nearest places.
         search = self.map.around(embedding, include_running=not self.config.exclude_current_session)
         candidates = search.nearest(self.config.top_k)
         if not candidates:
-            return self._rejection(embedding, Reason.MAP_EMPTY, 'the map holds no places to search')
-        evidence = search.evidence(candidates[0], self.config.tolerance_m)
+            return Answer(self._rejection(embedding, Reason.MAP_EMPTY, 'the map holds no places to search'))
+        tolerance_m = self.config.tolerance_m
+        evidence = search.evidence(candidates[0], tolerance_m)
         coefficients = confidence_for(embedding.model, self.config.confidence)
-        p_right = float(probability(evidence, coefficients)) if coefficients else math.nan
-        if coefficients and self.config.gate == 'probability':
-            found = self._improbable(evidence, p_right, coefficients)
-        else:
-            found = self._paper_rule(evidence)
-        if found is None:
+        if coefficients is None:
+            return Answer(self._decided(embedding, candidates, evidence, math.nan, self._paper_rule(evidence)))
+        p_right = float(probability(evidence, coefficients))
+        by_probability = self.config.gate == 'probability'
+        found = self._improbable(evidence, p_right, coefficients) if by_probability else self._paper_rule(evidence)
+        similar = similar_places(*search.near(candidates[0], tolerance_m), evidence, coefficients)
+        return Answer(self._decided(embedding, candidates, evidence, p_right, found), similar)
+
+    def _decided(
+        self,
+        embedding: Embedding,
+        candidates: tuple[Candidate, ...],
+        evidence: Evidence,
+        p_right: float,
+        rejected: tuple[Reason, str] | None,
+    ) -> Outcome:
+        if rejected is None:
             return Match(embedding.stamp_ns, embedding.uncertainty, self.threshold, candidates, p_right, evidence)
-        rejection = self._rejection(embedding, *found, candidates)
+        rejection = self._rejection(embedding, *rejected, candidates)
         return dataclasses.replace(rejection, p_right=p_right, evidence=evidence)
 
     def _paper_rule(self, evidence: Evidence) -> tuple[Reason, str] | None:

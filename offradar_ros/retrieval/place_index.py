@@ -122,6 +122,11 @@ class PlaceIndex:
         rows, known = self._columns.find(np.array([place_id], np.int64))
         return self._columns.table.means[rows[0]].copy() if known[0] else None
 
+    @property
+    def positions_m(self) -> NDArray[np.float64]:
+        """(N, 3) float64 in the ``map`` frame, in ascending order of id; a view, valid until the next change."""
+        return self._columns.table.positions_m
+
     def rows_within(self, position_m: NDArray[np.float64], radius_m: float) -> NDArray[np.bool_]:
         """(N,) whether each place is within `radius_m` of (x, y) on the ground."""
         offsets = self._columns.table.positions_m[:, :2] - position_m[:2]
@@ -305,6 +310,11 @@ class PlaceSearch:
         if len(excluded) == len(self._index):
             return math.inf
         return float(self._index._ranked(self._query, self._shortlist(1, excluded), 1)[1][0])
+
+    def within(self, position_m: NDArray[np.float64], radius_m: float) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+        """(M,) ascending ids of the places within `radius_m` of (x, y), and their distances in embedding space."""
+        rows = np.setdiff1d(np.flatnonzero(self._index.rows_within(position_m, radius_m)), self._excluded)
+        return self._index.place_ids[rows], self._index._distances(self._query, rows)
 
     def _shortlist(self, k: int, excluded: NDArray[np.intp]) -> NDArray[np.intp]:
         """Ascending rows among which the k nearest are for certain."""

@@ -27,6 +27,8 @@ class SearchedMap:
     def __init__(self) -> None:
         self.model = ''
         """Fingerprint of the model of all places; empty while none is known."""
+        self.changes = 0
+        """How often the places of ended sessions have changed."""
         self._committed, self._running = PlaceIndex(0), PlaceIndex(0)
         self._waiting_updates: collections.deque[PlaceTable] = collections.deque()
         self._file: FileState | None = None
@@ -39,6 +41,16 @@ class SearchedMap:
     def dimension(self) -> int:
         """d, the dimension of the means; 0 while no model is known."""
         return self._committed.dimension
+
+    @property
+    def place_ids(self) -> NDArray[np.int64]:
+        """(N,) int64 of the places of ended sessions, ascending; a view, valid until the next change."""
+        return self._committed.place_ids
+
+    @property
+    def positions_m(self) -> NDArray[np.float64]:
+        """(N, 3) float64 in the ``map`` frame, in the order of `place_ids`; a view, valid until the next change."""
+        return self._committed.positions_m
 
     def load(self, table: PlaceTable, model: str) -> None:
         """Replace the map by these places, of the model with this fingerprint.
@@ -67,6 +79,7 @@ class SearchedMap:
         self._committed, self._running = committed, PlaceIndex(committed.dimension)
         self._waiting_updates.clear()
         self.model = model
+        self.changes += 1
         self._file = None
 
     def update(self, table: PlaceTable, model: str, *, committed: bool) -> None:
@@ -83,6 +96,7 @@ class SearchedMap:
             )
         if committed:
             self._committed.upsert(table)
+            self.changes += 1
             self._file = None
             self._running.remove(table.place_ids)
             self._waiting_updates.clear()
@@ -131,7 +145,7 @@ class MapSearch:
 
     def evidence(self, nearest: Candidate, tolerance_m: float) -> Evidence:
         """The evidence for `nearest`, the first place; places within `tolerance_m` of it are the same answer."""
-        here = np.array([nearest.pose.x_m, nearest.pose.y_m])
+        here = _ground(nearest)
         means = [
             index.mean_of(nearest.place_id) for index, excluded in self._indices if nearest.place_id not in excluded
         ]
@@ -144,3 +158,12 @@ class MapSearch:
             uncertainty=self._embedding.uncertainty,
             place_uncertainty=nearest.uncertainty,
         )
+
+    def near(self, nearest: Candidate, tolerance_m: float) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
+        """(M,) ids of the places within `tolerance_m` of the first place, itself among them, and their distances."""
+        found = [search.within(_ground(nearest), tolerance_m) for search in self._searches]
+        return np.concatenate([ids for ids, _ in found]), np.concatenate([distances for _, distances in found])
+
+
+def _ground(place: Candidate) -> NDArray[np.float64]:
+    return np.array([place.pose.x_m, place.pose.y_m])

@@ -1,4 +1,4 @@
-"""The third stage: embeddings in, matches and rejections out."""
+"""The third stage: embeddings in, matches and rejections out, and where the vehicle is after all of them."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from offradar_ros.config import QueryConfig
+from offradar_ros.config import LocalisationConfig, QueryConfig
 from offradar_ros.errors import RefusedInput
-from offradar_ros.retrieval.introspective_query import IntrospectiveQuery
+from offradar_ros.retrieval.confidence import confidence_for
+from offradar_ros.retrieval.introspective_query import Answer, IntrospectiveQuery
 from offradar_ros.retrieval.searched_map import SearchedMap
-from offradar_ros.types import Embedding, Outcome, PlaceTable
+from offradar_ros.stages.localise import LocaliseStage, Relocalisation
+from offradar_ros.types import Embedding, Localisation, Outcome, PlaceTable, Pose, Reason, Rejection
 
 WINDOW = 256
 """Number of answers in the moving average of U."""
@@ -21,8 +23,12 @@ WINDOW = 256
 class QueryStage:
     """One map, its updates, and answers from it with thresholds that may change. Not thread-safe."""
 
-    def __init__(self, config: QueryConfig) -> None:
+    def __init__(self, config: QueryConfig, localisation: LocalisationConfig | None = None) -> None:
         self._query = IntrospectiveQuery(config, SearchedMap())
+        self._localisation = localisation or LocalisationConfig()
+        self._localise = LocaliseStage(self._localisation, config.tolerance_m)
+        self._localised_map = 0
+        self._last: tuple[int, Answer] | None = None
         self._uncertainties: collections.deque[float] = collections.deque(maxlen=WINDOW)
 
     @property
@@ -55,7 +61,10 @@ class QueryStage:
         return ''
 
     def reconfigure(self, config: QueryConfig) -> None:
-        """Use other thresholds from now on; the map stays."""
+        """Use other thresholds from now on; the map stays. With another tolerance, localisation starts again."""
+        if config.tolerance_m != self.config.tolerance_m:
+            self._localise = LocaliseStage(self._localisation, config.tolerance_m)
+            self._localised_map = 0
         self._query = IntrospectiveQuery(config, self._query.map)
 
     def open_file(self) -> bool:
@@ -95,7 +104,57 @@ class QueryStage:
 
     def query(self, embedding: Embedding) -> Outcome:
         """As `IntrospectiveQuery.query`: exactly one answer for each embedding."""
-        outcome = self._query.query(embedding)
-        if math.isfinite(outcome.uncertainty):
-            self._uncertainties.append(outcome.uncertainty)
-        return outcome
+        answer = self._query.answer(embedding)
+        self._last = embedding.stamp_ns, answer
+        if math.isfinite(answer.outcome.uncertainty):
+            self._uncertainties.append(answer.outcome.uncertainty)
+        return answer.outcome
+
+    @property
+    def not_localised(self) -> str:
+        """Why `localise` gives nothing, in one line; empty if it does."""
+        most = self._localisation.max_places
+        if not most:
+            return 'localisation.max_places is 0'
+        if self.places > most:
+            return f'the map has {self.places} places, more than localisation.max_places = {most}'
+        if not self.places:
+            return 'no map to search'
+        if confidence_for(self._query.map.model, self.config.confidence) is None:
+            return f'no coefficients of the probability are known for model {self._query.map.model[:12]}'
+        return ''
+
+    def add_odometry(self, stamp_ns: int, pose: Pose) -> None:
+        """Add a position of the vehicle by odometry; RefusedInput unless it is newer than the last one."""
+        self._localise.add_odometry(stamp_ns, pose)
+
+    def localise(self) -> Localisation | None:
+        """Where the vehicle is after the scan of the last `query`, in the map as of the last ended session.
+
+        None before the first scan, and if it is `not_localised`. RefusedInput (`repeated_stamp`, `stamp_backwards`)
+        for a scan that is not newer than the one before; it is left out. None instead, if it was rejected as invalid:
+        the encoder has refused and counted it.
+        """
+        if self._last is None or self.not_localised:
+            return None
+        self._take_map()
+        stamp_ns, answer = self._last
+        try:
+            return self._localise.add_scan(stamp_ns, answer.similar)
+        except RefusedInput:
+            if isinstance(answer.outcome, Rejection) and answer.outcome.reason is Reason.INVALID_EMBEDDING:
+                return None
+            raise
+
+    def relocalise(self) -> Relocalisation:
+        """As `LocaliseStage.relocalise`."""
+        if problem := self.not_localised:
+            return Relocalisation(None, problem)
+        self._take_map()
+        return self._localise.relocalise()
+
+    def _take_map(self) -> None:
+        searched = self._query.map
+        if searched.changes != self._localised_map:
+            self._localise.set_places(searched.positions_m, searched.place_ids)
+            self._localised_map = searched.changes

@@ -19,6 +19,7 @@ from offradar_ros.errors import ConfigError, RefusedInput
 from offradar_ros.types import Localisation, LocalisationState
 
 CONFIG = LocalisationConfig(independent_m=5.0)
+TOLERANCE_M = 25.0
 PERIOD_NS = 250_000_000
 ON, OFF, UNSURE, LOST = (
     LocalisationState.ON_MAP,
@@ -33,8 +34,10 @@ def road(count: int, y_m: float = 0.0) -> NDArray[np.float64]:
     return np.stack([np.arange(count) * 10.0, np.full(count, y_m)], axis=1)
 
 
-def belief_over(positions_m: NDArray[np.float64], config: LocalisationConfig = CONFIG) -> PlaceBelief:
-    made = PlaceBelief(config)
+def belief_over(
+    positions_m: NDArray[np.float64], config: LocalisationConfig = CONFIG, tolerance_m: float = TOLERANCE_M
+) -> PlaceBelief:
+    made = PlaceBelief(config, tolerance_m)
     made.set_places(positions_m, np.arange(len(positions_m)))
     return made
 
@@ -61,7 +64,7 @@ def drive(
 def stride_matrix(positions_m: NDArray[np.float64], config: LocalisationConfig) -> NDArray[np.float64]:
     """T of the docstring of the module, entry by entry; the last state is off the map."""
     n = len(positions_m)
-    graph = PlaceGraph(positions_m, config.spacing_m, config.tolerance_m)
+    graph = PlaceGraph(positions_m, config.spacing_m, TOLERANCE_M)
     matrix = np.zeros((n + 1, n + 1))
     kidnapped = 1.0 - math.exp(-STRIDE_M * config.kidnapped_per_m)
     enter = 1.0 - math.exp(-STRIDE_M * config.enter_per_m)
@@ -119,7 +122,7 @@ def by_paths(positions_m: NDArray[np.float64], scans: list[Scan], config: Locali
     """(N + 1,) the posterior after the last scan: every path of states is enumerated."""
     n, matrix = len(positions_m), stride_matrix(positions_m, config)
     prior = np.full(n + 1, 1.0 - config.prior_on_map)
-    prior[:n] = config.prior_on_map * PlaceGraph(positions_m, config.spacing_m, config.tolerance_m).shares
+    prior[:n] = config.prior_on_map * PlaceGraph(positions_m, config.spacing_m, TOLERANCE_M).shares
     steps, seen_m = [], None
     odometry_m = unknown_m = 0.0
     for index, scan in enumerate(scans):
@@ -157,14 +160,14 @@ def test_the_belief_is_the_sum_over_all_paths(data: st.DataObject) -> None:
     coordinate = st.floats(0.0, 60.0)
     positions_m = np.array(data.draw(st.lists(st.tuples(coordinate, coordinate), min_size=n, max_size=n)))
     scans = data.draw(scans_of(n))
-    config = dataclasses.replace(CONFIG, kidnapped_per_m=0.01, tolerance_m=20.0)
-    belief = belief_over(positions_m, config)
+    config = dataclasses.replace(CONFIG, kidnapped_per_m=0.01)
+    belief = belief_over(positions_m, config, tolerance_m=20.0)
     for index, scan in enumerate(scans, start=1):
         ratios = None if scan.ratios is None else np.array(scan.ratios)
         found = belief.step(index * PERIOD_NS, ratios, scan.travelled_m)
     expected = by_paths(positions_m, scans, config)
     best = positions_m[belief.place_ids.tolist().index(found.place_id)]
-    near = np.hypot(*(positions_m - best).T) <= config.tolerance_m
+    near = np.hypot(*(positions_m - best).T) <= 20.0
     assert found.p_on_map == pytest.approx(1.0 - expected[-1], abs=1e-9)
     assert found.p_here == pytest.approx(expected[:-1][near].sum(), abs=1e-9)
     if scans[-1].ratios is not None:
@@ -193,7 +196,7 @@ def test_the_order_and_the_ids_of_places_do_not_matter() -> None:
     rng = np.random.default_rng(5)
     positions_m = rng.uniform(0.0, 400.0, (80, 2))
     order, ids = rng.permutation(80), rng.permutation(1000)[:80]
-    one, other = belief_over(positions_m), PlaceBelief(CONFIG)
+    one, other = belief_over(positions_m), PlaceBelief(CONFIG, TOLERANCE_M)
     other.set_places(positions_m[order], ids[order])
     for index in range(1, 12):
         ratios = rng.normal(-2.0, 3.0, 80)
@@ -385,7 +388,7 @@ def test_another_map_starts_from_the_prior() -> None:
 
 
 def test_a_map_with_no_places_has_an_answer() -> None:
-    belief = PlaceBelief(CONFIG)
+    belief = PlaceBelief(CONFIG, TOLERANCE_M)
     first = belief.step(1, None)
     assert (first.state, first.place_id, first.p_on_map, first.p_here) == (UNSURE, None, 0.0, 0.0)
     assert np.isnan(first.position_m).all()
@@ -397,7 +400,7 @@ def test_a_map_with_no_places_has_an_answer() -> None:
 
 
 def test_heights_do_not_matter() -> None:
-    flat, high = belief_over(road(20)), PlaceBelief(CONFIG)
+    flat, high = belief_over(road(20)), PlaceBelief(CONFIG, TOLERANCE_M)
     high.set_places(np.column_stack([road(20), np.linspace(0.0, 900.0, 20)]), np.arange(20))
     xs_m = np.arange(50.0, 100.0, 2.5)
     assert drive(flat, road(20), xs_m)[-1].p_here == drive(high, road(20), xs_m)[-1].p_here

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from simulated_evidence import GRACE_M, LIMIT, STEP_M, Seen, Streets, localised
+from simulated_evidence import GRACE_M, LIMIT, STEP_M, TOLERANCE_M, Seen, Streets, localised
 
 from offradar_ros.belief.place_belief import PlaceBelief
 from offradar_ros.config import LocalisationConfig
@@ -17,7 +17,7 @@ FOUND = LocalisationState.ON_MAP
 
 
 def drive(scans: int, odometry: bool, seed: int) -> list[Seen]:
-    belief = PlaceBelief(CONFIG)
+    belief = PlaceBelief(CONFIG, TOLERANCE_M)
     belief.set_places(STREETS.positions_m, np.arange(len(STREETS.positions_m)))
     rng = np.random.default_rng(seed)
     return localised(belief, STREETS, scans, odometry, rng)
@@ -30,7 +30,7 @@ def test_the_vehicle_is_found_within_a_few_scans_with_evidence(odometry: bool) -
         seen = drive(24, odometry, seed)
         if all(scan.nearest_m <= 10.0 for scan in seen):
             first = next(index for index, scan in enumerate(seen) if scan.state is FOUND)
-            assert not seen[first].wrong(CONFIG.tolerance_m)
+            assert not seen[first].wrong(TOLERANCE_M)
             counts.append(sum(scan.usable for scan in seen[: first + 1]))
     assert len(counts) > 15
     assert np.mean(np.array(counts) <= LIMIT) >= 0.9
@@ -42,11 +42,11 @@ def test_states_are_right_on_and_off_the_map(odometry: bool) -> None:
     behind = round(GRACE_M / STEP_M)
     for index in range(behind, len(seen)):
         lately = seen[index - behind : index + 1]
-        if all(scan.nearest_m > CONFIG.tolerance_m for scan in lately):
+        if all(scan.nearest_m > TOLERANCE_M for scan in lately):
             assert seen[index].state is not FOUND
         if all(scan.nearest_m <= 10.0 for scan in lately):
             assert seen[index].state is not LocalisationState.OFF_MAP
-    wrong = [scan for scan in seen if scan.state is FOUND and scan.error_m > CONFIG.tolerance_m]
+    wrong = [scan for scan in seen if scan.state is FOUND and scan.error_m > TOLERANCE_M]
     assert len(wrong) <= 0.005 * len(seen)
     assert sum(scan.state is LocalisationState.OFF_MAP for scan in seen) > 300
     assert sum(scan.state is FOUND for scan in seen) > 300

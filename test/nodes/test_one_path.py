@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from live_nodes import ROOMY, Observer, key, replay, wait_until
+from rosbags.rosbag2 import Reader, StoragePlugin, Writer
+from std_srvs.srv import Trigger
 
 from offradar_ros.config import load_config
 from offradar_ros.encoders.registry import make_encoder
 from offradar_ros.lab.live.node_processes import Stack
 from offradar_ros.mapping.sessions import SessionMap
 from offradar_ros.mapping.store import MapStore
-from offradar_ros.recordings.bags.reader import Bag
+from offradar_ros.recordings.bags.reader import TYPES, Bag
+from offradar_ros.recordings.bags.topics import ODOMETRY, ODOMETRY_TYPE, VEHICLE_ODOMETRY
 from offradar_ros.recordings.drive import drive
-from offradar_ros.types import Match, Outcome, PlaceTable
+from offradar_ros.retrieval.confidence import shipped_confidences
+from offradar_ros.types import Localisation, LocalisationState, Match, Outcome, PlaceTable
 
 PARAMETERS = {
     'map.match_distance_m': 4.0,
@@ -26,6 +32,17 @@ PARAMETERS = {
     'encoder.ring_key.variance_scale': 2.1,
 }
 SCANS = 16
+
+
+def coefficients() -> dict[str, Any]:
+    """Those of the ring key, for the scale of the variance in PARAMETERS."""
+    (shipped,) = [c for c in shipped_confidences().values() if c.model == ring_key_fingerprint({})]
+    values = dataclasses.asdict(dataclasses.replace(shipped, model=ring_key_fingerprint(PARAMETERS)))
+    return {f'query.confidence.{name}': value for name, value in values.items()}
+
+
+def ring_key_fingerprint(values: dict[str, Any]) -> str:
+    return make_encoder(load_config(overrides=values | {'encoder.name': 'ring_key'}).encoder).info.fingerprint
 
 
 @pytest.fixture
@@ -43,6 +60,27 @@ def drives(street_bag: Callable[..., Path]) -> list[tuple[Path, bool]]:
             False,
         ),
     ]
+
+
+def with_odometry(bag: Path) -> Path:
+    """A copy of a bag that has the positions as odometry of the vehicle, too."""
+    copy = bag.parent / f'{bag.name}_odometry'
+    with Reader(bag) as reader, Writer(copy, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        topics = {c.topic: writer.add_connection(c.topic, c.msgtype, typestore=TYPES) for c in reader.connections}
+        topics[VEHICLE_ODOMETRY] = writer.add_connection(VEHICLE_ODOMETRY, ODOMETRY_TYPE, typestore=TYPES)
+        for connection, log_ns, data in reader.messages():
+            writer.write(topics[connection.topic], log_ns, data)
+            if connection.topic == ODOMETRY:
+                writer.write(topics[VEHICLE_ODOMETRY], log_ns, data)
+    return copy
+
+
+def assert_same(found: Localisation, expected: Localisation) -> None:
+    """Equal but for the rounding of a matrix product, which depends on where in memory the numbers are."""
+    assert (found.stamp_ns, found.state, found.place_id) == (expected.stamp_ns, expected.state, expected.place_id)
+    assert (found.p_on_map, found.p_here) == pytest.approx((expected.p_on_map, expected.p_here), abs=1e-12)
+    np.testing.assert_allclose(found.position_m, expected.position_m, atol=1e-9)
+    np.testing.assert_allclose(found.covariance_m2, expected.covariance_m2, atol=1e-9)
 
 
 def through_pipeline(drives: list[tuple[Path, bool]], path: Path, **parameters: Any) -> list[Outcome]:
@@ -120,3 +158,37 @@ def test_a_drive_can_be_matched_to_itself_but_never_a_scan_to_itself(
     matches = [outcome for outcome in with_own if isinstance(outcome, Match)]
     assert matches
     assert all(candidate.distance > 0.0 for match in matches for candidate in match.candidates)
+
+
+@pytest.mark.parametrize('odometry', [False, True])
+def test_lockstep_localises_as_the_pipeline(
+    odometry: bool,
+    drives: list[tuple[Path, bool]],
+    tmp_path: Path,
+    stack: Callable[..., Stack],
+    observer: Observer,
+) -> None:
+    if odometry:
+        drives = [(with_odometry(bag), mapped) for bag, mapped in drives]
+    parameters = coefficients() | {'query.gate': 'paper'}
+    config = load_config(overrides=PARAMETERS | {'map.path': str(tmp_path / 'pipeline.db')} | parameters)
+    expected: list[Localisation | None] = []
+    for bag, mapped in drives:
+        with Bag(bag) as opened, SessionMap(config.map) as session_map:
+            encoder = make_encoder(config.encoder)
+            expected += drive(opened, config, encoder, session_map, session='d' if mapped else None).localisations
+    known = [localisation for localisation in expected if localisation is not None]
+    assert len(known) == 2 * SCANS
+    found, outcomes = observer.collect_localisations(), observer.collect_outcomes()
+    with stack(PARAMETERS | ROOMY | {'map.path': str(tmp_path / 'nodes.db')} | parameters) as nodes:
+        nodes.wait_until_ready()
+        observer.wait_until_connected(localisation=1)
+        for bag, mapped in drives:
+            replay(nodes, bag, '--lockstep', *(['--session'] if mapped else []))
+        wait_until(lambda: len(found) == len(known))
+        answer = observer.call(Trigger, 'query/relocalise', Trigger.Request())
+    for one, other in zip(found, known, strict=True):
+        assert_same(one, other)
+    assert LocalisationState.ON_MAP in {localisation.state for localisation in found}
+    assert 'by the last 8 scans' in answer.message
+    assert len(outcomes) == len(drives) * SCANS

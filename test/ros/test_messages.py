@@ -18,6 +18,11 @@ from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.errors import RefusedInput
 from offradar_ros.ros.clouds import from_cloud
 from offradar_ros.ros.embedding_message import embedding_message, embedding_record, model_message, model_record
+from offradar_ros.ros.localisation_message import (
+    localisation_message,
+    localisation_pose_message,
+    localisation_record,
+)
 from offradar_ros.ros.outcome_message import (
     match_message,
     match_pose_message,
@@ -31,7 +36,19 @@ from offradar_ros.ros.place_message import (
     descriptors_record,
     map_message,
 )
-from offradar_ros.types import Candidate, Embedding, Evidence, Match, Place, PlaceTable, Pose, Reason, Rejection
+from offradar_ros.types import (
+    Candidate,
+    Embedding,
+    Evidence,
+    Localisation,
+    LocalisationState,
+    Match,
+    Place,
+    PlaceTable,
+    Pose,
+    Reason,
+    Rejection,
+)
 
 MODEL = 'ab' * 32
 STAMP_NS = 1_600_000_000_123_456_789
@@ -202,3 +219,43 @@ def test_a_cloud_of_another_size_than_stated_is_refused(damage: dict[str, Any]) 
     }
     with pytest.raises(RefusedInput):
         from_cloud(SimpleNamespace(**(fields | damage)), ['mean'], 'embedding')
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    stamp=stamps,
+    state=st.sampled_from(LocalisationState),
+    numbers=st.lists(st.floats(allow_nan=True, allow_infinity=False), min_size=7, max_size=7),
+    place_id=st.none() | st.integers(0, 2**31),
+)
+def test_a_localisation_is_unchanged_to_the_last_bit(
+    stamp: int, state: LocalisationState, numbers: list[float], place_id: int | None
+) -> None:
+    p_on_map, p_here, x_m, y_m, xx, xy, yy = numbers
+    found = Localisation(stamp, state, p_on_map, place_id, p_here, np.array([x_m, y_m]), np.array([[xx, xy], [xy, yy]]))
+    back = localisation_record(transmitted(localisation_message(found)), 'localisation')
+    assert (back.stamp_ns, back.state, back.place_id) == (stamp, state, place_id)
+    assert repr((back.p_on_map, back.p_here)) == repr((p_on_map, p_here))
+    np.testing.assert_array_equal(back.position_m, found.position_m)
+    np.testing.assert_array_equal(back.covariance_m2, found.covariance_m2)
+
+
+def test_a_localisation_is_ok_for_a_person_only_on_the_map() -> None:
+    position_m, covariance_m2 = np.array([3.0, -4.0]), np.array([[9.0, 1.0], [1.0, 4.0]])
+    on_map, off_map = (
+        Localisation(STAMP_NS, state, 0.75, 7, 0.5, position_m, covariance_m2)
+        for state in (LocalisationState.ON_MAP, LocalisationState.OFF_MAP)
+    )
+    assert localisation_message(on_map).status[0].level == DiagnosticStatus.OK
+    warned = localisation_message(off_map).status[0]
+    assert (warned.level, warned.message) == (DiagnosticStatus.WARN, 'off_map: on the map with probability 0.7500')
+    pose = transmitted(localisation_pose_message(on_map))
+    assert (pose.pose.pose.position.x, pose.pose.pose.position.y) == (3.0, -4.0)
+    covariance = pose.pose.covariance.reshape(6, 6)
+    np.testing.assert_array_equal(covariance[:2, :2], covariance_m2)
+    assert covariance[5, 5] == pytest.approx(math.pi**2)
+
+
+def test_a_message_of_another_kind_is_no_localisation() -> None:
+    with pytest.raises(RefusedInput, match='localisation: expected state'):
+        localisation_record(DiagnosticArray(), 'localisation')

@@ -19,9 +19,10 @@ from offradar_ros.lab.live.node_processes import Stack
 from offradar_ros.lab.live.spin_thread import SpinThread
 from offradar_ros.ros import qos
 from offradar_ros.ros.connections import Connections
+from offradar_ros.ros.localisation_message import localisation_record
 from offradar_ros.ros.outcome_message import match_record, rejection_record
 from offradar_ros.ros.stage_node import StageNode
-from offradar_ros.types import Match, Outcome
+from offradar_ros.types import Localisation, Match, Outcome
 
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 WAIT_S = 60.0
@@ -91,6 +92,13 @@ class Observer:
             DiagnosticArray, 'rejections', lambda m: outcomes.append(rejection_record(m, 'rejections')), qos.UPDATES
         )
         return outcomes
+
+    def collect_localisations(self) -> list[Localisation]:
+        found: list[Localisation] = []
+        self.node.create_subscription(
+            DiagnosticArray, 'localisation', lambda m: found.append(localisation_record(m, 'localisation')), qos.UPDATES
+        )
+        return found
 
     def wait_until_connected(self, **subscribers: int) -> None:
         """Wait until the nodes are connected to one subscriber of their answers, and to these numbers for other topics.
