@@ -45,11 +45,26 @@ class Bay(NamedTuple):
         """The answers to the scans of a session."""
         return answer(table, self.embeddings[session], self.positions_m[session], config)
 
+    def answers_as_one_place(self, session: int, config: QueryConfig | None = None) -> Answers:
+        """The answers from session 1 if all of its scans had one position, so that no place is elsewhere.
+
+        Distances in metres are those from the measured positions, as without this.
+        """
+        table, scans = self.map_of(1), self.embeddings[session]
+        measured = answer(table, scans, self.positions_m[session], config)
+        together = dataclasses.replace(table, positions_m=np.zeros_like(table.positions_m))
+        found = answer(together, scans, self.positions_m[session], config)
+        return found._replace(error_m=measured.error_m, away_m=measured.away_m)
+
     def third_session_alone(self) -> Answers:
         """Every second scan of session 3 as a query; of the others, those of its first fifth are the map."""
         scans, at_m = self.embeddings[3], self.positions_m[3]
         mapped, queried = slice(0, len(scans) // 5, 2), slice(1, None, 2)
         return answer(table_of(scans[mapped], at_m[mapped]), scans[queried], at_m[queried])
+
+
+Seen = dict[tuple[str, int, float], Bay]
+"""The bay by encoder, number of bins read and bin size in metres."""
 
 
 def see_bay(
@@ -68,13 +83,13 @@ def coefficients_by(encoder: Encoder, places: PlaceTable) -> dict[str, QueryConf
     if shipped is None:
         raise ValueError(f'no coefficients ship for {encoder.info.name}')
     between = pdist(places.means.astype(np.float64))
-    changed: dict[str, dict[str, float]] = {
-        'as shipped': {},
-        'usual U, mean': {'usual_uncertainty': float(places.uncertainties.mean())},
-        'unrelated distance, largest': {'unrelated_distance': float(between.max())},
-        'unrelated distance, median': {'unrelated_distance': float(np.median(between))},
+    changed = {
+        'as shipped': shipped,
+        'usual U, mean': dataclasses.replace(shipped, usual_uncertainty=float(places.uncertainties.mean())),
+        'unrelated distance, largest': dataclasses.replace(shipped, unrelated_distance=float(between.max())),
+        'unrelated distance, median': dataclasses.replace(shipped, unrelated_distance=float(np.median(between))),
     }
-    return {name: QueryConfig(confidence=dataclasses.replace(shipped, **values)) for name, values in changed.items()}
+    return {name: QueryConfig(confidence=coefficients) for name, coefficients in changed.items()}
 
 
 def print_bay(real: Path, encoders: dict[str, Encoder]) -> None:
@@ -85,15 +100,14 @@ def print_bay(real: Path, encoders: dict[str, Encoder]) -> None:
     seen = {
         (name, bins, bin_m): see_bay(encoder, sessions, places, bin_m, bins)
         for name, encoder in encoders.items()
-        for bins in (BAY_BINS, USABLE_BINS)
+        for bins in ((BAY_BINS, USABLE_BINS) if name == 'compact' else (BAY_BINS,))
         for bin_m in BIN_SIZES_M
     }
     _print_found(seen)
-    _print_off_map(seen, encoders)
-    _print_third_alone(seen)
-
-
-Seen = dict[tuple[str, int, float], Bay]
+    _print_off_map(seen)
+    cut = {key: bay for key, bay in seen.items() if key[1] == BAY_BINS}
+    _print_measured({key: bay for key, bay in cut.items() if key[0] == 'compact'}, encoders)
+    _print_third_alone(cut)
 
 
 def _print_motions(sessions: dict[int, Power], places: dict[int, Positions]) -> None:
@@ -116,7 +130,7 @@ def _print_found(seen: Seen) -> None:
         print_row(name, bins, f'{bin_m:g} m', *(f'{mask.mean():.3f}' for mask in masks))
 
 
-def _print_off_map(seen: Seen, encoders: dict[str, Encoder]) -> None:
+def _print_off_map(seen: Seen) -> None:
     print('\nMap: session 1. Queries: sessions 2 and 3. Shares that are answered; AUROC of session 3 beyond 50 m.')
     print_head('encoder', 'bins', 'bin', 'session 2', *(f'session 3, {band}' for band in BANDS), *SIGNALS)
     for (name, bins, bin_m), bay in seen.items():
@@ -124,13 +138,20 @@ def _print_off_map(seen: Seen, encoders: dict[str, Encoder]) -> None:
         second, third = bay.answers(table, 2), bay.answers(table, 3)
         cells = (second.share(second.on_map), *third.shares(), *aurocs(second, third))
         print_row(name, bins, f'{bin_m:g} m', *cells)
-    print('\nThe same with values measured on session 1.')
-    print_head('encoder', 'bins', 'bin', 'measured', 'session 2', *(f'session 3, {band}' for band in BANDS))
+
+
+def _print_measured(seen: Seen, encoders: dict[str, Encoder]) -> None:
+    print('\nThe same with values measured on session 1; also if all of session 1 had one position.')
+    one = ('session 2, one position', 'beyond, one position')
+    print_head('encoder', 'bins', 'bin', 'measured', 'session 2', *(f'session 3, {band}' for band in BANDS), *one)
     for (name, bins, bin_m), bay in seen.items():
         table = bay.map_of(1)
         for measured, config in coefficients_by(encoders[name], table).items():
             second, third = bay.answers(table, 2, config), bay.answers(table, 3, config)
-            print_row(name, bins, f'{bin_m:g} m', measured, second.share(second.on_map), *third.shares())
+            second_of_one, third_of_one = (bay.answers_as_one_place(session, config) for session in (2, 3))
+            together = second_of_one.share(second_of_one.on_map), third_of_one.share(third_of_one.off_map)
+            cells = (second.share(second.on_map), *third.shares(), *together)
+            print_row(name, bins, f'{bin_m:g} m', measured, *cells)
 
 
 def _print_third_alone(seen: Seen) -> None:

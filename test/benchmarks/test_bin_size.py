@@ -25,7 +25,7 @@ def seen_from(points_m: np.ndarray, forward_m: float, right_m: float, turn_rad: 
     columns = ranges.astype(int)
     seen = columns < power.shape[1]
     power[rows[seen], columns[seen]] = 100
-    return PolarScan(0, power, np.arange(AZIMUTHS) * math.tau / AZIMUTHS, 1.0)
+    return PolarScan(0, power, np.linspace(0.0, math.tau, AZIMUTHS, endpoint=False), 1.0)
 
 
 @pytest.fixture(scope='module')
@@ -56,7 +56,7 @@ def test_motions_add_up_in_the_frame_they_lead_to() -> None:
 
 
 def test_the_strongest_returns_remain() -> None:
-    scan = PolarScan(0, np.arange(200, dtype=np.uint8).reshape(10, 20), np.arange(10) * 0.6, 1.0)
+    scan = PolarScan(0, np.arange(200, dtype=np.uint8).reshape(10, 20), np.arange(10, dtype=np.float64), 1.0)
     kept = strongest(scan, 0.1).power
     assert (kept > 0).sum() == 20
     assert kept.max() == 199
@@ -68,7 +68,7 @@ def test_the_correlation_length_is_that_of_the_returns() -> None:
     for width in (5, 15):
         smooth = np.apply_along_axis(np.convolve, 1, rng.normal(size=(50, 1000)), np.ones(width), 'valid')
         power = np.clip(128.0 + 20.0 * smooth / math.sqrt(width), 0, 255).astype(np.uint8)
-        lengths[width] = correlation_length_bins([PolarScan(0, power, np.arange(50) * 0.125, 1.0)])
+        lengths[width] = correlation_length_bins([PolarScan(0, power, np.arange(50, dtype=np.float64), 1.0)])
     # A box of n bins has a triangle of n bins to either side as its autocorrelation.
     assert lengths == pytest.approx({5: 2.5, 15: 7.5}, rel=0.1)
 

@@ -88,21 +88,22 @@ def test_a_drive_that_goes_on_where_the_map_ends(bay: Bay) -> None:
     assert found.answered[found.off_map].mean() <= 0.01
 
 
-def test_a_radar_of_short_range_needs_its_own_unrelated_distance(
-    compact: Encoder, sessions: dict[int, Power], places: dict[int, Positions]
+@pytest.mark.parametrize('bin_m', [1.0, 2.0])
+def test_a_map_of_one_place_needs_its_own_unrelated_distance(
+    compact: Encoder, sessions: dict[int, Power], places: dict[int, Positions], bin_m: float
 ) -> None:
-    """With bins of 1 m half of the image is empty, all scans are alike, and a map of one place has no rival.
+    """All of session 1 at one position, as if positions were not known: no place is elsewhere.
 
-    The target, at most .01 answered off the map, is missed by far with the value that ships. It is reached with the
-    median distance between the scans of the map.
+    The target, at most .01 answered off the map, is missed by far with the typical distance that ships, although the
+    distances separate. It is reached with the median distance between the scans of the map.
     """
-    near = see_bay(compact, sessions, places, 1.0, BAY_BINS)
-    table = near.map_of(1)
-    second, third = near.answers(table, 2), near.answers(table, 3)
+    bay = see_bay(compact, sessions, places, bin_m, BAY_BINS)
+    second, third = bay.answers_as_one_place(2), bay.answers_as_one_place(3)
     assert second.answered.all()
+    assert not third.spatial_ratio.any()
     assert second.distance.max() < third.distance[third.off_map].min()
-    config = coefficients_by(compact, table)['unrelated distance, median']
-    second, third = near.answers(table, 2, config), near.answers(table, 3, config)
+    config = coefficients_by(compact, bay.map_of(1))['unrelated distance, median']
+    second, third = bay.answers_as_one_place(2, config), bay.answers_as_one_place(3, config)
     assert second.answered.mean() >= 0.95
     assert third.answered[third.off_map].mean() <= 0.01
 
