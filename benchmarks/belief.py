@@ -14,19 +14,22 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from belief_figures import RIGHT_WITHIN_M, TOLERANCE_M, Seen, start_figures, state_figures
 from measuring import Timing, interleaved, machine, rounded, single_threaded, write_results
 from numpy.typing import NDArray
-from simulated_evidence import GRACE_M, LIMIT, PERIOD_NS, RIGHT_WITHIN_M, STEP_M, TOLERANCE_M, Seen, Streets, localised
+from simulated_evidence import PERIOD_NS, STEP_M, Streets, localised
 
 from offradar_ros.belief.place_belief import PlaceBelief
 from offradar_ros.config import LocalisationConfig, replace_values
-from offradar_ros.types import LocalisationState
 
 SEED = 11
 SIZES = (10_000, 100_000)
 STREETS = ((12, 5.0), (12, 15.0), (20, 5.0))
 """Blocks along a side, and distance between places; half of the streets are mapped."""
 STARTING_SCANS = 40
+
+STREETS = ((12, 5.0), (12, 15.0), (20, 5.0))
+"""Blocks along a side, and distance between places; half of the streets are mapped."""
 
 
 def main() -> None:
@@ -142,7 +145,7 @@ def measure_decisions(config: LocalisationConfig, arguments: argparse.Namespace)
             return localised(belief, streets, scans, odometry, rng, arguments.correlated_m)
 
         rng = np.random.default_rng(SEED + 1)
-        figures = _starts(drive, rng, arguments.starts) | _states(drive(arguments.scans, rng))
+        figures = _starts(drive, rng, arguments.starts) | state_figures([drive(arguments.scans, rng)], STEP_M)
         figures = {key: rounded(value) for key, value in figures.items()}
         name = f'{len(belief.place_ids):,} places, every {spacing_m:g} m, {"with" if odometry else "no"} odometry'
         if not found:
@@ -155,53 +158,12 @@ def measure_decisions(config: LocalisationConfig, arguments: argparse.Namespace)
 def _starts(
     drive: Callable[[int, np.random.Generator], list[Seen]], rng: np.random.Generator, starts: int
 ) -> dict[str, float]:
-    """Scans until the first ``on_map``, of drives that start on the map and stay on it."""
-    scans: list[int] = []
-    usable: list[int] = []
-    wrong = 0
-    while len(scans) < starts:
+    drives: list[list[Seen]] = []
+    while len(drives) < starts:
         seen = drive(STARTING_SCANS, rng)
         if all(scan.nearest_m <= RIGHT_WITHIN_M for scan in seen):
-            first = next((i for i, scan in enumerate(seen) if scan.state is LocalisationState.ON_MAP), len(seen) - 1)
-            scans.append(first + 1)
-            usable.append(sum(scan.usable for scan in seen[: first + 1]))
-            wrong += seen[first].wrong(TOLERANCE_M)
-    return {
-        f'starts within {LIMIT} scans': float(np.mean(np.array(scans) <= LIMIT)),
-        f'within {LIMIT} with evidence': float(np.mean(np.array(usable) <= LIMIT)),
-        'median scans': float(np.median(scans)),
-        '99 % scans': float(np.quantile(scans, 0.99)),
-        'first on_map wrong': wrong / starts,
-    }
-
-
-def _states(seen: list[Seen]) -> dict[str, float]:
-    """Wrong states of a long drive, and how far behind the last right place they are noticed."""
-    states = np.array([scan.state.value for scan in seen])
-    wrong = np.array([scan.wrong(TOLERANCE_M) for scan in seen])
-    inside = np.array([scan.nearest_m <= RIGHT_WITHIN_M for scan in seen])
-    outside = np.array([scan.nearest_m > TOLERANCE_M for scan in seen])
-    left, entered = np.flatnonzero(inside[:-1] & ~inside[1:]) + 1, np.flatnonzero(~inside[:-1] & inside[1:]) + 1
-    leavings_m = []
-    for end in left[states[left - 1] == 'on_map'].tolist():
-        stretch = slice(end, next((start for start in entered.tolist() if start > end), len(seen)))
-        if outside[stretch].any():
-            other = np.flatnonzero(states[stretch] != 'on_map')
-            leavings_m.append((other[0] + 1) * STEP_M if len(other) else np.inf)
-    # Where the vehicle has entered or left the map a short distance ago, a delay is not yet wrong.
-    recent = np.zeros(len(seen), bool)
-    for change in (*left, *entered):
-        recent[change : change + round(GRACE_M / STEP_M)] = True
-    return {
-        'wrong': float(np.mean(wrong)),
-        'wrong on_map': float(np.mean(wrong & (states == 'on_map'))),
-        f'wrong beyond {GRACE_M:g} m of a change': float(np.mean(wrong & ~recent)),
-        'leavings': len(leavings_m),
-        'noticed after, median m': float(np.quantile(leavings_m, 0.5, method='higher')),
-        'most m': max(leavings_m),
-        'on_map where mapped': float(np.mean(states[inside] == 'on_map')),
-        'off_map where not': float(np.mean(states[outside] == 'off_map')),
-    }
+            drives.append(seen)
+    return start_figures(drives)
 
 
 PARTS: dict[str, Callable[[LocalisationConfig, argparse.Namespace], dict[str, Any]]] = {

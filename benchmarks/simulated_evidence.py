@@ -11,22 +11,16 @@ import dataclasses
 from collections.abc import Iterator
 
 import numpy as np
+from belief_figures import RIGHT_WITHIN_M, Seen
 from numpy.typing import NDArray
 
 from offradar_ros.belief.place_belief import PlaceBelief
-from offradar_ros.types import LocalisationState
 
 RIGHT, OTHERS, SIGMA, OWN_SIGMA = 8.0, -3.0, 3.0, 1.0
-RIGHT_WITHIN_M = 10.0
-"""Places up to this from the vehicle are right; those at up to twice this are between right and others."""
 DEGRADED, IMPOSTORS = 0.35, 0.02
 """Shares of scans."""
 STEP_M, PERIOD_NS = 2.5, 250_000_000
 """Ten metres a second, four scans a second."""
-TOLERANCE_M = 25.0
-"""The vehicle is at a place if it is nearer to it than this."""
-LIMIT, GRACE_M = 5, 50.0
-"""The targets: scans to ``on_map`` from a cold start, and distance within which a change is noticed."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -97,35 +91,13 @@ def evidence(
             yield None
             continue
         distances_m = np.linalg.norm(streets.positions_m - position_m, axis=1)
+        # Right, up to twice as far between right and others, and others.
         right = np.clip(2.0 - distances_m / RIGHT_WITHIN_M, 0.0, 1.0)
         similarities = OTHERS + right * (RIGHT - OTHERS)
         similarities += np.where(right > 0.0, noise[places:-1] + noise[-1], noise[:places])
         if impostor is not None:
             similarities[impostor] = rng.normal(RIGHT, SIGMA)
         yield (11.0 * similarities - 27.5) / 9.0
-
-
-@dataclasses.dataclass(frozen=True)
-class Seen:
-    """One scan of a drive: the state, and the truth.
-
-    Attributes:
-        state: what the filter decided.
-        error_m: distance from the vehicle to the best place.
-        nearest_m: distance from the vehicle to the nearest place of the map.
-        usable: whether the scan had evidence.
-    """
-
-    state: LocalisationState
-    error_m: float
-    nearest_m: float
-    usable: bool
-
-    def wrong(self, tolerance_m: float) -> bool:
-        """``on_map`` at another place, or ``off_map`` where a place is right."""
-        if self.state is LocalisationState.ON_MAP:
-            return self.error_m > tolerance_m
-        return self.state is LocalisationState.OFF_MAP and self.nearest_m <= RIGHT_WITHIN_M
 
 
 def localised(
