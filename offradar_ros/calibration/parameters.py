@@ -64,8 +64,9 @@ def calibrated_parameters(
     return values | {leaf.name: leaf.value for leaf in parameters(stamped, CONFIDENCE)}
 
 
-def shipped_confidence(config: Config) -> ConfidenceConfig | None:
-    """The coefficients that ship for the encoder; those of the ring key are for any scale of its variance."""
+def shipped_confidence(config: Config, usual_uncertainty: float) -> ConfidenceConfig | None:
+    """The coefficients that ship for the encoder, with this usual U; the ring key's are for any scale of its variance."""
     if config.encoder.name == 'ring_key':
         config = replace_values(config, {SCALE: RingKeyConfig().variance_scale})
-    return shipped_confidences().get(make_encoder(config.encoder).info.fingerprint)
+    shipped = shipped_confidences().get(make_encoder(config.encoder).info.fingerprint)
+    return None if shipped is None else dataclasses.replace(shipped, usual_uncertainty=usual_uncertainty)

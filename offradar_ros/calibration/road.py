@@ -23,7 +23,6 @@ from offradar_ros.calibration.parameters import (
     shipped_confidence,
 )
 from offradar_ros.calibration.road_report import gate_lines, threshold_lines
-from offradar_ros.calibration.sensor_shift import shifted
 from offradar_ros.calibration.threshold_choice import ThresholdChoice, choose_threshold
 from offradar_ros.calibration.validation_queries import validation_queries
 from offradar_ros.calibration.variance_scale import spanning_delta, variance_factor
@@ -87,8 +86,7 @@ def _encoded(drives: Sequence[PositionedDrive], config: Config, progress: Progre
 
 def _by_probability(encoded: _Encoded, config: Config, limit: ErrorLimit) -> tuple[Calibration, GateChoice]:
     """The threshold on U refuses nothing here. It is the lowest that few right answers exceed, and names the others."""
-    shipped = shipped_confidence(config)
-    prior = None if shipped is None else shifted(shipped, encoded.usual, None)
+    prior = shipped_confidence(config, encoded.usual)
     queries = left_out_queries(encoded.drives, MAP_SPACING_M, config.query.tolerance_m)
     choice = choose_gate(cross_fit(queries, prior), limit)
     thresholds = static_thresholds(encoded.delta, config.query.levels)
@@ -107,7 +105,6 @@ def _by_probability(encoded: _Encoded, config: Config, limit: ErrorLimit) -> tup
 
 
 def _by_threshold(encoded: _Encoded, config: Config, limit: ErrorLimit) -> tuple[Calibration, ThresholdChoice]:
-    shipped = shipped_confidence(config)
     queries = validation_queries(encoded.drives, MAP_SPACING_M, config.query.tolerance_m)
     thresholds = static_thresholds(encoded.delta, config.query.levels)
     choice = choose_threshold(queries, thresholds, limit.error_rate, limit.confidence)
@@ -116,7 +113,7 @@ def _by_threshold(encoded: _Encoded, config: Config, limit: ErrorLimit) -> tuple
         encoded.encoder,
         encoded.factor,
         Thresholds(encoded.delta, config.query.levels, choice.level),
-        None if shipped is None else shifted(shipped, encoded.usual, None),
+        shipped_confidence(config, encoded.usual),
     )
     return Calibration(values, _source(encoded), tuple(threshold_lines(choice, encoded.delta))), choice
 

@@ -28,11 +28,13 @@ def test_the_coefficients_of_the_ring_key_ship_for_any_scale_of_its_variance() -
         plain = replace_values(Config(), {'encoder.name': name})
         scaled = replace_values(plain, {'encoder.ring_key.variance_scale': 4.0})
         fingerprint = make_encoder(plain.encoder).info.fingerprint
-        assert shipped_confidence(scaled) == confidence_for(fingerprint, ConfidenceConfig()) is not None
+        shipped = confidence_for(fingerprint, ConfidenceConfig())
+        assert shipped is not None
+        assert shipped_confidence(scaled, 1.3) == dataclasses.replace(shipped, usual_uncertainty=1.3)
 
 
 def test_settings_without_coefficients_have_none_afterwards() -> None:
     config = replace_values(Config(), {'encoder.name': 'ring_key', 'encoder.ring_key.rings': 64})
-    assert shipped_confidence(config) is None
+    assert shipped_confidence(config, 1.0) is None
     values = calibrated_parameters(config, make_encoder(config.encoder), 1.0, Thresholds(0.3, 20, 7), None)
     assert not any(name.startswith('query.confidence') for name in values)

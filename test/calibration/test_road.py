@@ -60,10 +60,10 @@ def test_scale_and_progress_are_over_all_drives(drives: list[PositionedDrive]) -
 
 def test_with_the_rule_on_u_the_shipped_coefficients_are_kept(drives: list[PositionedDrive]) -> None:
     calibration, _ = calibrate_road(drives, PAPER, LIMIT)
-    query, shipped = load_config(overrides=calibration.values).query, shipped_confidence(PAPER)
+    query = load_config(overrides=calibration.values).query
+    shipped = shipped_confidence(PAPER, query.confidence.usual_uncertainty)
     assert shipped is not None
-    usual = query.confidence.usual_uncertainty
-    assert query.confidence == dataclasses.replace(shipped, model=query.model, usual_uncertainty=usual)
+    assert query.confidence == dataclasses.replace(shipped, model=query.model)
     assert 'query.min_probability' not in calibration.values
 
 
@@ -74,7 +74,7 @@ def test_coefficients_and_gate_are_learned_with_or_without_shipped_ones(
     config = load_config(
         overrides={'encoder.name': 'ring_key', 'encoder.ring_key.rings': rings, 'query.levels': 20, 'query.level': 20}
     )
-    shipped = shipped_confidence(config)
+    shipped = shipped_confidence(config, 1.0)
     assert (shipped is None) == (rings == 64)
     calibration, choice = calibrate_road(long_drives, config, LOOSE)
     assert isinstance(choice, GateChoice)
