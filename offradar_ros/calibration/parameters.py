@@ -65,7 +65,7 @@ def calibrated_parameters(
 
 
 def shipped_confidence(config: Config, usual_uncertainty: float) -> ConfidenceConfig | None:
-    """The coefficients that ship for the encoder, with this usual U; the ring key's are for any scale of its variance."""
+    """The coefficients that ship for the encoder, with this usual U; the ring key's are for any of its scales."""
     if config.encoder.name == 'ring_key':
         config = replace_values(config, {SCALE: RingKeyConfig().variance_scale})
     shipped = shipped_confidences().get(make_encoder(config.encoder).info.fingerprint)
