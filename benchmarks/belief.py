@@ -28,9 +28,6 @@ STREETS = ((12, 5.0), (12, 15.0), (20, 5.0))
 """Blocks along a side, and distance between places; half of the streets are mapped."""
 STARTING_SCANS = 40
 
-STREETS = ((12, 5.0), (12, 15.0), (20, 5.0))
-"""Blocks along a side, and distance between places; half of the streets are mapped."""
-
 
 def main() -> None:
     """Measure both parts and print them as tables."""

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros.calibration.confidence_fit import fit_confidence
+from offradar_ros.calibration.probability_scores import expected_calibration_error
 from offradar_ros.cli.progress import progress_bar
 from offradar_ros.config import ConfidenceConfig, QueryConfig
 from offradar_ros.lab.evaluation.confidence import (
@@ -52,13 +53,6 @@ def figures(confidence: NDArray[np.float64], right: NDArray[np.bool_], on_map: N
     recalls = tuple(float(right[order[:count]].sum()) / max(int(right[on_map].sum()), 1) for count in answered)
     off = ~on_map[order[: answered[1]]]
     return Figures(auroc(-confidence, ~right), recalls, float(off.sum()) / max(int((~on_map).sum()), 1))
-
-
-def expected_calibration_error(p_right: NDArray[np.float64], right: NDArray[np.bool_], bins: int = 15) -> float:
-    """Σ_b n_b/n |mean p − share right| over equal intervals of p (Guo et al., ICML 2017)."""
-    rows = np.minimum((p_right * bins).astype(np.int64), bins - 1)
-    gaps = np.bincount(rows, p_right - right, bins)
-    return float(np.abs(gaps).sum() / len(right))
 
 
 def main() -> None:

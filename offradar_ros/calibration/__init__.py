@@ -1,5 +1,5 @@
-"""Choice of the threshold on U and of its scale, from one ordinary drive or from several drives of one road.
+"""The probability that an answer is right, the gate on it and the threshold on U, from one drive or from several.
 
-`one_drive` keeps rejections of ordinary scans rare; `road` keeps wrong answers rare. docs/calibration.md says what is
-certain of either.
+`one_drive` shifts shipped coefficients to the sensor; `road` learns them, and keeps wrong answers rare.
+docs/calibration.md says what is certain of either.
 """

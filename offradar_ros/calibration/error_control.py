@@ -38,6 +38,20 @@ def fewest_answers(error_rate: float, confidence: float) -> int:
     return math.ceil(math.log(1.0 - confidence) / math.log(1.0 - error_rate) - 1e-9)
 
 
+class ErrorLimit(NamedTuple):
+    """What is wanted, with `confidence` of all of it.
+
+    Attributes:
+        error_rate: at most this share of the answers is wrong.
+        confidence: chance that this is kept.
+        off_map_rate: at most this share of the scans off the map is answered; for the gate on the probability.
+    """
+
+    error_rate: float
+    confidence: float
+    off_map_rate: float = 0.01
+
+
 class Counts(NamedTuple):
     """Counts at M ascending thresholds.
 

@@ -1,4 +1,4 @@
-"""Calibration over one ordinary drive: the scale of U, and a threshold that rejects few of its scans."""
+"""Calibration over one ordinary drive: the scale of U, and a threshold that few of its scans exceed."""
 
 from __future__ import annotations
 
@@ -6,7 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros.calibration.conformal import conformal_quantile, scans_for_quantile
-from offradar_ros.calibration.parameters import Calibration, Thresholds, calibrated_parameters
+from offradar_ros.calibration.parameters import (
+    Calibration,
+    Thresholds,
+    calibrated_parameters,
+    shipped_confidence,
+)
 from offradar_ros.calibration.variance_scale import spanning_delta, variance_factor
 from offradar_ros.config import Config
 from offradar_ros.encoders.protocol import Encoder
@@ -24,10 +29,11 @@ def calibrate_drive(
 ) -> Calibration:
     """Parameters for the encoder and the query; N is the configuration's.
 
-    The threshold is the lowest static one that rejects an ordinary scan with a chance of at most `reject_at_most`; 0
-    takes the highest, and so does a drive with too few scans. Scans that are refused are left out; DataError if fewer
-    than two are left. The variance of a learned encoder is scaled by training (prior at 1): only its threshold is
-    chosen. `progress` gets (done, scans) after each scan.
+    Coefficients of the probability that ship for the encoder are kept, with the median U of the drive as the usual
+    one. The threshold on U is the lowest static one that rejects an ordinary scan with a chance of at most
+    `reject_at_most`; 0 takes the highest, and so does a drive with too few scans. Scans that are refused are left out;
+    DataError if fewer than two are left. The variance of a learned encoder is scaled by training (prior at 1): only its
+    threshold is chosen. `progress` gets (done, scans) after each scan.
     """
     encoder = make_encoder(config.encoder)
     uncertainties = _uncertainties(sequence, encoder, progress)
@@ -54,7 +60,11 @@ def calibrate_drive(
             'threshold is just above all of them, and will reject more'
         )
     lines.append('note: nothing is known of wrong answers: calibrate over several drives of one road to keep them rare')
-    values = calibrated_parameters(config, encoder, uncertainties, factor, Thresholds(delta, levels, level))
+    coefficients = shipped_confidence(config, float(np.median(uncertainties)))
+    if coefficients is not None:
+        usual = coefficients.usual_uncertainty
+        lines.append(f'probability: the shipped coefficients are kept, with a usual U of {usual:.3f}')
+    values = calibrated_parameters(config, encoder, factor, Thresholds(delta, levels, level), coefficients)
     return Calibration(values, f'{scans} scans of {sequence.name}', tuple(lines))
 
 

@@ -5,9 +5,6 @@ from __future__ import annotations
 import dataclasses
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from offradar_ros.config import ConfidenceConfig, Config, RingKeyConfig, Value, parameters, replace_values
 from offradar_ros.encoders.protocol import Encoder
 from offradar_ros.encoders.registry import make_encoder
@@ -15,6 +12,7 @@ from offradar_ros.retrieval.confidence import shipped_confidences
 
 SCALE = 'encoder.ring_key.variance_scale'
 CONFIDENCE = 'query.confidence.'
+MIN_PROBABILITY = 'query.min_probability'
 
 
 class Thresholds(NamedTuple):
@@ -41,13 +39,12 @@ class Calibration:
 
 
 def calibrated_parameters(
-    config: Config, encoder: Encoder, uncertainties: NDArray[np.float64], factor: float, thresholds: Thresholds
+    config: Config, encoder: Encoder, factor: float, thresholds: Thresholds, coefficients: ConfidenceConfig | None
 ) -> dict[str, Value]:
     """Every parameter of the encoder, and Δ, N, n, the model and the coefficients of the query, by dotted name.
 
-    `factor` multiplies the ring key's variance. Its scale is part of the model: `query.model` is the fingerprint with
-    the scale that is written, not that of `encoder`, which made the embeddings. Coefficients that ship for the encoder
-    are kept, with the median of the drive's `uncertainties` (N,), multiplied by `factor`, as the usual U of the sensor.
+    `factor` multiplies the ring key's variance. Its scale is part of the model: `query.model` and the model of the
+    coefficients are the fingerprint with the scale that is written, not that of `encoder`, which made the embeddings.
     """
     values: dict[str, Value] = {
         leaf.name: leaf.value for leaf in parameters(config) if leaf.name.startswith('encoder.') and leaf.value != ''
@@ -61,17 +58,15 @@ def calibrated_parameters(
         'query.level': thresholds.level,
         'query.model': encoder.info.fingerprint,
     }
-    shipped = _shipped_confidence(config)
-    if shipped is None:
+    if coefficients is None:
         return values
-    usual = dataclasses.replace(
-        shipped, model=encoder.info.fingerprint, usual_uncertainty=float(np.median(uncertainties))
-    )
-    return values | {leaf.name: leaf.value for leaf in parameters(usual, CONFIDENCE)}
+    stamped = dataclasses.replace(coefficients, model=encoder.info.fingerprint)
+    return values | {leaf.name: leaf.value for leaf in parameters(stamped, CONFIDENCE)}
 
 
-def _shipped_confidence(config: Config) -> ConfidenceConfig | None:
-    """The coefficients that ship for the encoder; those of the ring key are for any scale of its variance."""
+def shipped_confidence(config: Config, usual_uncertainty: float) -> ConfidenceConfig | None:
+    """The coefficients that ship for the encoder, with this usual U; the ring key's are for any of its scales."""
     if config.encoder.name == 'ring_key':
         config = replace_values(config, {SCALE: RingKeyConfig().variance_scale})
-    return shipped_confidences().get(make_encoder(config.encoder).info.fingerprint)
+    shipped = shipped_confidences().get(make_encoder(config.encoder).info.fingerprint)
+    return None if shipped is None else dataclasses.replace(shipped, usual_uncertainty=usual_uncertainty)

@@ -34,6 +34,11 @@ def draw_reliability(choice: ThresholdChoice, path: Path) -> None:
         f'{len(choice.queries)} scans of {choice.queries.drives} drives; bars: confidence {choice.confidence:g}',
         fontsize='medium',
     )
+    save_picture(figure, path)
+
+
+def save_picture(figure: Any, path: Path) -> None:
+    """Write a figure of matplotlib; ConfigError where it cannot be written."""
     try:
         figure.savefig(path)
     except (OSError, ValueError) as error:

@@ -1,4 +1,5 @@
-"""Calibration over several drives of one road: a threshold that keeps wrong answers rare."""
+"""Calibration over several drives of one road: the probability that an answer is right, and a gate that keeps
+promises about it."""
 
 from __future__ import annotations
 
@@ -8,104 +9,120 @@ from typing import NamedTuple
 
 import numpy as np
 
-from offradar_ros.calibration.error_control import upper_bound
-from offradar_ros.calibration.parameters import Calibration, Thresholds, calibrated_parameters
+from offradar_ros.calibration.conformal import conformal_quantile
+from offradar_ros.calibration.cross_fit import cross_fit
+from offradar_ros.calibration.encoded_drive import EncodedDrive, encoded_drives
+from offradar_ros.calibration.error_control import ErrorLimit
+from offradar_ros.calibration.gate_choice import GateChoice, choose_gate
+from offradar_ros.calibration.left_out_queries import left_out_queries
+from offradar_ros.calibration.parameters import (
+    MIN_PROBABILITY,
+    Calibration,
+    Thresholds,
+    calibrated_parameters,
+    shipped_confidence,
+)
+from offradar_ros.calibration.road_report import gate_lines, threshold_lines
 from offradar_ros.calibration.threshold_choice import ThresholdChoice, choose_threshold
-from offradar_ros.calibration.validation_queries import SQUARE_M, EncodedDrive, validation_queries
+from offradar_ros.calibration.validation_queries import validation_queries
 from offradar_ros.calibration.variance_scale import spanning_delta, variance_factor
 from offradar_ros.config import Config
-from offradar_ros.encoders.encode import encode_all
 from offradar_ros.encoders.protocol import Encoder
 from offradar_ros.encoders.registry import make_encoder
 from offradar_ros.errors import DataError
 from offradar_ros.processes import Progress
 from offradar_ros.recordings.road import PositionedDrive
 from offradar_ros.recordings.spacing import MAP_SPACING_M
-from offradar_ros.recordings.truth import TOLERANCE_M
 from offradar_ros.retrieval.thresholds import static_thresholds
 
-FEW_SQUARES = 60
-"""With fewer squares of ground the bound is weak: above 5 % even without a wrong answer."""
+UNCERTAIN_AT_MOST = 0.01
+"""Share of the right answers that may be called uncertain, where the probability is the gate."""
 
 
-class ErrorLimit(NamedTuple):
-    """At most the share `error_rate` of the answers wrong, with `confidence`."""
+class _Encoded(NamedTuple):
+    """Drives with U as the result scales it, the factor on the variance, and the usual and largest |U − 1|."""
 
-    error_rate: float
-    confidence: float
+    drives: list[EncodedDrive]
+    encoder: Encoder
+    factor: float
+    usual: float
+    delta: float
 
 
 def calibrate_road(
     drives: Sequence[PositionedDrive], config: Config, limit: ErrorLimit, progress: Progress | None = None
-) -> tuple[Calibration, ThresholdChoice]:
+) -> tuple[Calibration, GateChoice | ThresholdChoice]:
     """Parameters for the encoder and the query, from two drives or more in one frame; N is the configuration's.
 
-    DataError for drives of different roads, and where no threshold keeps the error rate. `progress` gets (done, scans)
-    over the scans of all drives.
+    With `query.gate: probability`, the coefficients are learned from left-out halves of the maps, and the gate keeps
+    both promises of `limit`. With `query.gate: paper`, the threshold on U keeps the error rate, and the shipped
+    coefficients are kept.
+
+    DataError for drives of different roads, and where nothing keeps the promises. `progress` gets (done, scans) over
+    the scans of all drives.
     """
+    tolerance_m = config.query.tolerance_m
     for drive in drives:
         away_m = min(_nearest_m(drive, other) for other in drives if other is not drive)
-        if away_m > TOLERANCE_M:
+        if away_m > tolerance_m:
             raise DataError(
-                f'{drive.name}: no scan within {TOLERANCE_M:g} m of another drive, the nearest {away_m:.0f} m away: '
+                f'{drive.name}: no scan within {tolerance_m:g} m of another drive, the nearest {away_m:.0f} m away: '
                 'expected drives of one road'
             )
+    encoded = _encoded(drives, config, progress)
+    if config.query.gate == 'paper':
+        return _by_threshold(encoded, config, limit)
+    return _by_probability(encoded, config, limit)
+
+
+def _encoded(drives: Sequence[PositionedDrive], config: Config, progress: Progress | None) -> _Encoded:
     encoder = make_encoder(config.encoder)
-    queries = validation_queries(_encoded(drives, encoder, progress), MAP_SPACING_M, TOLERANCE_M)
-    known = np.isfinite(queries.uncertainties)
-    factor = variance_factor(queries.uncertainties[known]) if config.encoder.name == 'ring_key' else 1.0
-    queries = dataclasses.replace(queries, uncertainties=queries.uncertainties * factor)
-    delta, levels = spanning_delta(queries.uncertainties[known]), config.query.levels
-    choice = choose_threshold(queries, static_thresholds(delta, levels), limit.error_rate, limit.confidence)
-    usable = queries.uncertainties[known]
-    values = calibrated_parameters(config, encoder, usable, factor, Thresholds(delta, levels, choice.level))
-    source = f'{len(queries)} scans of {", ".join(drive.name for drive in drives)}'
-    return Calibration(values, source, tuple(_lines(choice, delta))), choice
+    encoded = encoded_drives(drives, encoder, progress)
+    usable = np.concatenate([drive.uncertainties[drive.usable] for drive in encoded])
+    factor = variance_factor(usable) if config.encoder.name == 'ring_key' else 1.0
+    scaled = [dataclasses.replace(drive, uncertainties=drive.uncertainties * factor) for drive in encoded]
+    return _Encoded(scaled, encoder, factor, float(np.median(usable * factor)), spanning_delta(usable * factor))
+
+
+def _by_probability(encoded: _Encoded, config: Config, limit: ErrorLimit) -> tuple[Calibration, GateChoice]:
+    """The threshold on U refuses nothing here. It is the lowest that few right answers exceed, and names the others."""
+    prior = shipped_confidence(config, encoded.usual)
+    queries = left_out_queries(encoded.drives, MAP_SPACING_M, config.query.tolerance_m)
+    choice = choose_gate(cross_fit(queries, prior), limit)
+    thresholds = static_thresholds(encoded.delta, config.query.levels)
+    right = queries.evidence.uncertainty[queries.right]
+    level = int(np.searchsorted(thresholds, conformal_quantile(right, UNCERTAIN_AT_MOST)))
+    values = calibrated_parameters(
+        config,
+        encoded.encoder,
+        encoded.factor,
+        Thresholds(encoded.delta, config.query.levels, level),
+        choice.fit.coefficients,
+    )
+    values[MIN_PROBABILITY] = choice.min_probability
+    lines = gate_lines(choice, prior, float(thresholds[level]), str(values['query.model']))
+    return Calibration(values, _source(encoded), tuple(lines)), choice
+
+
+def _by_threshold(encoded: _Encoded, config: Config, limit: ErrorLimit) -> tuple[Calibration, ThresholdChoice]:
+    queries = validation_queries(encoded.drives, MAP_SPACING_M, config.query.tolerance_m)
+    thresholds = static_thresholds(encoded.delta, config.query.levels)
+    choice = choose_threshold(queries, thresholds, limit.error_rate, limit.confidence)
+    values = calibrated_parameters(
+        config,
+        encoded.encoder,
+        encoded.factor,
+        Thresholds(encoded.delta, config.query.levels, choice.level),
+        shipped_confidence(config, encoded.usual),
+    )
+    return Calibration(values, _source(encoded), tuple(threshold_lines(choice, encoded.delta))), choice
+
+
+def _source(encoded: _Encoded) -> str:
+    scans = sum(len(drive) for drive in encoded.drives)
+    return f'{scans} scans of {", ".join(drive.name for drive in encoded.drives)}'
 
 
 def _nearest_m(drive: PositionedDrive, other: PositionedDrive) -> float:
     """Metres between the two scans of two drives that are nearest to each other."""
     return min(float(np.hypot(*(other.poses[:, :2] - here).T).min()) for here in drive.poses[:, :2])
-
-
-def _encoded(drives: Sequence[PositionedDrive], encoder: Encoder, progress: Progress | None) -> list[EncodedDrive]:
-    total, done, encoded = sum(len(drive) for drive in drives), 0, []
-    for drive in drives:
-
-        def advance(done_of_drive: int, _: int, before: int = done) -> None:
-            if progress is not None:
-                progress(before + done_of_drive, total)
-
-        means, variances = encode_all(encoder, drive, advance)
-        uncertainties = variances.mean(axis=1, dtype=np.float64)
-        uncertainties[~(np.isfinite(means).all(axis=1) & np.isfinite(uncertainties))] = np.inf
-        encoded.append(EncodedDrive(drive.name, drive.stamps_ns, drive.poses, drive.driven_m, means, uncertainties))
-        done += len(drive)
-    return encoded
-
-
-def _lines(choice: ThresholdChoice, delta: float) -> list[str]:
-    queries, confidence = choice.queries, f'{choice.confidence:g}'
-    scans, right = len(queries), int(np.sum(~queries.wrong))
-    known = queries.uncertainties[np.isfinite(queries.uncertainties)]
-    share, low, high = choice.rejection
-    wrong, rate, bound = choice.wrong, choice.error_rate, upper_bound(choice.wrong, choice.answered, choice.confidence)
-    few = ': too few squares to say more' if choice.squares < FEW_SQUARES else ''
-    return [
-        f'{scans} scans of {queries.drives} drives, {queries.refused} refused: {right} find their place in the map of '
-        f'another drive, {scans - right} do not, {int(np.sum(~queries.positive))} of which have none there',
-        f'U {known.mean():.3f} on average, {known.min():.3f} to {known.max():.3f}; delta {delta:.3f}',
-        f'level {choice.level} of {len(choice.thresholds) - 1} rejects U above {choice.threshold:.3f}: '
-        f'{wrong} of {choice.answered} answers are wrong ({wrong / choice.answered:.4f})',
-        *(['note: it rejects none of these scans: so few answers are wrong without it'] * (choice.answered == scans)),
-        f'at most {rate:g} of the answers are wrong, with confidence {confidence} (of this level alone: {bound:.4f})',
-        f'one more scan is answered wrongly with a chance of at most {rate:g} (conformal: ({wrong} + 1)/({scans} + 1) '
-        f'= {choice.chance_of_wrong_answer:.4f} is not above it)',
-        f'expected to be rejected: {share:.4f} of the scans ({low:.4f} to {high:.4f}, confidence {confidence}); here '
-        f'{scans - right - wrong} of {scans - right} wrong answers and {right - choice.answered + wrong} of {right} '
-        'right ones',
-        f'counted by squares of {SQUARE_M:g} m of ground, {choice.squares} of them, not by scans, no more is certain '
-        f'than {choice.error_rate_by_squares:.4f}{few}',
-        'note: this holds for scans drawn as these were; those of one drive are alike: calibrate over several drives, '
-        'of all weathers that the vehicle meets',
-    ]

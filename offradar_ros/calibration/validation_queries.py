@@ -8,42 +8,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from offradar_ros.calibration.encoded_drive import EncodedDrive
+from offradar_ros.calibration.stretches import squares
 from offradar_ros.errors import DataError
-from offradar_ros.recordings.spacing import subsample_by_distance
 from offradar_ros.retrieval.place_index import PlaceIndex
-from offradar_ros.types import PlaceTable
-
-SQUARE_M = 100.0
-"""Side of a square of ground. Errors of answers within one square are correlated."""
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class EncodedDrive:
-    """One validation drive of N scans, encoded.
-
-    Attributes:
-        name: what people call the drive.
-        stamps_ns: (N,) int64 scan stamps.
-        poses: (N, 3) float64, x and y in metres and heading in radians, in one frame for all drives.
-        driven_m: (N,) float64, metres driven up to each scan.
-        means: (N, d) float32 descriptors, NaN where the encoder refused the scan.
-        uncertainties: (N,) float64, infinite where the encoder refused the scan.
-    """
-
-    name: str
-    stamps_ns: NDArray[np.int64]
-    poses: NDArray[np.float64]
-    driven_m: NDArray[np.float64]
-    means: NDArray[np.float32]
-    uncertainties: NDArray[np.float64]
-
-    def __len__(self) -> int:
-        return len(self.uncertainties)
-
-    @property
-    def usable(self) -> NDArray[np.bool_]:
-        """(N,) whether a scan has a descriptor."""
-        return np.isfinite(self.uncertainties)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -78,11 +46,8 @@ def validation_queries(drives: Sequence[EncodedDrive], spacing_m: float, toleran
 
     Each scan counts once. Searched in several maps, it would mostly be right in all or wrong in all, and the bounds
     would take these answers for independent ones. Scan i is searched in the map of other drive i, modulo their number.
-    DataError for a drive without a usable scan, and where no scan has a right place in any map.
+    DataError where no scan has a right place in any map.
     """
-    for drive in drives:
-        if not drive.usable.any():
-            raise DataError(f'{drive.name}: none of its {len(drive)} scans can be encoded')
     maps = [_Map(drive, spacing_m) for drive in drives]
     wrong, positive = [], []
     for number, query in enumerate(drives):
@@ -95,13 +60,12 @@ def validation_queries(drives: Sequence[EncodedDrive], spacing_m: float, toleran
             f'{", ".join(drive.name for drive in drives)}: no scan is within {tolerance_m:g} m of another drive: '
             'expected drives of one road'
         )
-    corners = np.floor(np.concatenate([query.poses[:, :2] for query in drives]) / SQUARE_M)
     return ValidationQueries(
         len(drives),
         np.concatenate([query.uncertainties for query in drives]),
         np.array(wrong, np.bool_),
         np.array(positive, np.bool_),
-        np.unique(corners, axis=0, return_inverse=True)[1].reshape(-1).astype(np.int64),
+        squares(np.concatenate([query.poses[:, :2] for query in drives])),
     )
 
 
@@ -109,22 +73,10 @@ class _Map:
     """One drive as a map, a place every `spacing_m`; refused scans are left out."""
 
     def __init__(self, drive: EncodedDrive, spacing_m: float) -> None:
-        usable = np.flatnonzero(drive.usable)
-        rows = usable[subsample_by_distance(drive.driven_m[usable], spacing_m)]
-        count = len(rows)
-        self._positions_m = drive.poses[rows, :2]
-        self._index = PlaceIndex(drive.means.shape[1], count)
-        self._index.upsert(
-            PlaceTable(
-                np.arange(count, dtype=np.int64),
-                np.ones(count, np.int32),
-                drive.stamps_ns[rows],
-                np.column_stack([self._positions_m, np.zeros(count)]),
-                drive.poses[rows, 2],
-                drive.uncertainties[rows].astype(np.float32),
-                drive.means[rows],
-            )
-        )
+        places = drive.places(drive.map_rows(spacing_m))
+        self._positions_m = places.positions_m[:, :2]
+        self._index = PlaceIndex(places.means.shape[1], len(places))
+        self._index.upsert(places)
 
     def search(self, query: EncodedDrive, scan: int, tolerance_m: float) -> tuple[bool, bool]:
         """Whether the answer to a scan is wrong, and whether there is a right one."""

@@ -1,4 +1,4 @@
-"""`offradar calibrate`: the threshold on U, and its scale, for a sensor."""
+"""`offradar calibrate`: the probability of an answer, the gate on it and the threshold on U, for a sensor."""
 
 import dataclasses
 import importlib.util
@@ -8,11 +8,13 @@ from typing import Annotated, Any, Optional
 
 import typer
 
-from offradar_ros.calibration.error_control import LEAST_CONFIDENCE
+from offradar_ros.calibration.error_control import LEAST_CONFIDENCE, ErrorLimit
+from offradar_ros.calibration.gate_choice import GateChoice
+from offradar_ros.calibration.gate_picture import draw_gate
 from offradar_ros.calibration.one_drive import calibrate_drive
 from offradar_ros.calibration.parameters import Calibration
 from offradar_ros.calibration.reliability import draw_reliability
-from offradar_ros.calibration.road import ErrorLimit, calibrate_road
+from offradar_ros.calibration.road import calibrate_road
 from offradar_ros.calibration.threshold_choice import ThresholdChoice
 from offradar_ros.cli.install_hints import pip_hint
 from offradar_ros.cli.progress import progress_bar
@@ -30,8 +32,8 @@ from offradar_ros.recordings.spacing import MAP_SPACING_M
 from offradar_ros.records import require_writable
 
 LEVELS = 20
-REJECT_AT_MOST, ERROR_RATE, CONFIDENCE = 0.01, 0.05, 0.95
-"""Defaults of --reject-at-most, --error-rate and --confidence."""
+REJECT_AT_MOST, ERROR_RATE, OFF_MAP_RATE, CONFIDENCE = 0.01, 0.05, 0.01, 0.95
+"""Defaults of --reject-at-most, --error-rate, --off-map-rate and --confidence."""
 
 
 def calibrate(
@@ -62,12 +64,20 @@ def calibrate(
             help=f'Several drives: share of the answers that may be wrong; {ERROR_RATE:g} if not given.',
         ),
     ] = None,
+    off_map_rate: Annotated[
+        Optional[float],
+        typer.Option(
+            min=0.001,
+            max=0.5,
+            help=f'Several drives: share of the scans off the map that may be answered; {OFF_MAP_RATE:g} if not given.',
+        ),
+    ] = None,
     confidence: Annotated[
         Optional[float],
         typer.Option(
             min=LEAST_CONFIDENCE,
             max=0.9999,
-            help=f'Several drives: confidence that it is kept; {CONFIDENCE:g} if not given.',
+            help=f'Several drives: confidence that both are kept; {CONFIDENCE:g} if not given.',
         ),
     ] = None,
     spacing_m: Annotated[
@@ -80,16 +90,19 @@ def calibrate(
         ),
     ] = None,
     plot: Annotated[
-        Optional[Path], typer.Option(help='Several drives: picture of wrong answers against U (needs matplotlib).')
+        Optional[Path],
+        typer.Option(help='Several drives: picture of how reliable the probability is (needs matplotlib).'),
     ] = None,
     layout: Annotated[str, typer.Option(help=LAYOUT_HELP)] = 'auto',
 ) -> None:
-    """Choose the threshold on U, and scale the ring key's variance so that U is 1 on average.
+    """Fit the probability that an answer is right to a sensor, and choose the gate on it and the threshold on U.
 
-    Over one drive: few ordinary scans are rejected. Over several: few answers are wrong. docs/calibration.md says what
-    is certain of either.
+    Over one drive: shipped coefficients are shifted to the sensor. Over several: they are learned from stretches left
+    out of the map, and few answers are wrong, on the map and off it. docs/calibration.md says what is certain of
+    either.
     """
-    one, several = {'--reject-at-most': reject_at_most}, {'--error-rate': error_rate, '--confidence': confidence}
+    one = {'--reject-at-most': reject_at_most}
+    several = {'--error-rate': error_rate, '--off-map-rate': off_map_rate, '--confidence': confidence}
     unfit = [name for name, value in (several if len(sources) == 1 else one).items() if value is not None]
     if unfit:
         raise ConfigError(f'{unfit[0]}: expected {"several drives" if len(sources) == 1 else "one drive"} for it')
@@ -99,6 +112,8 @@ def calibrate(
         raise ConfigError(f'--plot needs the Python package matplotlib: {pip_hint("plot")}')
     given = {} if params is None else read_parameters(params)
     config = _with_levels(load_config(params), levels or given.get('query.levels', LEVELS))
+    if off_map_rate is not None and config.query.gate == 'paper':
+        raise ConfigError('--off-map-rate: expected query.gate: probability for it: U knows nothing of the map')
     replaced = {path: path.exists() for path in (plot, out) if path is not None}
     if len(sources) == 1:
         sequence = open_source(sources[0], layout, config.radar)
@@ -109,9 +124,11 @@ def calibrate(
         require_writable(out)
         if plot is not None:
             require_writable(plot)
-        limit = ErrorLimit(error_rate or ERROR_RATE, confidence or CONFIDENCE)
+        limit = ErrorLimit(error_rate or ERROR_RATE, confidence or CONFIDENCE, off_map_rate or OFF_MAP_RATE)
         calibration, choice = _over_road(sources, layout, config, limit, spacing_m)
-        if plot is not None:
+        if isinstance(choice, GateChoice) and plot is not None:
+            draw_gate(choice, plot)
+        elif isinstance(choice, ThresholdChoice) and plot is not None:
             draw_reliability(choice, plot)
     values = _typed(given, config) | calibration.values
     write_parameters(out, values, f'Written by offradar calibrate over {calibration.source}.')
@@ -122,7 +139,7 @@ def calibrate(
 
 def _over_road(
     sources: Sequence[Path], layout: str, config: Config, limit: ErrorLimit, spacing_m: float
-) -> tuple[Calibration, ThresholdChoice]:
+) -> tuple[Calibration, GateChoice | ThresholdChoice]:
     paths = [path.resolve() for path in sources]
     if len(set(paths)) < len(paths):
         raise ConfigError(f'{", ".join(map(str, sources))}: expected each folder once')

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -59,6 +61,28 @@ def test_separable_answers_have_finite_coefficients() -> None:
     found = coefficients_of(fit_confidence(terms, terms[:, 0] < 0.0, np.ones(100), SCALES))
     assert np.isfinite(found).all()
     assert found[0] < -1.0
+
+
+def test_few_queries_keep_the_prior_and_many_replace_it() -> None:
+    prior = dataclasses.replace(SCALES, intercept=3.0, **dict(zip(TERMS, (TRUE / 2.0).tolist(), strict=True)))
+    away = []
+    for count in (5, 200, 40_000):
+        terms, right = drawn(count, TRUE)
+        away.append(np.abs(coefficients_of(fit_confidence(terms, right, np.ones(count), prior, prior)) - TRUE / 2.0))
+    assert away[0].max() < 0.5
+    assert (away[0] < away[2] + 0.1).all()
+    assert away[0].sum() < away[1].sum() < away[2].sum()
+    np.testing.assert_allclose(away[2], np.abs(TRUE) / 2.0, atol=0.2)
+
+
+@pytest.mark.parametrize('right', [True, False])
+def test_with_a_prior_answers_of_one_kind_shift_only_how_probable_they_are(right: bool) -> None:
+    prior = dataclasses.replace(SCALES, intercept=0.5, **dict(zip(TERMS, TRUE.tolist(), strict=True)))
+    terms, _ = drawn(50, TRUE)
+    found = fit_confidence(terms, np.full(50, right), np.ones(50), prior, prior)
+    before, after = (one.intercept + terms @ coefficients_of(one) for one in (prior, found))
+    assert np.mean(after - before) * (1.0 if right else -1.0) > 0.0
+    assert (coefficients_of(found) <= 0.0).all()
 
 
 @pytest.mark.parametrize('right', [True, False])

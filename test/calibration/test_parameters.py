@@ -2,14 +2,12 @@ from __future__ import annotations
 
 import dataclasses
 
-import numpy as np
-
-from offradar_ros.calibration.parameters import Thresholds, calibrated_parameters
+from offradar_ros.calibration.parameters import Thresholds, calibrated_parameters, shipped_confidence
 from offradar_ros.config import ConfidenceConfig, Config, load_config, replace_values
 from offradar_ros.encoders.registry import make_encoder
 from offradar_ros.retrieval.confidence import confidence_for
 
-UNCERTAINTIES = np.array([0.9, 1.3, 1.5])
+COEFFICIENTS = ConfidenceConfig(model='other', intercept=1.0, distance=-2.0, usual_uncertainty=1.3)
 
 
 def test_the_fingerprint_is_that_of_the_written_scale() -> None:
@@ -17,27 +15,26 @@ def test_the_fingerprint_is_that_of_the_written_scale() -> None:
         Config(), {'encoder.name': 'ring_key', 'encoder.ring_key.variance_scale': 4.0, 'encoder.ring_key.rings': 64}
     )
     before = make_encoder(config.encoder)
-    values = calibrated_parameters(config, before, UNCERTAINTIES, 0.5, Thresholds(0.3, 20, 7))
+    values = calibrated_parameters(config, before, 0.5, Thresholds(0.3, 20, 7), COEFFICIENTS)
     written = load_config(overrides=values)
     assert written.encoder.ring_key.variance_scale == 2.0
     assert (written.query.delta, written.query.levels, written.query.level) == (0.3, 20, 7)
     assert written.query.model == make_encoder(written.encoder).info.fingerprint != before.info.fingerprint
+    assert written.query.confidence == dataclasses.replace(COEFFICIENTS, model=written.query.model)
 
 
-def test_the_shipped_coefficients_are_kept_with_the_usual_uncertainty_of_the_sensor() -> None:
+def test_the_coefficients_of_the_ring_key_ship_for_any_scale_of_its_variance() -> None:
     for name in ('variational', 'ring_key'):
-        config = replace_values(Config(), {'encoder.name': name, 'encoder.ring_key.variance_scale': 4.0})
-        encoder = make_encoder(config.encoder)
-        values = calibrated_parameters(config, encoder, UNCERTAINTIES, 1.0, Thresholds(0.3, 20, 7))
-        query = load_config(overrides=values).query
-        plain = make_encoder(replace_values(Config(), {'encoder.name': name}).encoder).info.fingerprint
-        shipped = confidence_for(plain, ConfidenceConfig())
+        plain = replace_values(Config(), {'encoder.name': name})
+        scaled = replace_values(plain, {'encoder.ring_key.variance_scale': 4.0})
+        fingerprint = make_encoder(plain.encoder).info.fingerprint
+        shipped = confidence_for(fingerprint, ConfidenceConfig())
         assert shipped is not None
-        assert query.confidence == dataclasses.replace(shipped, model=query.model, usual_uncertainty=1.3)
+        assert shipped_confidence(scaled, 1.3) == dataclasses.replace(shipped, usual_uncertainty=1.3)
 
 
 def test_settings_without_coefficients_have_none_afterwards() -> None:
     config = replace_values(Config(), {'encoder.name': 'ring_key', 'encoder.ring_key.rings': 64})
-    encoder = make_encoder(config.encoder)
-    values = calibrated_parameters(config, encoder, UNCERTAINTIES, 1.0, Thresholds(0.3, 20, 7))
+    assert shipped_confidence(config, 1.0) is None
+    values = calibrated_parameters(config, make_encoder(config.encoder), 1.0, Thresholds(0.3, 20, 7), None)
     assert not any(name.startswith('query.confidence') for name in values)

@@ -6,27 +6,10 @@ import dataclasses
 
 import numpy as np
 import pytest
+from encoded_streets import encoded_street as street
 
-from offradar_ros.calibration.validation_queries import EncodedDrive, validation_queries
+from offradar_ros.calibration.validation_queries import validation_queries
 from offradar_ros.errors import DataError
-
-
-def street(index: int, count: int) -> EncodedDrive:
-    """Scans 4 m apart; the descriptor is the place's, and noise that grows with U."""
-    rng = np.random.default_rng([0, index])
-    driven_m = 4.0 * np.arange(count, dtype=np.float64)
-    severities = np.where(rng.random(count) < 0.4, rng.uniform(0.05, 1.0, count), 0.0)
-    waves = np.random.default_rng(5).uniform(0.01, 0.2, 24)
-    places = np.cos(driven_m[:, None] * waves)
-    means = places + rng.normal(0.0, 1.0, places.shape) * (0.05 + 1.6 * severities[:, None])
-    return EncodedDrive(
-        name=f'street_{index + 1}',
-        stamps_ns=np.arange(count, dtype=np.int64) * 10**9 + index * 10**14,
-        poses=np.column_stack([driven_m, np.full(count, 1.0 * index), np.zeros(count)]),
-        driven_m=driven_m,
-        means=means.astype(np.float32),
-        uncertainties=0.3 + severities + rng.normal(0.0, 0.05, count),
-    )
 
 
 def test_scans_take_the_maps_of_the_others_in_turn_as_in_a_loop() -> None:
@@ -72,10 +55,3 @@ def test_drives_of_different_roads_are_refused() -> None:
     away = dataclasses.replace(second, poses=second.poses + aside_m)
     with pytest.raises(DataError, match='street_1, street_2: no scan is within 25 m of another drive'):
         validation_queries([first, away], 5.0, 25.0)
-
-
-def test_a_drive_that_cannot_be_encoded_is_named() -> None:
-    first, second = (street(index, 30) for index in range(2))
-    second.uncertainties[:] = np.inf
-    with pytest.raises(DataError, match='street_2: none of its 30 scans can be encoded'):
-        validation_queries([first, second], 5.0, 25.0)

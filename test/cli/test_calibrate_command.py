@@ -97,12 +97,13 @@ def test_one_scan_is_too_few_and_few_are_noted(
     assert lines[1].endswith('0 of these scans, and one more like them with a chance of at most 0.2500')
     assert lines[2].startswith('note: 3 scans are too few to reject 0.01 of ordinary ones (99 are enough)')
     assert lines[3].startswith('note: nothing is known of wrong answers')
-    assert lines[4:] == [f'{out}: written']
+    assert lines[4].startswith('probability: the shipped coefficients are kept, with a usual U of ')
+    assert lines[5:] == [f'{out}: written']
     again = done(
         'calibrate', street_bag('more', count=20), *RING_KEY, '--out', out, '--reject-at-most', '0.05'
     ).splitlines()
-    assert len(again) == 4
-    assert again[3] == f'{out}: replaced'
+    assert len(again) == 5
+    assert again[4] == f'{out}: replaced'
 
 
 def test_the_threshold_is_the_lowest_static_one_that_rejects_few_enough(

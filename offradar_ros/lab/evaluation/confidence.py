@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from offradar_ros.calibration.confidence_fit import fit_confidence
+from offradar_ros.calibration.confidence_fit import fit_confidence, scales_of
+from offradar_ros.calibration.open_set import joined_evidence
 from offradar_ros.config import ConfidenceConfig
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.errors import ConfigError
@@ -86,11 +87,7 @@ ADDED_SPACING_M = 5.0
 
 def joined(sets: Sequence[OpenSet]) -> tuple[EvidenceTable, NDArray[np.bool_]]:
     """The evidence of all queries, and whether each answer is right."""
-    columns = [
-        np.concatenate([getattr(one.evidence, field.name) for one in sets])
-        for field in dataclasses.fields(EvidenceTable)
-    ]
-    return EvidenceTable(*columns), np.concatenate([one.right for one in sets])
+    return joined_evidence([one.evidence for one in sets]), np.concatenate([one.right for one in sets])
 
 
 def fit(protocol: Protocol, method: str, options: Options) -> ConfidenceConfig:
@@ -98,22 +95,11 @@ def fit(protocol: Protocol, method: str, options: Options) -> ConfidenceConfig:
     info, worlds = embed(protocol, method, options)
     kinds = settings(protocol, max(len(drives) for drives in worlds.values()))
     made = [joined(list(open_sets_of(worlds, kind, protocol.tolerance_m))) for kind in kinds]
-    one_road = made[0][0]
-    scales = ConfidenceConfig(
-        model=info.fingerprint,
-        usual_uncertainty=round(float(np.median(one_road.uncertainty)), 3),
-        unrelated_distance=_unrelated(one_road),
-    )
+    scales = scales_of(made[0][0], info.fingerprint)
     terms = np.concatenate([terms_of(evidence, scales) for evidence, _ in made])
     right = np.concatenate([right for _, right in made])
     weights = np.concatenate([np.full(len(right), 1.0 / len(right)) for _, right in made])
     return fit_confidence(terms, right, weights, scales)
-
-
-def _unrelated(evidence: EvidenceTable) -> float:
-    """The typical distance to the nearest place elsewhere, in a map of one road."""
-    apart = evidence.distance_apart[np.isfinite(evidence.distance_apart)]
-    return round(float(np.median(apart)), 3) if len(apart) else 1.0
 
 
 def write_confidence(path: Path, found: ConfidenceConfig, comment: str) -> None:

@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from offradar_ros.calibration.open_set import halves, open_answers
 from offradar_ros.lab.evaluation.answers import map_rows, places_of
-from offradar_ros.lab.evaluation.distances import distances_m
 from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive
-from offradar_ros.retrieval.evidence import EvidenceTable, evidence_table
+from offradar_ros.retrieval.evidence import EvidenceTable
 from offradar_ros.types import PlaceTable
 
 _APART_M = 1e6
@@ -38,14 +38,6 @@ class OpenSet(NamedTuple):
     right: NDArray[np.bool_]
     on_map: NDArray[np.bool_]
     degraded: NDArray[np.bool_]
-
-
-def halves(mapped: EmbeddedDrive, rows: NDArray[np.intp]) -> Iterator[NDArray[np.intp]]:
-    """The rows of the first half of the road, and those of the second."""
-    driven_m = mapped.drive.driven_m
-    first = driven_m[rows] < (driven_m[0] + driven_m[-1]) / 2.0
-    yield rows[first]
-    yield rows[~first]
 
 
 def other_roads(worlds: Sequence[Sequence[EmbeddedDrive]], spacing_m: float) -> PlaceTable:
@@ -75,7 +67,7 @@ def open_sets(
 ) -> Iterator[OpenSet]:
     """Every ordered pair of drives of one world, with either half of the mapped road left out."""
     for mapped, query in itertools.permutations(drives, 2):
-        for rows in halves(mapped, map_rows(mapped, spacing_m)):
+        for rows in halves(mapped.drive.driven_m, map_rows(mapped, spacing_m)):
             if not len(rows):
                 continue
             places = places_of(mapped, rows)
@@ -85,15 +77,17 @@ def open_sets(
 def open_set(places: PlaceTable, mapped: EmbeddedDrive, query: EmbeddedDrive, tolerance_m: float) -> OpenSet:
     """The usable scans of a drive as queries of a map, in one frame."""
     usable = query.usable
-    evidence = evidence_table(places, query.means[usable], query.uncertainties[usable], tolerance_m)
-    away_m = distances_m(query.drive.poses[usable], places.positions_m)
-    chosen = away_m[np.arange(len(away_m)), evidence.nearest]
+    found = open_answers(
+        places,
+        query.means[usable],
+        query.uncertainties[usable],
+        query.drive.poses[usable, :2],
+        tolerance_m,
+    )
     return OpenSet(
         mapped.drive.group,
         mapped.drive.world,
         len(places),
-        evidence,
-        chosen <= tolerance_m,
-        away_m.min(axis=1) <= tolerance_m,
+        *found,
         query.drive.kinds[usable] != '',
     )
