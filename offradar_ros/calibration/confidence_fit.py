@@ -88,4 +88,13 @@ def fit_confidence(
     found = minimize(loss, centre, jac=True, method='L-BFGS-B', bounds=[(None, None), *[(None, 0.0)] * len(TERMS)])
     coefficients = np.minimum(found.x[1:], 0.0) / spread
     values = dict(zip(TERMS, coefficients.tolist(), strict=True))
-    return dataclasses.replace(scales, intercept=float(found.x[0] - coefficients @ mean), **values)
+    intercept = float(found.x[0] - coefficients @ mean)
+    return dataclasses.replace(scales, base_rate=_base_rate(right, weights, prior), intercept=intercept, **values)
+
+
+def _base_rate(right: NDArray[np.bool_], weights: NDArray[np.float64], prior: ConfidenceConfig | None) -> float:
+    """The share of right answers, drawn to that of the prior as the intercept is; never quite 0 or 1."""
+    known = PRIOR_QUERIES if prior else 0.0
+    of_prior = prior.base_rate if prior else 0.0
+    share = (float(weights @ right) + known * of_prior) / (float(weights.sum()) + known)
+    return min(max(share, 1e-6), 1.0 - 1e-6)

@@ -55,6 +55,19 @@ def test_a_weight_counts_as_that_many_queries() -> None:
     np.testing.assert_allclose(coefficients_of(weighted), coefficients_of(plain), rtol=0.02, atol=0.02)
 
 
+def test_the_base_rate_is_the_weighted_share_of_right_answers_drawn_to_the_prior() -> None:
+    terms, right = drawn(1000, TRUE)
+    weights = np.where(right, 2.0, 1.0)
+    share = weights[right].sum() / weights.sum()
+    assert fit_confidence(terms, right, weights, SCALES).base_rate == pytest.approx(share)
+    prior = dataclasses.replace(SCALES, base_rate=0.1)
+    few = fit_confidence(terms[:5], np.ones(5, np.bool_), np.ones(5), SCALES, prior).base_rate
+    many = fit_confidence(terms, right, weights, SCALES, prior).base_rate
+    assert 0.1 < few < 0.6
+    assert many == pytest.approx(share, abs=0.02)
+    assert fit_confidence(terms, np.ones(1000, np.bool_), weights, SCALES, prior).base_rate < 1.0
+
+
 def test_separable_answers_have_finite_coefficients() -> None:
     terms = np.zeros((100, 5))
     terms[:, 0] = np.linspace(-1.0, 1.0, 100)
