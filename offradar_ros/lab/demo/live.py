@@ -20,13 +20,15 @@ from offradar_ros.errors import OffradarError
 from offradar_ros.lab.demo.drives import DemoDrive, ProgressBars
 from offradar_ros.lab.live.node_processes import Stack
 from offradar_ros.lab.live.spin_thread import SpinThread
+from offradar_ros.mapping.store import MapStore
 from offradar_ros.recordings.bags.reader import Bag, scan_topic
 from offradar_ros.ros import qos
 from offradar_ros.ros.answer_log import REPLIES
 from offradar_ros.ros.connections import Connections
 from offradar_ros.ros.outcome_message import match_record, rejection_record
-from offradar_ros.types import Outcome
+from offradar_ros.types import Outcome, PlaceTable
 
+MAP = 'map.db'
 REPLAY_TIMEOUT_S = 600.0
 CONNECT_S = 60.0
 POLL_S = 0.1
@@ -34,9 +36,19 @@ POLL_S = 0.1
 
 @dataclasses.dataclass(frozen=True)
 class ReplayedDrive:
-    """Result of one drive: an outcome for each answered scan, counts and latencies of the replay, and the session."""
+    """Result of one drive.
+
+    Attributes:
+        drive: the drive.
+        places: the map that its scans were searched for in.
+        outcomes: one for each answered scan.
+        counts: counts of the replay.
+        latencies_s: seconds from each scan to its answer.
+        report: merge report of the session, as text.
+    """
 
     drive: DemoDrive
+    places: PlaceTable
     outcomes: tuple[Outcome, ...]
     counts: dict[str, int]
     latencies_s: tuple[float, ...]
@@ -47,7 +59,7 @@ def replay_drives(
     drives: list[DemoDrive], folder: Path, params: Path, domain_id: int, bars: ProgressBars
 ) -> list[ReplayedDrive]:
     """Replay every drive in lockstep; the nodes are stopped afterwards, also after an error."""
-    parameters = {'map.path': folder / 'map.db', 'map.start_session': False}
+    parameters = {'map.path': folder / MAP, 'map.start_session': False}
     with Stack(folder / 'logs', domain_id, parameters, [params]) as nodes, _listening(domain_id) as listener:
         nodes.wait_until_ready()
         listener.wait_until_connected()
@@ -56,6 +68,7 @@ def replay_drives(
 
 def _replayed(drive: DemoDrive, nodes: Stack, outcomes: list[Outcome], bars: ProgressBars) -> ReplayedDrive:
     outcomes.clear()
+    places = MapStore.open_read_only(nodes.folder.parent / MAP).committed()
     report = nodes.folder / f'{drive.name}.json'
     arguments = [str(drive.bag), '--lockstep', '--report', str(report), *(['--session'] if drive.mapped else [])]
     process = nodes.start('replay_node', arguments, f'replay_{drive.name}')
@@ -75,7 +88,7 @@ def _replayed(drive: DemoDrive, nodes: Stack, outcomes: list[Outcome], bars: Pro
         process.stop()
     reported = json.loads(report.read_text(encoding='utf-8'))
     counts = {name: value for name, value in reported.items() if isinstance(value, int)}
-    return ReplayedDrive(drive, tuple(outcomes), counts, tuple(reported['latencies_s']), reported['session'])
+    return ReplayedDrive(drive, places, tuple(outcomes), counts, tuple(reported['latencies_s']), reported['session'])
 
 
 class _Listener:
