@@ -18,6 +18,7 @@ from offradar_ros.lab.simulation.recorded_path import load_tum
 from offradar_ros.lab.simulation.route_sessions import session_plan
 from offradar_ros.lab.simulation.sensor import SimulatedSensor
 from offradar_ros.lab.simulation.sequence import SimulatedSequence
+from offradar_ros.lab.simulation.session_plan import SessionPlan
 from offradar_ros.lab.simulation.weather_text import parse_weather
 from offradar_ros.radar.profiles import PROFILES
 from offradar_ros.recordings.bags.writer import BagOptions, write_bag
@@ -76,6 +77,8 @@ def simulate(
     if detour and paths:
         raise ConfigError('--detour: expected a drive along the route of a city, got --traversal too: give only one')
     drives = sessions or len(paths) or 3
+    driven_m = (scans or SCANS) * size.rotation_s * SessionPlan().speed_mps
+    last_place = with_detour(place, driven_m, detour) if detour else place
     for index in range(drives):
         plan = session_plan(index, scans=scans or SCANS, seed=seed, degraded=degraded)
         plan = dataclasses.replace(
@@ -86,13 +89,10 @@ def simulate(
             start_m = float(path.driven_m[-1]) if plan.reverse else 0.0
             length = path.scans(size.rotation_s, start_m=0.0)
             plan = dataclasses.replace(plan, path=path, start_m=start_m, scans=min(scans or length, length))
-        driven_m = plan.scans * size.rotation_s * plan.speed_mps
-        if plan.reverse and not paths:
+        elif plan.reverse:
             # It starts where the other drives end, and follows the same streets back.
             plan = dataclasses.replace(plan, start_m=driven_m)
-        if detour and index == drives - 1:
-            place = with_detour(place, driven_m, detour)
-        sequence = SimulatedSequence(place, plan, size)
+        sequence = SimulatedSequence(last_place if index == drives - 1 else place, plan, size)
         _write(sequence, out / plan.name, format_, overwrite=overwrite, workers=workers)
         write_ground_truth(sequence, out / f'{plan.name}.csv')
         typer.echo(f'{out / plan.name}: written')

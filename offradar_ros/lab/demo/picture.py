@@ -20,7 +20,7 @@ _LEAST_P = 1e-4
 """Probabilities are drawn between this and one minus this."""
 
 
-class _Style(NamedTuple):
+class Style(NamedTuple):
     """Colours are those of Okabe and Ito, which the colour-blind tell apart; each has a marker of its own too."""
 
     label: str
@@ -29,11 +29,11 @@ class _Style(NamedTuple):
     size: float
 
 
-_RIGHT = _Style('answered, right', '.', '#009E73', 28)
-_WRONG = _Style('answered, wrong', 'x', '#D55E00', 30)
-_LOST = _Style('rejected on the map, would be right', '+', '#000000', 48)
-_SPARED = _Style('rejected on the map, would be wrong', 'd', '#CC79A7', 26)
-_OFF = _Style('rejected off the map', 'o', '#56B4E9', 22)
+RIGHT = Style('answered, right', '.', '#009E73', 28)
+WRONG = Style('answered, wrong', 'x', '#D55E00', 30)
+REJECTED_RIGHT = Style('rejected on the map, would be right', '+', '#000000', 48)
+REJECTED_WRONG = Style('rejected on the map, would be wrong', 'd', '#CC79A7', 26)
+REJECTED_OFF = Style('rejected off the map', 'o', '#56B4E9', 22)
 
 
 def draw_map(mapped: ComparedDrive, queried: ComparedDrive, min_probability: float, path: Path) -> None:
@@ -83,7 +83,7 @@ def _draw_answers(axes: Axes, queried: ComparedDrive, accepted: Mask) -> None:
     firsts = [outcome.candidates[0].pose for outcome, w in zip(queried.replayed.outcomes, wrong, strict=True) if w]
     answered_m = np.array([(pose.x_m, pose.y_m) for pose in firsts]).reshape(-1, 2)
     ends_m = np.stack([queried.positions_m[wrong], answered_m], axis=1)
-    axes.add_collection(LineCollection(list(ends_m), colors=_WRONG.colour, linewidths=0.6, alpha=0.5, zorder=2))
+    axes.add_collection(LineCollection(list(ends_m), colors=WRONG.colour, linewidths=0.6, alpha=0.5, zorder=2))
     for style, chosen in _kinds(queried, accepted):
         _scatter(axes, queried.positions_m[chosen], style)
 
@@ -107,17 +107,19 @@ def _draw_probabilities(axes: Axes, queried: ComparedDrive, min_probability: flo
     axes.minorticks_off()
 
 
-def _kinds(queried: ComparedDrive, accepted: Mask) -> tuple[tuple[_Style, Mask], ...]:
+def _kinds(queried: ComparedDrive, accepted: Mask) -> tuple[tuple[Style, Mask], ...]:
     """Every scan in one of the five kinds, with its style."""
     right, on_map = queried.nearest_is_right, queried.on_map
     return (
-        (_RIGHT, accepted & right),
-        (_OFF, ~accepted & queried.off_map),
-        (_SPARED, ~accepted & on_map & ~right),
-        (_LOST, ~accepted & on_map & right),
-        (_WRONG, accepted & ~right),
+        (RIGHT, accepted & right),
+        (REJECTED_OFF, ~accepted & queried.off_map),
+        (REJECTED_WRONG, ~accepted & on_map & ~right),
+        (REJECTED_RIGHT, ~accepted & on_map & right),
+        (WRONG, accepted & ~right),
     )
 
 
-def _scatter(axes: Axes, points: NDArray[np.float64], style: _Style) -> None:
-    axes.scatter(*points.T, s=style.size, c=style.colour, marker=style.marker, label=style.label, zorder=3)
+def _scatter(axes: Axes, points: NDArray[np.float64], style: Style) -> None:
+    axes.scatter(
+        points[:, 0], points[:, 1], s=style.size, c=style.colour, marker=style.marker, label=style.label, zorder=3
+    )

@@ -72,6 +72,7 @@ def _shortest_detour(
     Detours grow street by street, the shortest first. One that is found is no shorter than the road that it leaves
     out, so that a drive of `driven_m` does not pass the end of the driven road.
     """
+    queue: list[tuple[float, float, tuple[int, ...]]]
     queue = [(0.0, leaves_m, (node,)) for node, leaves_m in passed_m.items() if leaves_m >= _AROUND_M]
     heapq.heapify(queue)
     while queue:
