@@ -42,7 +42,7 @@ def draw_map(mapped: ComparedDrive, queried: ComparedDrive, min_probability: flo
     On the left are the answers of the run, on the right those that the paper's rule on U gives to the same scans.
     """
     figure = Figure(figsize=(13, 10))
-    grid = figure.add_gridspec(2, 2, height_ratios=(2.6, 1), left=0.06, right=0.98, top=0.93, bottom=0.13, hspace=0.24)
+    grid = figure.add_gridspec(2, 2, height_ratios=(2.6, 1), left=0.06, right=0.98, top=0.93, bottom=0.14, hspace=0.2)
     left = figure.add_subplot(grid[0, 0])
     right = figure.add_subplot(grid[0, 1], sharex=left, sharey=left)
     for axes, accepted, gate in (
@@ -57,7 +57,7 @@ def draw_map(mapped: ComparedDrive, queried: ComparedDrive, min_probability: flo
     _draw_probabilities(below, queried, min_probability)
     found = dict(zip(*reversed(left.get_legend_handles_labels()), strict=True))
     found |= dict(zip(*reversed(below.get_legend_handles_labels()), strict=True))
-    figure.legend(found.values(), found.keys(), loc='lower center', ncols=5, frameon=False)
+    figure.legend(found.values(), found.keys(), loc='lower center', ncols=4, frameon=False)
     figure.suptitle(f'{queried.replayed.drive.name} in a map of {len(queried.replayed.places)} places (simulated)')
     FigureCanvasAgg(figure)
     figure.savefig(path)
@@ -83,7 +83,9 @@ def _draw_answers(axes: Axes, queried: ComparedDrive, accepted: Mask) -> None:
     firsts = [outcome.candidates[0].pose for outcome, w in zip(queried.replayed.outcomes, wrong, strict=True) if w]
     answered_m = np.array([(pose.x_m, pose.y_m) for pose in firsts]).reshape(-1, 2)
     ends_m = np.stack([queried.positions_m[wrong], answered_m], axis=1)
-    axes.add_collection(LineCollection(list(ends_m), colors=WRONG.colour, linewidths=0.6, alpha=0.5, zorder=2))
+    lines = LineCollection(list(ends_m), colors=WRONG.colour, linewidths=0.6, alpha=0.5, zorder=2)
+    lines.set_label('to the place answered')
+    axes.add_collection(lines)
     for style, chosen in _kinds(queried, accepted):
         _scatter(axes, queried.positions_m[chosen], style)
 

@@ -94,7 +94,10 @@ def _reasons(drives: list[ComparedDrive], chosen: list[NDArray[np.bool_]]) -> _R
         pairs = zip(drive.replayed.outcomes, scans.tolist(), strict=True)
         counts.append(Counter(outcome.reason.value for outcome, c in pairs if c and not isinstance(outcome, Match)))
     reasons = sorted({reason for counter in counts for reason in counter})
-    return {f'rejected: {reason}': [str(counter[reason]) for counter in counts] for reason in reasons}
+    return {
+        f'rejected: {reason}': [str(n[reason]) if scans.any() else '-' for n, scans in zip(counts, chosen, strict=True)]
+        for reason in reasons
+    }
 
 
 def _recall(drive: ComparedDrive) -> str:
