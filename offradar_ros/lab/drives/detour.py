@@ -8,7 +8,6 @@ import itertools
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from offradar_ros.errors import ConfigError
 from offradar_ros.lab.simulation.route import Route
@@ -38,9 +37,10 @@ def with_detour(world: World, driven_m: float, length_m: float) -> World:
         raise ConfigError('a detour needs a world with streets: expected a city')
     route, streets = world.route, world.streets
     arcs_m = np.arange(0.0, min(driven_m, route.length_m))
-    driven = cKDTree(route.at(arcs_m)[:, :2])
-    apart_m, nearest = driven.query(streets.nodes_m)
-    passed_m = {int(n): float(arcs_m[nearest[n]]) for n in np.flatnonzero(apart_m < _BESIDE_M) if streets.inner[n]}
+    driven = route.at(arcs_m)[:, :2]
+    apart_m = _distances_m(streets.nodes_m, driven)
+    passed = np.flatnonzero(streets.inner & (apart_m.min(axis=1) < _BESIDE_M))
+    passed_m = {int(node): float(arcs_m[np.argmin(apart_m[node])]) for node in passed}
     nodes = _shortest_detour(streets, _unused(streets, driven), passed_m, driven_m, length_m)
     if not nodes:
         raise ConfigError(
@@ -54,12 +54,12 @@ def with_detour(world: World, driven_m: float, length_m: float) -> World:
     return dataclasses.replace(world, route=Route(line, route.closed))
 
 
-def _unused(streets: Streets, driven: cKDTree) -> dict[Edge, float]:
-    """Length of each street that the driven road does not use."""
+def _unused(streets: Streets, driven: Array) -> dict[Edge, float]:
+    """Length of each street that the (M, 2) points of the driven road do not use."""
     lengths_m = {}
     for edge, line in streets.lines.items():
-        between = line[cKDTree(line[[0, -1]]).query(line)[0] > _CROSSING_M]
-        if not len(between) or driven.query(between)[0].min() > _BESIDE_M:
+        between = line[_distances_m(line, line[[0, -1]]).min(axis=1) > _CROSSING_M]
+        if not len(between) or _distances_m(between, driven).min() > _BESIDE_M:
             lengths_m[edge] = float(np.sum(np.hypot(*np.diff(line, axis=0).T)))
     return lengths_m
 
@@ -89,3 +89,8 @@ def _shortest_detour(
             if street_m is not None and streets.inner[node] and node not in nodes[1:] and node not in nodes[-2:-1]:
                 heapq.heappush(queue, (so_far_m + street_m, leaves_m, (*nodes, node)))
     return ()
+
+
+def _distances_m(points: Array, others: Array) -> Array:
+    """(N, M) distances between (N, 2) and (M, 2) points."""
+    return np.asarray(np.linalg.norm(points[:, None] - others, axis=-1))
