@@ -97,6 +97,9 @@ def _draw_probabilities(axes: Axes, queried: ComparedDrive, min_probability: flo
     axes.set_yscale('logit')
     for style, chosen in _kinds(queried, queried.accepted):
         _scatter(axes, np.column_stack([seconds, p_right])[chosen], style)
+    in_order = np.argsort(stamps_ns)
+    p_on_map = np.clip(queried.p_on_map, _LEAST_P, 1.0 - _LEAST_P)
+    axes.plot(seconds[in_order], p_on_map[in_order], color='#0072B2', linewidth=1.2, label='p_on_map, over many scans')
     degraded = seconds[queried.degraded]
     axes.scatter(degraded, np.full(len(degraded), _LEAST_P / 2), marker='|', s=30, c='#777777', label='degraded scan')
     axes.axhline(min_probability, color='black', linewidth=0.8, linestyle='--', label='gate')
@@ -104,7 +107,7 @@ def _draw_probabilities(axes: Axes, queried: ComparedDrive, min_probability: flo
         seconds, 0, 1, where=queried.off_map, transform=axes.get_xaxis_transform(), color='#F7EFA0', zorder=0
     )
     axes.set(ylim=(_LEAST_P / 3, 1.0 - _LEAST_P / 2), xlim=(seconds.min(), seconds.max()))
-    axes.set(xlabel='time of the drive, s', ylabel='p_right')
+    axes.set(xlabel='time of the drive, s', ylabel='p_right, p_on_map')
     axes.set_yticks([1e-3, 0.01, 0.1, 0.5, 0.9, 0.99, 0.999], ['.001', '.01', '.1', '.5', '.9', '.99', '.999'])
     axes.minorticks_off()
 

@@ -13,7 +13,7 @@ from rich.table import Table
 from offradar_ros.lab.demo.truth import ComparedDrive
 from offradar_ros.mapping.stored_map import StoredSession
 from offradar_ros.recordings.truth import TOLERANCE_M, recall_at_1
-from offradar_ros.types import Match
+from offradar_ros.types import LocalisationState, Match
 
 _Rows = dict[str, list[str]]
 
@@ -27,6 +27,7 @@ def print_table(drives: list[ComparedDrive], sessions: Sequence[StoredSession], 
         f'on the map: a place within {TOLERANCE_M:g} m': _on_map_rows(drives),
         'off the map': _off_map_rows(drives),
         "the paper's rule, a threshold on U alone": _paper_rows(drives),
+        'the belief over many scans': _belief_rows(drives),
         'the map': _map_rows(drives, sessions),
     }
     for title, rows in sections.items():
@@ -84,6 +85,18 @@ def _paper_rows(drives: list[ComparedDrive]) -> _Rows:
     return {
         'matches on the map, right / wrong': on_map,
         'matches off the map, each wrong': [_share(drive.off_map, drive.paper_accepts) for drive in drives],
+    }
+
+
+def _belief_rows(drives: list[ComparedDrive]) -> _Rows:
+    """How many scans after which the belief was in each state, on the map and off it."""
+    return {
+        f'{state.value}, scans on / off the map': [
+            f'{_count(found & drive.on_map)} / {_count(found & drive.off_map)}' if drive.searched else '-'
+            for drive in drives
+            for found in [drive.states == state.value]
+        ]
+        for state in LocalisationState
     }
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,6 +31,9 @@ class ComparedDrive:
         paper_accepts: (N,) whether the paper's rule, a threshold on U alone, answers with the best candidate.
         p_right: (N,) the reported probability that the best candidate is right; NaN if there is none.
         degraded: (N,) whether the scan was degraded by the simulation.
+        states: (N,) text, the state of the belief over all scans up to this one (`LocalisationState`); empty if none
+            was received.
+        p_on_map: (N,) its probability that the vehicle is on the map; NaN if none was received.
     """
 
     replayed: ReplayedDrive
@@ -40,6 +44,8 @@ class ComparedDrive:
     paper_accepts: NDArray[np.bool_]
     p_right: NDArray[np.float64]
     degraded: NDArray[np.bool_]
+    states: NDArray[np.str_]
+    p_on_map: NDArray[np.float64]
 
     @property
     def searched(self) -> bool:
@@ -63,6 +69,7 @@ def compare(replayed: ReplayedDrive, origin: GeoPoint) -> ComparedDrive:
     outcomes = replayed.outcomes
     trajectory = trajectory_of(open_source(replayed.drive.bag), replayed.drive.bag)
     positions_m = true_positions(outcomes, trajectory, origin, round(PositionConfig().max_gap_s * 1e9))
+    localisations = [replayed.localisations.get(outcome.stamp_ns) for outcome in outcomes]
     to_places_m = cdist(positions_m, replayed.places.positions_m[:, :2])
     return ComparedDrive(
         replayed,
@@ -73,4 +80,6 @@ def compare(replayed: ReplayedDrive, origin: GeoPoint) -> ComparedDrive:
         np.array([bool(o.candidates) and o.uncertainty <= o.threshold for o in outcomes], np.bool_),
         np.array([o.p_right for o in outcomes], np.float64),
         np.array([o.stamp_ns in replayed.drive.degraded_ns for o in outcomes], np.bool_),
+        np.array([found.state.value if found else '' for found in localisations], np.str_),
+        np.array([found.p_on_map if found else math.nan for found in localisations], np.float64),
     )

@@ -22,7 +22,18 @@ from offradar_ros.lab.demo.report import print_table, what_rejection_saves
 from offradar_ros.lab.demo.truth import ComparedDrive, compare
 from offradar_ros.mapping.stored_map import StoredSession
 from offradar_ros.recordings.bags.sequence import BagSequence
-from offradar_ros.types import Candidate, Match, Outcome, Place, PlaceTable, Pose, Reason, Rejection
+from offradar_ros.types import (
+    Candidate,
+    Localisation,
+    LocalisationState,
+    Match,
+    Outcome,
+    Place,
+    PlaceTable,
+    Pose,
+    Reason,
+    Rejection,
+)
 
 
 def answer(stamp_ns: int, x_m: float | None, reason: Reason | None = None, uncertainty: float = 1.0) -> Outcome:
@@ -36,12 +47,17 @@ def place(x_m: float) -> Place:
     return Place(1, 1, 0, Pose(x_m, 0.0), 0.9, np.zeros(4, np.float32))
 
 
+def localisation(stamp_ns: int, state: LocalisationState) -> Localisation:
+    p_on_map = 0.04 if state is LocalisationState.OFF_MAP else 0.96
+    return Localisation(stamp_ns, state, p_on_map, 1, p_on_map, np.zeros(2), np.eye(2))
+
+
 @pytest.fixture
 def compared(street_bag: Callable[..., Path]) -> ComparedDrive:
     """Eight scans, 1.25 m apart, in a map of two places: 24.5 m behind the fourth, and far away.
 
     Four are on the map: matched right, matched wrong, rejected right at a high U, rejected wrong. Four are off it:
-    matched, rejected at a low U, rejected at a high U, rejected without candidates.
+    matched, rejected at a low U, rejected at a high U, rejected without candidates and without a localisation.
     """
     bag = street_bag('drive', count=8)
     stamps = [int(stamp) for stamp in BagSequence(bag).stamps_ns]
@@ -59,7 +75,9 @@ def compared(street_bag: Callable[..., Path]) -> ComparedDrive:
     drive = DemoDrive('drive', bag, mapped=True, degraded_ns=frozenset(stamps[2:4]))
     counts = {'scans': 8, 'matches': 3, 'rejections': 5, 'unanswered': 0}
     places = PlaceTable.from_places([place(near), place(500.0)], 4)
-    return compare(ReplayedDrive(drive, places, outcomes, counts, (0.01, 0.02, 0.03), ''), ORIGIN)
+    states = [LocalisationState.UNSURE, *3 * [LocalisationState.ON_MAP], *3 * [LocalisationState.OFF_MAP]]
+    found = {stamp: localisation(stamp, state) for stamp, state in zip(stamps, states, strict=False)}
+    return compare(ReplayedDrive(drive, places, outcomes, found, counts, (0.01, 0.02, 0.03), ''), ORIGIN)
 
 
 def test_an_answer_is_right_within_25_metres(compared: ComparedDrive) -> None:
@@ -83,6 +101,11 @@ def test_the_rule_of_the_paper_asks_for_a_low_uncertainty_alone(compared: Compar
     assert compared.paper_accepts.tolist() == [True, True, False, True, True, True, False, False]
 
 
+def test_the_belief_is_that_of_the_scan(compared: ComparedDrive) -> None:
+    assert compared.states.tolist() == ['unsure', *3 * ['on_map'], *3 * ['off_map'], '']
+    np.testing.assert_array_equal(compared.p_on_map, [*4 * [0.96], *3 * [0.04], np.nan])
+
+
 def test_the_table_shows_the_comparison(compared: ComparedDrive) -> None:
     console = Console(file=io.StringIO(), width=100)
     report = {'inserted': 2, 'replaced': 1, 'kept': 3, 'places_before': 0, 'places_after': 2}
@@ -104,6 +127,9 @@ def test_the_table_shows_the_comparison(compared: ComparedDrive) -> None:
         'rejected: unknown_place .* 1 ',
         'matches on the map, right / wrong .* 1 / 2 ',
         'matches off the map, each wrong .* 2 of 4 ',
+        'on_map, scans on / off the map .* 3 / 0 ',
+        'off_map, scans on / off the map .* 0 / 3 ',
+        'unsure, scans on / off the map .* 1 / 0 ',
         'inserted, replaced, kept .* 2, 1, 3',
         'mean U .* - → 0.988',
     ]
