@@ -9,6 +9,7 @@ import typer
 
 from offradar_ros.cli.progress import progress_bar
 from offradar_ros.errors import ConfigError
+from offradar_ros.lab.drives.detour import with_detour
 from offradar_ros.lab.simulation.degradation import DegradationKind
 from offradar_ros.lab.simulation.ground_truth import write_ground_truth
 from offradar_ros.lab.simulation.open_world import open_world
@@ -17,6 +18,7 @@ from offradar_ros.lab.simulation.recorded_path import load_tum
 from offradar_ros.lab.simulation.route_sessions import session_plan
 from offradar_ros.lab.simulation.sensor import SimulatedSensor
 from offradar_ros.lab.simulation.sequence import SimulatedSequence
+from offradar_ros.lab.simulation.session_plan import SessionPlan
 from offradar_ros.lab.simulation.weather_text import parse_weather
 from offradar_ros.radar.profiles import PROFILES
 from offradar_ros.recordings.bags.writer import BagOptions, write_bag
@@ -49,6 +51,10 @@ def simulate(
         typer.Option(help='TUM file of a drive to follow, in the frame of the world; sessions take several in turn.'),
     ] = None,
     two_way: Annotated[bool, typer.Option('--two-way', help='Drive every second session backwards.')] = False,
+    detour: Annotated[
+        float,
+        typer.Option(min=0.0, max=1000.0, help='Metres that the last drive goes by streets that the others do not.'),
+    ] = 0.0,
     format_: Annotated[Format, typer.Option('--format', help='rosbag2 folders or Oxford-layout folders.')] = Format.BAG,
     sensor: Annotated[str, typer.Option(help=f'Size of the scans: {", ".join(PROFILES)}.')] = 'radiate',
     seed: Annotated[int, typer.Option(min=0, max=10**12, help='Of the world and of the drives.')] = 1,
@@ -68,7 +74,12 @@ def simulate(
     size = _size_of_scans(sensor)
     air, paths = parse_weather(weather), [load_tum(file) for file in traversal or ()]
     place = open_world(world, seed)
-    for index in range(sessions or len(paths) or 3):
+    if detour and paths:
+        raise ConfigError('--detour: expected a drive along the route of a city, got --traversal too: give only one')
+    drives = sessions or len(paths) or 3
+    driven_m = (scans or SCANS) * size.rotation_s * SessionPlan().speed_mps
+    last_place = with_detour(place, driven_m, detour) if detour else place
+    for index in range(drives):
         plan = session_plan(index, scans=scans or SCANS, seed=seed, degraded=degraded)
         plan = dataclasses.replace(
             plan, reverse=two_way and index % 2 == 1, weather=air, kinds=tuple(kind or plan.kinds)
@@ -80,8 +91,8 @@ def simulate(
             plan = dataclasses.replace(plan, path=path, start_m=start_m, scans=min(scans or length, length))
         elif plan.reverse:
             # It starts where the other drives end, and follows the same streets back.
-            plan = dataclasses.replace(plan, start_m=plan.scans * size.rotation_s * plan.speed_mps)
-        sequence = SimulatedSequence(place, plan, size)
+            plan = dataclasses.replace(plan, start_m=driven_m)
+        sequence = SimulatedSequence(last_place if index == drives - 1 else place, plan, size)
         _write(sequence, out / plan.name, format_, overwrite=overwrite, workers=workers)
         write_ground_truth(sequence, out / f'{plan.name}.csv')
         typer.echo(f'{out / plan.name}: written')

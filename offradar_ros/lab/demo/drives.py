@@ -1,4 +1,4 @@
-"""Drives of the demonstration: three on one route of a simulated city."""
+"""Drives of the demonstration: three on one route of a simulated city, the last one with a detour."""
 
 from __future__ import annotations
 
@@ -9,16 +9,20 @@ from pathlib import Path
 
 from offradar_ros.calibration.one_drive import calibrate_drive
 from offradar_ros.config import Config, EncoderConfig, write_parameters
+from offradar_ros.lab.drives.detour import with_detour
 from offradar_ros.lab.simulation.city import CityPlan, make_city
 from offradar_ros.lab.simulation.route_sessions import session_plan
+from offradar_ros.lab.simulation.sensor import SimulatedSensor
 from offradar_ros.lab.simulation.sequence import SimulatedSequence
 from offradar_ros.processes import Progress
 from offradar_ros.recordings.bags.writer import BagOptions, write_bag
 
-SEED = 1
+SEED = 3
 SCANS = 400
 MAPPED = (True, True, False)
 DEGRADED = (0.2, 0.2, 0.35)
+DETOUR_M = 250.0
+"""The drive that is not mapped goes at least so far by streets that the others do not use."""
 ENCODER = EncoderConfig(name='variational', weights='compact')
 
 
@@ -41,7 +45,9 @@ def simulate_drives(folder: Path, bars: ProgressBars) -> list[DemoDrive]:
     city = make_city(CityPlan(seed=SEED))
     drives = []
     for index, (mapped, degraded) in enumerate(zip(MAPPED, DEGRADED, strict=True)):
-        sequence = SimulatedSequence(city, session_plan(index, scans=SCANS, seed=SEED, degraded=degraded))
+        plan = session_plan(index, scans=SCANS, seed=SEED, degraded=degraded)
+        driven_m = SCANS * SimulatedSensor().rotation_s * plan.speed_mps
+        sequence = SimulatedSequence(city if mapped else with_detour(city, driven_m, DETOUR_M), plan)
         with bars(f'simulating {sequence.name}') as progress:
             bag = write_bag(sequence, folder / sequence.name, BagOptions(plain=True, overwrite=True), progress)
         pairs = zip(sequence.stamps_ns, sequence.degradations, strict=True)

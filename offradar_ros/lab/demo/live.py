@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -20,13 +20,16 @@ from offradar_ros.errors import OffradarError
 from offradar_ros.lab.demo.drives import DemoDrive, ProgressBars
 from offradar_ros.lab.live.node_processes import Stack
 from offradar_ros.lab.live.spin_thread import SpinThread
+from offradar_ros.mapping.store import MapStore
 from offradar_ros.recordings.bags.reader import Bag, scan_topic
 from offradar_ros.ros import qos
 from offradar_ros.ros.answer_log import REPLIES
 from offradar_ros.ros.connections import Connections
+from offradar_ros.ros.localisation_message import localisation_record
 from offradar_ros.ros.outcome_message import match_record, rejection_record
-from offradar_ros.types import Outcome
+from offradar_ros.types import Localisation, Outcome, PlaceTable
 
+MAP = 'map.db'
 REPLAY_TIMEOUT_S = 600.0
 CONNECT_S = 60.0
 POLL_S = 0.1
@@ -34,10 +37,22 @@ POLL_S = 0.1
 
 @dataclasses.dataclass(frozen=True)
 class ReplayedDrive:
-    """Result of one drive: an outcome for each answered scan, counts and latencies of the replay, and the session."""
+    """Result of one drive.
+
+    Attributes:
+        drive: the drive.
+        places: the map that its scans were searched for in.
+        outcomes: one for each answered scan.
+        localisations: where the vehicle is after each scan, by the scan's stamp.
+        counts: counts of the replay.
+        latencies_s: seconds from each scan to its answer.
+        report: merge report of the session, as text.
+    """
 
     drive: DemoDrive
+    places: PlaceTable
     outcomes: tuple[Outcome, ...]
+    localisations: Mapping[int, Localisation]
     counts: dict[str, int]
     latencies_s: tuple[float, ...]
     report: str
@@ -47,15 +62,18 @@ def replay_drives(
     drives: list[DemoDrive], folder: Path, params: Path, domain_id: int, bars: ProgressBars
 ) -> list[ReplayedDrive]:
     """Replay every drive in lockstep; the nodes are stopped afterwards, also after an error."""
-    parameters = {'map.path': folder / 'map.db', 'map.start_session': False}
+    parameters = {'map.path': folder / MAP, 'map.start_session': False}
     with Stack(folder / 'logs', domain_id, parameters, [params]) as nodes, _listening(domain_id) as listener:
         nodes.wait_until_ready()
         listener.wait_until_connected()
-        return [_replayed(drive, nodes, listener.outcomes, bars) for drive in drives]
+        return [_replayed(drive, nodes, listener, bars) for drive in drives]
 
 
-def _replayed(drive: DemoDrive, nodes: Stack, outcomes: list[Outcome], bars: ProgressBars) -> ReplayedDrive:
+def _replayed(drive: DemoDrive, nodes: Stack, listener: _Listener, bars: ProgressBars) -> ReplayedDrive:
+    outcomes, localisations = listener.outcomes, listener.localisations
     outcomes.clear()
+    localisations.clear()
+    places = MapStore.open_read_only(nodes.folder.parent / MAP).committed()
     report = nodes.folder / f'{drive.name}.json'
     arguments = [str(drive.bag), '--lockstep', '--report', str(report), *(['--session'] if drive.mapped else [])]
     process = nodes.start('replay_node', arguments, f'replay_{drive.name}')
@@ -75,19 +93,22 @@ def _replayed(drive: DemoDrive, nodes: Stack, outcomes: list[Outcome], bars: Pro
         process.stop()
     reported = json.loads(report.read_text(encoding='utf-8'))
     counts = {name: value for name, value in reported.items() if isinstance(value, int)}
-    return ReplayedDrive(drive, tuple(outcomes), counts, tuple(reported['latencies_s']), reported['session'])
+    latencies_s = tuple(reported['latencies_s'])
+    return ReplayedDrive(drive, places, tuple(outcomes), dict(localisations), counts, latencies_s, reported['session'])
 
 
 class _Listener:
-    """A node that keeps every answer, as a subscriber in a vehicle would receive it."""
+    """A node that keeps every answer and localisation, as a subscriber in a vehicle would receive it."""
 
     def __init__(self, context: Context) -> None:
         self.node = Node('listener', context=context)
         self.outcomes: list[Outcome] = []
+        self.localisations: dict[int, Localisation] = {}
         self._connections = Connections(self.node)
         # A deeper queue than that of the publishers: in lockstep answers may arrive faster than they are taken.
         self.node.create_subscription(PointCloud2, 'matches', self._on_match, qos.UPDATES)
         self.node.create_subscription(DiagnosticArray, 'rejections', self._on_rejection, qos.UPDATES)
+        self.node.create_subscription(DiagnosticArray, 'localisation', self._on_localisation, qos.UPDATES)
 
     def wait_until_connected(self) -> None:
         """Wait until the query node is connected to this node, so that the first answer is received."""
@@ -102,6 +123,10 @@ class _Listener:
 
     def _on_rejection(self, message: DiagnosticArray) -> None:
         self.outcomes.append(rejection_record(message, 'rejections'))
+
+    def _on_localisation(self, message: DiagnosticArray) -> None:
+        found = localisation_record(message, 'localisation')
+        self.localisations[found.stamp_ns] = found
 
 
 @contextmanager

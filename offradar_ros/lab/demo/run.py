@@ -8,10 +8,12 @@ from pathlib import Path
 
 from rich.console import Console
 
+from offradar_ros.config import load_config
 from offradar_ros.errors import DataError, MapError
 from offradar_ros.lab.demo.drives import ProgressBars, calibrate_on_clean_drive, simulate_drives
-from offradar_ros.lab.demo.live import replay_drives
-from offradar_ros.lab.demo.report import draw_map, print_table
+from offradar_ros.lab.demo.live import MAP, replay_drives
+from offradar_ros.lab.demo.picture import draw_map
+from offradar_ros.lab.demo.report import print_table, what_rejection_saves
 from offradar_ros.lab.demo.truth import compare
 from offradar_ros.mapping.store import MapStore
 
@@ -25,19 +27,20 @@ def run_demo(out: Path, domain_id: int, bars: ProgressBars) -> None:
     _empty(out)
     console = Console()
     console.print(
-        'Three drives of one route through a simulated town: the first builds the map, the second improves it, '
-        'the third queries it. Some scans are degraded by faults of six kinds.'
+        'Three drives through a simulated town: the first builds the map, the second improves it, the third queries '
+        'it, and for a while leaves the mapped road. Some scans are degraded by faults of six kinds.'
     )
     drives = simulate_drives(out / 'bags', bars)
     params = calibrate_on_clean_drive(out / 'calibrated.yaml', bars)
     replayed = replay_drives(drives, out, params, domain_id, bars)
-    stored = MapStore.open_read_only(out / 'map.db')
+    stored = MapStore.open_read_only(out / MAP)
     if stored.origin is None:
-        raise MapError(f'{out / "map.db"}: has no origin: no position reached the map server')
+        raise MapError(f'{out / MAP}: has no origin: no position reached the map server')
     compared = [compare(drive, stored.origin) for drive in replayed]
     print_table(compared, stored.sessions, console)
+    console.print(what_rejection_saves(compared[-1]), highlight=False)
     picture = out / 'map.png'
-    draw_map(stored.committed(), compared[-1], picture)
+    draw_map(compared[0], compared[-1], load_config(params).query.min_probability, picture)
     console.print(
         f'map drawn in {picture}; the map, the bags, the parameters and the logs are in the same folder',
         highlight=False,

@@ -97,6 +97,19 @@ def test_two_way_drives_every_second_session_backwards(done: Callable[..., str],
     assert np.all(np.cos(back[:, 2] - there[away_m.argmin(axis=1), 2]) < -0.9)
 
 
+def test_the_last_drive_makes_a_detour(done: Callable[..., str], tmp_path: Path) -> None:
+    drives = ('--detour', 50, '--sessions', 2, '--scans', 140, *ONE_PROCESS)
+    done('simulate', 'city:17', '--out', tmp_path, *drives)
+    first, last = (
+        np.array([[float(row[name]) for name in ('x_m', 'y_m')] for row in truth(tmp_path / f'session_{n}.csv')])
+        for n in (1, 2)
+    )
+    away_m = np.linalg.norm(last[:, None] - first[None], axis=-1).min(axis=1)
+    off = np.flatnonzero(away_m > 20.0)
+    assert len(off) >= 10
+    assert 15 < off[0] <= off[-1] < 125
+
+
 def test_the_ground_truth_names_degraded_scans(done: Callable[..., str], tmp_path: Path) -> None:
     for share in (0.0, 0.5):
         faults = ('--degraded', share, '--kind', 'flooded', '--kind', 'blocked')
@@ -152,12 +165,18 @@ def test_a_recorded_drive_is_followed_through_a_map(done: Callable[..., str], tm
         (('city', '--weather', 'rain=900'), 'expected 0 to 150'),
         (('nowhere.yaml',), 'nowhere.yaml: cannot be read'),
         (('city', '--traversal', 'nowhere.tum'), 'nowhere.tum: cannot be read'),
+        (('city', '--detour', '1000'), 'no detour of 1000 m'),
     ],
 )
 def test_an_invalid_argument_is_named(
     refused: Callable[..., str], tmp_path: Path, arguments: tuple[str, ...], message: str
 ) -> None:
     assert message in refused('simulate', *arguments, '--out', tmp_path / 'out')
+
+
+def test_a_detour_needs_streets(refused: Callable[..., str], tmp_path: Path, mapped: Path) -> None:
+    drives = ('--traversal', tmp_path / 'drive.tum', '--detour', 50, '--out', tmp_path / 'out')
+    assert 'give only one' in refused('simulate', mapped, *drives)
 
 
 def test_a_map_without_a_drive_is_refused(refused: Callable[..., str], tmp_path: Path, mapped: Path) -> None:
