@@ -13,6 +13,7 @@ from belief_figures import RIGHT_WITHIN_M, Seen, start_figures, state_figures
 from measuring import rounded
 from numpy.typing import NDArray
 
+from offradar_ros.calibration.open_set import halves
 from offradar_ros.cli.progress import progress_bar
 from offradar_ros.config import LocalisationConfig, QueryConfig, replace_values
 from offradar_ros.lab.evaluation.answers import map_rows, places_of
@@ -20,7 +21,6 @@ from offradar_ros.lab.evaluation.confidence import Embedded, embed
 from offradar_ros.lab.evaluation.distances import distances_m
 from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive
 from offradar_ros.lab.evaluation.evaluate import Options
-from offradar_ros.lab.evaluation.open_set import halves
 from offradar_ros.lab.evaluation.protocol_file import read_protocol
 from offradar_ros.stages.query import QueryStage
 from offradar_ros.types import Embedding, PlaceTable, Pose
@@ -68,7 +68,7 @@ def main() -> None:
 def _cases(worlds: Embedded, group: str, spacing_m: float) -> Iterator[Case]:
     for key, drives in worlds.items():
         for mapped, query in itertools.permutations(drives, 2) if key[0] == group else ():
-            for rows in halves(mapped, map_rows(mapped, spacing_m)):
+            for rows in halves(mapped.drive.driven_m, map_rows(mapped, spacing_m)):
                 if len(rows):
                     places = places_of(mapped, rows)
                     yield Case(places, query, distances_m(query.drive.poses, places.positions_m))
