@@ -23,6 +23,7 @@ def generate_launch_description() -> LaunchDescription:
     scans = ('radar_data/b_scan_image', LaunchConfiguration('scans'))
     fixes = ('gps/fix', LaunchConfiguration('fixes'))
     odometry = ('ground_truth/odometry', LaunchConfiguration('odometry'))
+    vehicle_odometry = ('odometry', LaunchConfiguration('vehicle_odometry'))
 
     shipped = PathJoinSubstitution([FindPackageShare('offradar_ros'), 'params', 'fastdds.xml'])
 
@@ -59,6 +60,11 @@ def generate_launch_description() -> LaunchDescription:
                 description='topic of the positions where position.source is odometry',
             ),
             DeclareLaunchArgument(
+                'vehicle_odometry',
+                default_value='odometry',
+                description='topic of the odometry from which localisation takes how far the vehicle drives',
+            ),
+            DeclareLaunchArgument(
                 'dds_profile',
                 # An empty variable counts as not set, as in the rest of this package.
                 default_value=os.environ.get(DDS_PROFILE) or shipped,
@@ -66,6 +72,6 @@ def generate_launch_description() -> LaunchDescription:
             ),
             node('encoder_node', 'encoder', remappings=[scans]),
             node('map_server_node', 'map_server', {'map.path': map_file}, remappings=[fixes, odometry]),
-            node('query_node', 'query', {'query.map_path': map_file}, remappings=[]),
+            node('query_node', 'query', {'query.map_path': map_file}, remappings=[vehicle_odometry]),
         ]
     )

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from offradar_ros.config import Config as Config
     from offradar_ros.config import EncoderConfig as EncoderConfig
+    from offradar_ros.config import LocalisationConfig as LocalisationConfig
     from offradar_ros.config import MapConfig as MapConfig
     from offradar_ros.config import QueryConfig as QueryConfig
     from offradar_ros.config import RadarConfig as RadarConfig
@@ -32,6 +33,8 @@ if TYPE_CHECKING:
     from offradar_ros.stages.query import QueryStage as QueryStage
     from offradar_ros.types import Candidate as Candidate
     from offradar_ros.types import Embedding as Embedding
+    from offradar_ros.types import Localisation as Localisation
+    from offradar_ros.types import LocalisationState as LocalisationState
     from offradar_ros.types import Match as Match
     from offradar_ros.types import Outcome as Outcome
     from offradar_ros.types import Place as Place
@@ -42,7 +45,15 @@ if TYPE_CHECKING:
     from offradar_ros.types import Rejection as Rejection
 
 EXPORTS = {
-    'config': ('Config', 'EncoderConfig', 'MapConfig', 'QueryConfig', 'RadarConfig', 'load_config'),
+    'config': (
+        'Config',
+        'EncoderConfig',
+        'LocalisationConfig',
+        'MapConfig',
+        'QueryConfig',
+        'RadarConfig',
+        'load_config',
+    ),
     'encoders.protocol': ('Encoder', 'ModelInfo'),
     'encoders.registry': ('make_encoder',),
     'errors': ('ConfigError', 'DataError', 'MapError', 'ModelError', 'OffradarError', 'RefusedInput'),
@@ -54,6 +65,8 @@ EXPORTS = {
     'types': (
         'Candidate',
         'Embedding',
+        'Localisation',
+        'LocalisationState',
         'Match',
         'Outcome',
         'Place',
