@@ -20,13 +20,17 @@ from numpy.typing import NDArray
 from simulated_evidence import PERIOD_NS, STEP_M, Streets, localised
 
 from offradar_ros.belief.place_belief import PlaceBelief
-from offradar_ros.config import LocalisationConfig, replace_values
+from offradar_ros.config import ConfidenceConfig, LocalisationConfig, QueryConfig, replace_values
+from offradar_ros.stages.query import QueryStage
+from offradar_ros.types import Embedding, Outcome, PlaceTable
 
 SEED = 11
 SIZES = (10_000, 100_000)
 STREETS = ((12, 5.0), (12, 15.0), (20, 5.0))
 """Blocks along a side, and distance between places; half of the streets are mapped."""
 STARTING_SCANS = 40
+DIMENSION, MODEL = 128, 'a' * 64
+"""As embeddings of `compact`."""
 
 
 def main() -> None:
@@ -70,6 +74,7 @@ def measure_cost(config: LocalisationConfig, _: argparse.Namespace) -> dict[str,
             'scan, odometry': _stepping(config, positions_m, draws, STEP_M, 1),
             'scan, no odometry': _stepping(config, positions_m, draws, None, 1),
             'after 5 s without a scan': _stepping(config, positions_m, draws, None, 20),
+            **_answering(config, positions_m, rng),
         }
         taken = interleaved(calls, repeats=200, warm_up=3, seconds=30.0)
         taken['another map'] = _map_changes(config, positions_m, ids)
@@ -112,6 +117,33 @@ def _stepping(
         belief.step(index * periods * PERIOD_NS, draws[index % len(draws)], travelled_m)
 
     return scan
+
+
+def _answering(
+    config: LocalisationConfig, positions_m: NDArray[np.float64], rng: np.random.Generator
+) -> dict[str, Callable[[], object]]:
+    """The query stage on random means: an answer alone, and with the localisation after it."""
+    means = rng.normal(size=(len(positions_m), DIMENSION)).astype(np.float32)
+    count = len(means)
+    table = PlaceTable(
+        np.arange(count),
+        np.ones(count, np.int32),
+        np.arange(count),
+        np.column_stack([positions_m, np.zeros(count)]),
+        np.zeros(count),
+        np.ones(count, np.float32),
+        means,
+    )
+    scans, ones = itertools.count(1), np.ones(DIMENSION, np.float32)
+    coefficients = ConfidenceConfig(model=MODEL, distance=-1.0, spatial_ratio=-1.0, place_ratio=-1.0)
+    stage = QueryStage(QueryConfig(confidence=coefficients), config)
+    stage.load(table, MODEL)
+
+    def answer() -> Outcome:
+        number = next(scans)
+        return stage.query(Embedding(number * PERIOD_NS, means[number % count] + np.float32(0.1), ones, MODEL))
+
+    return {'answer': answer, 'answer and localisation': lambda: (answer(), stage.localise())}
 
 
 def _map_changes(config: LocalisationConfig, positions_m: NDArray[np.float64], ids: NDArray[np.int64]) -> Timing:
