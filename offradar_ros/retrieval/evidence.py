@@ -36,23 +36,27 @@ class EvidenceTable:
 
 
 def evidence_table(
-    places: PlaceTable, means: NDArray[np.float32], uncertainties: NDArray[np.float64], tolerance_m: float
+    places: PlaceTable,
+    means: NDArray[np.float32],
+    uncertainties: NDArray[np.float64],
+    tolerance_m: float,
+    exclude: NDArray[np.bool_] | None = None,
 ) -> EvidenceTable:
     """What `MapSearch.evidence` gives for each of (Q, d) finite means with (Q,) U, from a map of one or more places.
 
-    The ids of `places` are ascending.
+    The ids of `places` are ascending. `exclude` (Q, N) is true where a place is not searched for a query.
     """
     index = PlaceIndex(places.means.shape[1], len(places))
     index.upsert(places)
-    nearest, distance = (column[:, 0] for column in index.search_many(means, 1))
+    nearest, distance = (column[:, 0] for column in index.search_many(means, 1, exclude))
     nearest = nearest.astype(np.int64)
-    # Queries share their nearest places.
-    found, of_query = np.unique(nearest, return_inverse=True)
+    # Queries share their nearest places, unless each has places of its own that are not searched.
+    found, of_query = np.unique(nearest, return_inverse=True) if exclude is None else (nearest, np.arange(len(nearest)))
     return EvidenceTable(
         nearest,
         distance.astype(np.float64),
-        _distances_apart(index, places, means, nearest, tolerance_m),
-        _distances_apart(index, places, places.means[found], found, tolerance_m)[of_query],
+        _distances_apart(index, places, means, nearest, tolerance_m, exclude),
+        _distances_apart(index, places, places.means[found], found, tolerance_m, exclude)[of_query],
         uncertainties,
         places.uncertainties[nearest].astype(np.float64),
     )
@@ -64,11 +68,13 @@ def _distances_apart(
     means: NDArray[np.float32],
     nearest: NDArray[np.int64],
     tolerance_m: float,
+    exclude: NDArray[np.bool_] | None,
 ) -> NDArray[np.float64]:
     """(Q,) distances from means (Q, d) to the nearest place more than the tolerance away from place `nearest` (Q,)."""
     apart = np.full(len(means), np.inf)
     for start in range(0, len(means), _BLOCK):
         part = slice(start, start + _BLOCK)
         near = np.stack([index.rows_within(places.positions_m[row], tolerance_m) for row in nearest[part].tolist()])
+        near = near if exclude is None else near | exclude[part]
         apart[part] = index.search_many(means[part], 1, near)[1][:, 0]
     return apart

@@ -8,10 +8,13 @@ import math
 
 import numpy as np
 
+from offradar_ros.config import ConfidenceConfig
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.lab.drives.drive import Drive
 from offradar_ros.lab.evaluation.answers import Pair, Rules, search_drive_map
 from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive
+from offradar_ros.lab.evaluation.gate import Gate
+from offradar_ros.lab.evaluation.left_out import maps_of, stretch_m
 from offradar_ros.lab.evaluation.maintenance import ablate, merge_plans
 from offradar_ros.lab.evaluation.protocol import Group, Lane, Protocol, Validation
 from offradar_ros.lab.evaluation.results.arrays import map_arrays, scan_rows
@@ -66,13 +69,18 @@ SMALL_PROTOCOL = Protocol(
 THRESHOLDS = thresholds_from([0.3, 0.35, 0.4], Validation((8,), levels=7))
 
 
+COEFFICIENTS = ConfidenceConfig('ours', 2.0, -1.0, -4.0, -1.0, -0.5, -0.5, 0.5, 3.0)
+
+
 def measure_street(name: str, drives: list[EmbeddedDrive], protocol: Protocol) -> Measured:
     """What the runner measures of a method with these embeddings."""
     found, ablations = [], {}
     for spacing_m in protocol.map_spacings_m:
-        for a, b in itertools.permutations(drives, 2):
-            pair = Pair(name, 'streets', 'street', a.drive.index, b.drive.index, spacing_m)
-            found.append(search_drive_map(pair, a, b, Rules()))
+        for (a, b), number in itertools.product(itertools.permutations(drives, 2), maps_of(protocol)):
+            pair = Pair(name, 'streets', 'street', a.drive.index, b.drive.index, spacing_m, number)
+            found.append(search_drive_map(pair, a, b, Rules(), stretch_m(protocol, a.drive)))
+        if protocol.leaves_out:
+            continue
         by_pair = {(a.pair.map_index, a.pair.query_index): a for a in found if a.pair.spacing_m == spacing_m}
         ablations['streets', spacing_m] = [
             ablate(by_pair[m.drive.index, q.drive.index], m, between, q, protocol.maintenance, Rules(), 0)
@@ -80,7 +88,8 @@ def measure_street(name: str, drives: list[EmbeddedDrive], protocol: Protocol) -
         ]
     info = ModelInfo(name, name * 8, 24, {'settings': '{}'})
     cost = Cost(1.5, math.nan, 96.0, 100.0)
-    return Measured(name, f'runs/{name}.safetensors', False, info, found, ablations, THRESHOLDS, cost)
+    gate = Gate(COEFFICIENTS if name == 'ours' else None, 0.9, THRESHOLDS.deployed)
+    return Measured(name, f'runs/{name}.safetensors', False, info, found, ablations, THRESHOLDS, gate, cost)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -18,6 +18,7 @@ from offradar_ros.lab.cli.evaluation_options import (
     DEFAULT_METHODS,
     Data,
     ExclusionS,
+    LeaveOutM,
     Maps,
     Methods,
     Params,
@@ -51,6 +52,7 @@ def evaluate(
     maps: Maps = None,
     queries: Queries = None,
     exclusion_s: ExclusionS = None,
+    leave_out_m: LeaveOutM = None,
     params: Params = None,
     streets: Streets = None,
     clean_scans: Annotated[
@@ -89,12 +91,15 @@ def evaluate(
         recorded=RecordedSource(data, config.radar, config.position),
         encoder=config.encoder,
         deployed=Deployed(threshold_at(config.query), config.query.model) if in_use else NOT_DEPLOYED,
+        query=config.query,
         processes=processes,
         threads=threads,
         pictures=pictures,
     )
     with resumable():
-        results = run(protocol_of(protocol, maps, queries, exclusion_s), methods or DEFAULT_METHODS, options)
+        results = run(
+            protocol_of(protocol, maps, queries, exclusion_s, leave_out_m), methods or DEFAULT_METHODS, options
+        )
     console = Console()
     for table in tables(results):
         console.print(table)

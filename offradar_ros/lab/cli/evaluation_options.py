@@ -45,6 +45,14 @@ ExclusionS = Annotated[
         help='Above 0: drives are also searched for in their own maps, without places scanned within these seconds.',
     ),
 ]
+LeaveOutM = Annotated[
+    Optional[float],
+    typer.Option(
+        min=0.0,
+        help='Above 0: of each map, stretches of this many metres are left out by turns, so that queries there are off '
+        'the map.',
+    ),
+]
 Params = Annotated[
     Optional[Path],
     typer.Option(
@@ -68,6 +76,7 @@ def protocol_of(
     maps: list[Path] | None,
     queries: list[Path] | None,
     exclusion_s: float | None = None,
+    leave_out_m: float | None = None,
 ) -> Protocol:
     """The protocol of a name, with the given recordings in place of its drives, if any are given.
 
@@ -78,6 +87,8 @@ def protocol_of(
     protocol = read_protocol(name or ('own' if given else 'simulated'))
     if exclusion_s is not None:
         protocol = dataclasses.replace(protocol, exclusion_s=exclusion_s)
+    if leave_out_m is not None:
+        protocol = dataclasses.replace(protocol, leave_out='', leave_out_m=leave_out_m)
     if not given and protocol.groups:
         return protocol
     if not maps or not queries:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -11,8 +12,11 @@ from numpy.typing import NDArray
 from offradar_ros.lab.drives.drive import Drive
 from offradar_ros.lab.evaluation.distances import distances_m
 from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive
+from offradar_ros.lab.evaluation.left_out import WHOLE, rows_in_map
 from offradar_ros.lab.evaluation.metrics.pair_level import PairDistances, PairLevel
+from offradar_ros.lab.evaluation.spatial_uncertainty import spatial_variance
 from offradar_ros.recordings.spacing import subsample_by_distance
+from offradar_ros.retrieval.evidence import EvidenceTable, evidence_table
 from offradar_ros.retrieval.place_index import PlaceIndex
 from offradar_ros.types import PlaceTable
 
@@ -27,7 +31,10 @@ _BLOCK = 256
 
 @dataclasses.dataclass(frozen=True)
 class Pair:
-    """An ordered pair of drives: `map_index` is mapped and `query_index` searched for, both drives of `world`."""
+    """An ordered pair of drives: `map_index` is mapped and `query_index` searched for, both drives of `world`.
+
+    `map_number` is that of `left_out.maps_of`: 0 if nothing of the map is left out.
+    """
 
     method: str
     group: str
@@ -35,6 +42,7 @@ class Pair:
     map_index: int
     query_index: int
     spacing_m: float
+    map_number: int = WHOLE
 
 
 class Rules(NamedTuple):
@@ -49,6 +57,20 @@ class Rules(NamedTuple):
     tolerance_m: float = 25.0
     negative_m: float = 50.0
     exclusion_ns: int = 0
+
+
+class Signals(NamedTuple):
+    """What confidences in answers are computed from: a row for each query that has an answer, in their order.
+
+    Attributes:
+        evidence: as of the query node.
+        second: (A,) float64 distance of the second nearest place, infinite if there is none.
+        spatial_variance_m2: (A,) float64 from `spatial_variance` of the nearest places.
+    """
+
+    evidence: EvidenceTable
+    second: NDArray[np.float64]
+    spatial_variance_m2: NDArray[np.float64]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -69,6 +91,7 @@ class Answers:
         kinds: (Q,) kind of degradation; empty for a clean scan, and where it is unknown.
         severities: (Q,) severity of the degradation, 0 to 1; NaN where it is unknown.
         pair_level: figures of every query with every place; None if not computed.
+        signals: of the `answerable` queries; None if not computed.
     """
 
     pair: Pair
@@ -83,12 +106,25 @@ class Answers:
     kinds: NDArray[np.str_]
     severities: NDArray[np.float64]
     pair_level: PairLevel | None
+    signals: Signals | None
 
     @property
     def correct(self) -> NDArray[np.bool_]:
         """(Q,) whether the place found is a positive."""
         correct: NDArray[np.bool_] = self.ranks == 0
         return correct
+
+    @property
+    def answerable(self) -> NDArray[np.bool_]:
+        """(Q,) whether there is an answer: the scan has a descriptor, and the map a place that counts."""
+        return np.isfinite(self.distances)
+
+
+def pair_numbers(several: Sequence[Answers]) -> NDArray[np.intp]:
+    """(R,) a number for each query of all answers, equal for those of one ordered pair of drives."""
+    pairs = [dataclasses.replace(answers.pair, map_number=WHOLE) for answers in several]
+    numbers = {pair: number for number, pair in enumerate(dict.fromkeys(pairs))}
+    return np.repeat([numbers[pair] for pair in pairs], [len(answers.ranks) for answers in several])
 
 
 def map_rows(drive: EmbeddedDrive, spacing_m: float) -> NDArray[np.intp]:
@@ -118,11 +154,12 @@ def search_places(
     rules: Rules,
     *,
     all_pairs: bool = False,
+    with_signals: bool = False,
     depth: int = DEPTH,
 ) -> Answers:
     """Search the places (ids 0, 1, …) for every scan of `query`, and evaluate the `depth` nearest of each.
 
-    `all_pairs` also computes `pair_level`, which doubles the time.
+    `all_pairs` also computes `pair_level`, and `with_signals` `signals`; each doubles the time.
     """
     count, depth = len(query.means), min(depth, len(places))
     index = PlaceIndex(places.means.shape[1], len(places))
@@ -131,7 +168,7 @@ def search_places(
     found, nearest = np.zeros((2, count), np.int64)
     errors_m, distances = np.full((2, count), np.inf)
     positive = np.zeros(count, np.bool_)
-    pairs = PairDistances() if all_pairs else None
+    pairs, signals = PairDistances() if all_pairs else None, []
     for start in range(0, count if len(places) else 0, _BLOCK):
         part = slice(start, start + _BLOCK)
         apart_m = _apart_m(places, query.drive, part, rules)
@@ -150,6 +187,21 @@ def search_places(
         errors_m[part] = np.take_along_axis(apart_m, rows[:, :1], 1)[:, 0]
         distances[part] = similar[:, 0]
         positive[part] = apart_m.min(axis=1) <= rules.tolerance_m
+        if with_signals:
+            known = np.isfinite(distances[part])
+            signals.append(
+                Signals(
+                    evidence_table(
+                        places,
+                        query.means[part][known],
+                        query.uncertainties[part][known],
+                        rules.tolerance_m,
+                        left_out[known] if rules.exclusion_ns else None,
+                    ),
+                    similar[known, 1] if depth > 1 else np.full(int(known.sum()), np.inf),
+                    spatial_variance(similar[known], places.positions_m[rows[known], :2]),
+                )
+            )
     return Answers(
         pair,
         len(places),
@@ -163,19 +215,34 @@ def search_places(
         query.drive.kinds,
         query.drive.severities,
         pairs.level() if pairs else None,
+        joined_signals(signals) if signals else None,
     )
 
 
-def search_drive_map(pair: Pair, mapped: EmbeddedDrive, query: EmbeddedDrive, rules: Rules) -> Answers:
+def joined_signals(several: Sequence[Signals]) -> Signals:
+    """The rows of several signals (at least one), one after the other."""
+    columns = [
+        np.concatenate([getattr(signals.evidence, field.name) for signals in several])
+        for field in dataclasses.fields(EvidenceTable)
+    ]
+    others = (np.concatenate(parts) for parts in zip(*(signals[1:] for signals in several), strict=True))
+    return Signals(EvidenceTable(*columns), *others)
+
+
+def search_drive_map(
+    pair: Pair, mapped: EmbeddedDrive, query: EmbeddedDrive, rules: Rules, stretch_m: float = 0.0
+) -> Answers:
     """Search the map of one drive for every scan of another; `found` and `nearest` are rows of the mapped drive.
 
-    A query also has a positive where the encoder refused the scan of that place, so that all methods have the same
+    `stretch_m` is as in `left_out.stretch_m`. A query also has a positive where the encoder refused the scan of that place, so that all methods have the same
     queries. A map without places answers no query.
     """
-    rows = map_rows(mapped, pair.spacing_m)
-    searched = search_places(pair, places_of(mapped, rows), query, rules, all_pairs=True)
+    rows = rows_in_map(mapped.drive, map_rows(mapped, pair.spacing_m), pair.map_number, stretch_m)
+    searched = search_places(pair, places_of(mapped, rows), query, rules, all_pairs=True, with_signals=True)
     if not mapped.usable.all():
-        searched = dataclasses.replace(searched, positive=_positive(mapped, pair.spacing_m, query, rules))
+        whole = dataclasses.replace(mapped, uncertainties=np.zeros(len(mapped.uncertainties)))
+        kept = rows_in_map(mapped.drive, map_rows(whole, pair.spacing_m), pair.map_number, stretch_m)
+        searched = dataclasses.replace(searched, positive=_positive(places_of(whole, kept), query, rules))
     if not len(rows):
         return searched
     return dataclasses.replace(searched, found=rows[searched.found], nearest=rows[searched.nearest])
@@ -190,10 +257,10 @@ def _apart_m(places: PlaceTable, drive: Drive, part: slice, rules: Rules) -> NDA
     return apart_m
 
 
-def _positive(mapped: EmbeddedDrive, spacing_m: float, query: EmbeddedDrive, rules: Rules) -> NDArray[np.bool_]:
-    """(Q,) whether the map would hold a positive if the encoder had refused no scan."""
-    whole = dataclasses.replace(mapped, uncertainties=np.zeros(len(mapped.uncertainties)))
-    places = places_of(whole, map_rows(whole, spacing_m))
+def _positive(places: PlaceTable, query: EmbeddedDrive, rules: Rules) -> NDArray[np.bool_]:
+    """(Q,) whether the map holds a positive, which is that of a place whose scan the encoder refused, too."""
+    if not len(places):
+        return np.zeros(len(query.means), np.bool_)
     parts = [slice(start, start + _BLOCK) for start in range(0, len(query.means), _BLOCK)]
     nearest_m = [_apart_m(places, query.drive, part, rules).min(axis=1) for part in parts]
     return np.asarray(np.concatenate(nearest_m) <= rules.tolerance_m)

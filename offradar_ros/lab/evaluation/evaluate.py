@@ -10,11 +10,13 @@ from pathlib import Path
 
 import numpy as np
 
-from offradar_ros.config import EncoderConfig
+from offradar_ros.config import EncoderConfig, QueryConfig
 from offradar_ros.errors import ConfigError, DataError
+from offradar_ros.lab.evaluation.answers import Answers
 from offradar_ros.lab.evaluation.distances import nearest_m
 from offradar_ros.lab.evaluation.extremes import draw_extremes
 from offradar_ros.lab.evaluation.failures import draw_failures
+from offradar_ros.lab.evaluation.left_out import require_left_out
 from offradar_ros.lab.evaluation.methods import OURS, Method, open_method
 from offradar_ros.lab.evaluation.plots import draw_rejection_curves, draw_severity
 from offradar_ros.lab.evaluation.protocol import VALIDATION, Protocol
@@ -58,6 +60,7 @@ class Options:
         recorded: where the recorded drives of the protocol are.
         encoder: settings of the encoders; its name and weights are those of each method.
         deployed: the threshold in use; NOT_DEPLOYED takes it from the protocol's validation.
+        query: with the gate in use, and the coefficients of the probability where they are not those that ship.
         processes: that simulate; 0 for one per core.
         threads: of a learned encoder; 0 for one per core.
         pictures: whether pictures are drawn.
@@ -73,6 +76,7 @@ class Options:
     recorded: RecordedSource = dataclasses.field(default_factory=RecordedSource)
     encoder: EncoderConfig = dataclasses.field(default_factory=EncoderConfig)
     deployed: Deployed = NOT_DEPLOYED
+    query: QueryConfig = dataclasses.field(default_factory=QueryConfig)
     processes: int = 0
     threads: int = 0
     pictures: bool = True
@@ -91,7 +95,10 @@ def evaluate(protocol: Protocol, methods: Sequence[str], options: Options) -> Re
         options.recorded_scans.open()
     opened = _opened(protocol, methods, options)
     worlds, missing = open_worlds(protocol, options)
-    measured = [measure(method, worlds, protocol, options.cache, options.bar, options.deployed) for method in opened]
+    measured = [
+        measure(method, worlds, protocol, options.cache, options.bar, options.deployed, options.query)
+        for method in opened
+    ]
     missing += _noted(options, [*_unmapped(measured[0], worlds), *_without_threshold(measured, options.deployed)])
     rows, maps = scan_rows(measured, worlds), map_arrays(measured)
     results = assemble(
@@ -154,7 +161,8 @@ def _opened(protocol: Protocol, methods: Sequence[str], options: Options) -> lis
 def _require_searches(worlds: Worlds, protocol: Protocol, missing: Sequence[str]) -> list[str]:
     """Notes on pairs of drives that never come within the tolerance of each other.
 
-    ConfigError where there is no pair to search, DataError where all pairs are such.
+    ConfigError where there is no pair to search, or a drive is too short for a part of it to be left out; DataError
+    where all pairs are such.
     """
     pairs = [
         (mapped, query)
@@ -168,6 +176,8 @@ def _require_searches(worlds: Worlds, protocol: Protocol, missing: Sequence[str]
             f'protocol {protocol.name}: expected two drives of a road or more, found none'
             + ''.join(f'; {text}' for text in missing)
         )
+    for mapped, _ in pairs:
+        require_left_out(protocol, mapped)
     away = {(m.name, q.name): nearest_m(m, q) for m, q in pairs}
     apart = [
         f'{query}: no scan within {protocol.tolerance_m:g} m of {mapped}, the nearest {metres:.0f} m away: other '
@@ -210,12 +220,15 @@ def _skipped_streets(protocol: Protocol, folder: Path | None) -> list[str]:
 
 def _unmapped(measured: Measured, worlds: Worlds) -> Iterator[str]:
     """Notes on drives without a mapped scan, and on drives that never return to a place."""
-    once = {(a.pair.group, a.pair.world, a.pair.map_index, a.pair.query_index): a for a in measured.answers}
-    for answers in once.values():
-        mapped, query = drives_of_pair(answers.pair, worlds)
-        if not answers.places:
+    by_pair: dict[tuple[str, str, int, int], list[Answers]] = {}
+    for answers in measured.answers:
+        pair = answers.pair
+        by_pair.setdefault((pair.group, pair.world, pair.map_index, pair.query_index), []).append(answers)
+    for several in by_pair.values():
+        mapped, query = drives_of_pair(several[0].pair, worlds)
+        if not any(answers.places for answers in several):
             yield f'{mapped.name}: none of its scans can be mapped'
-        if mapped is query and not answers.positive.any():
+        if mapped is query and not any(answers.positive.any() for answers in several):
             yield f'{query.name}: never returns to a place'
 
 

@@ -7,6 +7,7 @@ import dataclasses
 from offradar_ros.errors import ConfigError
 
 PHYSICS = ('nominal', 'drawn', 'held_out')
+LEFT_OUT = ('', 'halves')
 
 
 @dataclasses.dataclass(frozen=True)
@@ -187,6 +188,10 @@ class Protocol:
         negative_m: a place farther than this is a negative; between the two a pair counts neither way.
         exclusion_s: if above 0, every drive is also searched for in its own map, without the places that were scanned
             less than this many seconds before or after the query.
+        leave_out: ``halves`` makes two maps of each drive, of which either half of the path is left out, so that queries
+            there are off the map; empty leaves nothing out, unless `leave_out_m` does.
+        leave_out_m: if above 0, two maps are made of each drive: stretches of this path length in metres are mapped
+            and left out by turns, and the other way round.
         rejections: shares at which Recall@RR is reported.
         validation: where the static threshold comes from.
         maintenance: how maps are maintained.
@@ -207,6 +212,8 @@ class Protocol:
     tolerance_m: float = 25.0
     negative_m: float = 50.0
     exclusion_s: float = 0.0
+    leave_out: str = ''
+    leave_out_m: float = 0.0
     rejections: tuple[float, ...] = (0.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
     resamples: int = 200
     seed: int = 0
@@ -223,12 +230,22 @@ class Protocol:
             raise ConfigError('drive_spacing_m: expected metres above 0 for simulated drives')
         if not self.map_spacings_m or min(*self.map_spacings_m, self.drive_spacing_m, self.exclusion_s) < 0.0:
             raise ConfigError('map_spacings_m, drive_spacing_m, exclusion_s: expected numbers from 0')
+        if self.leave_out not in LEFT_OUT or self.leave_out_m < 0.0 or (self.leave_out and self.leave_out_m):
+            raise ConfigError(
+                'leave_out, leave_out_m: expected halves, or metres above 0, or neither, got '
+                f'{self.leave_out!r} and {self.leave_out_m:g}'
+            )
         if not 0.0 < self.tolerance_m <= self.negative_m:
             raise ConfigError('tolerance_m, negative_m: expected metres above 0, the second not below the first')
         if not 0.0 <= self.degraded <= 1.0 or not all(0.0 <= r < 1.0 for r in self.rejections):
             raise ConfigError('degraded, rejections: expected shares from 0, and below 1 for rejections')
         if self.scans < 1 or self.resamples < 1:
             raise ConfigError('scans, resamples: expected at least 1')
+
+    @property
+    def leaves_out(self) -> bool:
+        """Whether a part of each map is left out; such maps are not maintained."""
+        return bool(self.leave_out) or self.leave_out_m > 0.0
 
 
 VALIDATION = 'validation'

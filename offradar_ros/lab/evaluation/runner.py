@@ -13,12 +13,15 @@ from typing import NamedTuple, TypeVar
 
 import numpy as np
 
+from offradar_ros.config import QueryConfig
 from offradar_ros.encoders.protocol import Encoder, ModelInfo
 from offradar_ros.lab.drives.cache import cached_drives
 from offradar_ros.lab.drives.drive import Drive
 from offradar_ros.lab.evaluation.answers import Answers, Pair, Rules, search_drive_map
 from offradar_ros.lab.evaluation.cost import measure_cost
 from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive, cached_embeddings
+from offradar_ros.lab.evaluation.gate import Gate, gate_of
+from offradar_ros.lab.evaluation.left_out import maps_of, stretch_m
 from offradar_ros.lab.evaluation.maintenance import Ablation, ablate, merge_plans
 from offradar_ros.lab.evaluation.methods import Method
 from offradar_ros.lab.evaluation.protocol import VALIDATION, Protocol
@@ -26,6 +29,7 @@ from offradar_ros.lab.evaluation.results.method import Cost
 from offradar_ros.lab.evaluation.simulated_drives import PlannedDrive
 from offradar_ros.lab.evaluation.thresholds import NOT_DEPLOYED, Deployed, Thresholds, thresholds_from
 
+DEFAULT_QUERY = QueryConfig()
 ItemT = TypeVar('ItemT')
 FoundT = TypeVar('FoundT')
 
@@ -45,9 +49,11 @@ class Measured:
         weights: file of its weights, if any.
         fitted: whether the encoder is fitted to each map.
         model: the encoder; that of one of the maps if it is fitted to each.
-        answers: of all ordered pairs of drives of each world, for each map spacing.
-        ablations: by group and map spacing; none for a method that is fitted to each map.
+        answers: of all ordered pairs of drives of each world, for each map spacing and each of `left_out.maps_of`.
+        ablations: by group and map spacing; none for a method that is fitted to each map, or where a part of each map
+            is left out.
         thresholds: from U of the validation drives; none for a method that is fitted to each map.
+        gate: which decides what is answered.
         cost: of encoding and searching, from `measure_cost`.
     """
 
@@ -58,6 +64,7 @@ class Measured:
     answers: list[Answers]
     ablations: dict[tuple[str, float], list[Ablation]]
     thresholds: Thresholds
+    gate: Gate
     cost: Cost
 
 
@@ -89,11 +96,18 @@ def drives_of_pair(pair: Pair, worlds: Worlds) -> tuple[Drive, Drive]:
 
 
 def measure(
-    method: Method, worlds: Worlds, protocol: Protocol, cache: Path, bar: Bar, deployed: Deployed = NOT_DEPLOYED
+    method: Method,
+    worlds: Worlds,
+    protocol: Protocol,
+    cache: Path,
+    bar: Bar,
+    deployed: Deployed = NOT_DEPLOYED,
+    query: QueryConfig = DEFAULT_QUERY,
 ) -> Measured:
     """Encode all drives, search the map of every drive for the other drives of its world, and maintain maps.
 
-    The threshold in use is the `deployed` one if it is for this model, else that of the validation drives.
+    The threshold in use is the `deployed` one if it is for this model, else that of the validation drives; `query` has
+    the gate in use.
     """
     evaluated = {key: drives for key, drives in worlds.items() if key[0] != VALIDATION}
     clean = [drive for (group, _), drives in worlds.items() if group == VALIDATION for drive in drives]
@@ -110,7 +124,7 @@ def measure(
             made = [embed(method.encoder_for(drive), drive) for drive in drives]
             pairs = [(m, q) for m, q in itertools.product(made, repeat=2) if is_searched(m.drive, q.drive, protocol)]
             searches = _in_parallel(lambda pair: list(_search(method.name, pair[0], pair[1], protocol)), pairs)
-            for number, spacing_m in enumerate(protocol.map_spacings_m):
+            for number, spacing_m in enumerate(() if protocol.leaves_out else protocol.map_spacings_m):
                 several = _ablations([answers[number] for answers in searches], made, protocol)
                 ablations.setdefault((drives[0].group, spacing_m), []).extend(several)
             found += itertools.chain.from_iterable(searches)
@@ -119,6 +133,8 @@ def measure(
             validation = [u for m in made for u in m.uncertainties.tolist()]
     drive = next(d for drives in reversed(evaluated.values()) for d in reversed(drives) if d.mapped)
     encoder = method.encoder_for(drive)
+    fingerprint = encoder.info.fingerprint
+    thresholds = thresholds_from(validation, protocol.validation, deployed.of(fingerprint))
     headline = [answers.places for answers in found if answers.pair.spacing_m == protocol.map_spacings_m[0]]
     return Measured(
         method.name,
@@ -127,7 +143,8 @@ def measure(
         encoder.info,
         found,
         ablations,
-        thresholds_from(validation, protocol.validation, deployed.of(encoder.info.fingerprint)),
+        thresholds,
+        gate_of(query, fingerprint, thresholds.deployed),
         measure_cost(encoder, drive, round(np.mean(headline))),
     )
 
@@ -208,15 +225,10 @@ def _search_fitted(method: Method, drives: Sequence[Drive], embed: _Embedder, pr
 
 
 def _search(method: str, mapped: EmbeddedDrive, query: EmbeddedDrive, protocol: Protocol) -> Iterator[Answers]:
-    for spacing_m in protocol.map_spacings_m:
-        yield search_drive_map(
-            _pair(method, mapped, query, spacing_m), mapped, query, _rules(protocol, mapped is query)
-        )
-
-
-def _pair(method: str, mapped: EmbeddedDrive, query: EmbeddedDrive, spacing_m: float) -> Pair:
-    drive = mapped.drive
-    return Pair(method, drive.group, drive.world, drive.index, query.drive.index, spacing_m)
+    drive, rules, stretch = mapped.drive, _rules(protocol, mapped is query), stretch_m(protocol, mapped.drive)
+    for spacing_m, number in itertools.product(protocol.map_spacings_m, maps_of(protocol)):
+        pair = Pair(method, drive.group, drive.world, drive.index, query.drive.index, spacing_m, number)
+        yield search_drive_map(pair, mapped, query, rules, stretch)
 
 
 def _rules(protocol: Protocol, own: bool = False) -> Rules:

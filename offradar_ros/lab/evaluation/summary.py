@@ -1,7 +1,7 @@
 """Figures of one method over some pairs of drives.
 
-Queries without a positive (no place of the map within the tolerance) are left out of all figures but `every_query` and
-`at_deployed_threshold`.
+Queries without a positive (no place of the map within the tolerance) are left out of all figures but `every_query`,
+`at_deployed_threshold` and `open_set`.
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from offradar_ros.lab.evaluation.answers import Answers
+from offradar_ros.lab.evaluation.answers import Answers, pair_numbers
+from offradar_ros.lab.evaluation.gate import Gate
 from offradar_ros.lab.evaluation.metrics.auroc import auroc, auroc_of
 from offradar_ros.lab.evaluation.metrics.binned_calibration import binned_calibration
 from offradar_ros.lab.evaluation.metrics.bootstrap import bootstrap_interval
@@ -27,6 +28,7 @@ from offradar_ros.lab.evaluation.metrics.recall_at_rejection import rejection_cu
 from offradar_ros.lab.evaluation.metrics.score_counts import ScoreCounter
 from offradar_ros.lab.evaluation.metrics.sparsification import sparsification_error
 from offradar_ros.lab.evaluation.metrics.spearman import spearman
+from offradar_ros.lab.evaluation.open_set_summary import summarise_open_set
 from offradar_ros.lab.evaluation.protocol import Protocol
 from offradar_ros.lab.evaluation.results.figure import Figure, Interval
 from offradar_ros.lab.evaluation.results.recognition import BestFBeta, EveryQuery, Recognition
@@ -57,7 +59,7 @@ class _Pooled:
     """The queries of several pairs, concatenated."""
 
     def __init__(self, several: Sequence[Answers]) -> None:
-        self.pair = np.repeat(np.arange(len(several)), [len(a.ranks) for a in several])
+        self.pair = pair_numbers(several)
         self.uncertainties = np.concatenate([a.uncertainties for a in several])
         self.ranks: NDArray[np.int64] = np.concatenate([a.ranks for a in several])
         self.distances = np.concatenate([a.distances for a in several])
@@ -76,7 +78,7 @@ class _Pooled:
         return correct
 
 
-def summarise(several: Sequence[Answers], protocol: Protocol, thresholds: Thresholds) -> SearchFigures:
+def summarise(several: Sequence[Answers], protocol: Protocol, thresholds: Thresholds, gate: Gate) -> SearchFigures:
     """Figures of one method and one map spacing over `several` pairs (at least one)."""
     every = _Pooled(several)
     rows = every.where(every.positive)
@@ -89,7 +91,7 @@ def summarise(several: Sequence[Answers], protocol: Protocol, thresholds: Thresh
     known = np.isfinite(rows.severities)
     return SearchFigures(
         **vars(_recognition(every, rows, protocol)),
-        pairs=len(several),
+        pairs=len(np.unique(every.pair)),
         queries=len(every.ranks),
         with_positive=len(rows.ranks),
         places=float(np.mean([a.places for a in several])),
@@ -110,6 +112,7 @@ def summarise(several: Sequence[Answers], protocol: Protocol, thresholds: Thresh
         ausc=figure(_sparsification),
         ause=sparsification_error(rows.uncertainties, rows.correct),
         ece=binned_calibration(rows.uncertainties, rows.correct).error,
+        open_set=summarise_open_set(several, gate, protocol),
     )
 
 
@@ -120,6 +123,7 @@ def recognition(several: Sequence[Answers], protocol: Protocol) -> Recognition:
 
 
 def _recognition(every: _Pooled, rows: _Pooled, protocol: Protocol) -> Recognition:
+    ranks = every.ranks if len(rows.ranks) else rows.ranks
     return Recognition(
         recall_at_1=_figure(_recall_at(1), rows, protocol),
         recall_at_5=_figure(_recall_at(5), rows, protocol),
@@ -127,9 +131,9 @@ def _recognition(every: _Pooled, rows: _Pooled, protocol: Protocol) -> Recogniti
         average_precision=_figure(_average_precision, rows, protocol),
         max_f_beta=max_f_beta(rows),
         every_query=EveryQuery(
-            recall_at_1=recall_at_n(every.ranks, 1),
-            recall_at_5=recall_at_n(every.ranks, 5),
-            recall_at_10=recall_at_n(every.ranks, 10),
+            recall_at_1=recall_at_n(ranks, 1),
+            recall_at_5=recall_at_n(ranks, 5),
+            recall_at_10=recall_at_n(ranks, 10),
             average_precision=_accepted_by_distance(every, len(rows.ranks))(None).average_precision,
         ),
     )

@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterator
 
 from rich.table import Table
 
+from offradar_ros.lab.evaluation.confidences import CONFIDENCES
+from offradar_ros.lab.evaluation.open_set_summary import PRECISIONS
 from offradar_ros.lab.evaluation.protocol import ALL
 from offradar_ros.lab.evaluation.results.ablation import CASES, AblationFigures
 from offradar_ros.lab.evaluation.results.figure import Interval
@@ -16,11 +18,16 @@ from offradar_ros.lab.evaluation.results.uncertainty import RecordedUncertainty
 
 
 def tables(results: Results) -> Iterator[Table]:
-    """One table for each group and map spacing, one of the ablation of the system, one of recorded scans."""
+    """One table for each group and map spacing, one of the ablation of the system, one of recorded scans.
+
+    Where a part of each map is left out, there is also a table of confidences for each group and map spacing.
+    """
     for group, spacings in reported_groups(results.groups).items():
         for spacing, methods in spacings.items():
             words = f'a map every {spacing} m' if float(spacing) else 'every scan mapped'
             yield _methods_table(f'{results.title(group)}: {words}', methods)
+            if results.protocol.leaves_out:
+                yield _confidence_table(f'{results.title(group)}, {words}: wrong or off the map', methods)
     maintenance = reported_groups(results.maintenance)
     if any(methods for spacings in maintenance.values() for methods in spacings.values()):
         yield _maintenance_table(maintenance)
@@ -58,13 +65,42 @@ def _methods_table(title: str, methods: dict[str, SearchFigures]) -> Table:
         'Recall@RR .1 .2 .3 .4 .5': lambda f: ' '.join(number(r) for _, r in f.recall_at_rejection[1:6]),
         'area under Recall@RR': lambda f: with_interval(f.auc_recall_at_rejection),
         'threshold, rejected, precision': _deployed,
-        'queries with a positive, places per map': lambda f: f'{f.with_positive} of {f.queries}, {f.places:.0f}',
+        'queries on the map, off it; places per map': lambda f: (
+            f'{f.with_positive}, {f.queries - f.with_positive}; {f.places:.0f}'
+        ),
+        'gate: answered on the map, off it': _answered,
+        'wrong, of its answers': lambda f: number(f.open_set.gate.wrong),
+        'AUROC of p_right for wrong or off the map': _auroc_of_p_right,
     }
     for name, cell in rows.items():
         cells = [cell(figures) for figures in methods.values()]
         # The severity of recorded scans is unknown: rows without any value are left out.
         if any(set(text) - set('-, ') for text in cells):
             table.add_row(name, *cells)
+    return table
+
+
+def _answered(figures: SearchFigures) -> str:
+    gate = figures.open_set.gate
+    return f'{number(gate.answered_on_map)}, {number(gate.answered_off_map)}'
+
+
+def _auroc_of_p_right(figures: SearchFigures) -> str:
+    found = figures.open_set.confidences.get('p_right')
+    return with_interval(found.auroc) if found else '-'
+
+
+def _confidence_table(title: str, methods: dict[str, SearchFigures]) -> Table:
+    wanted = ' '.join(f'{precision:g}' for precision in PRECISIONS)
+    table = Table(
+        '', 'confidence', 'AUROC', 'AUPR', f'right answers kept at precision {wanted}', 'off the map', title=title
+    )
+    for method, figures in methods.items():
+        for name, found in figures.open_set.confidences.items():
+            kept = ' '.join(number(at.right_kept) for at in found.at_precision)
+            off = ' '.join(number(at.off_map_answered) for at in found.at_precision)
+            cells = (with_interval(found.auroc), number(found.average_precision), kept, off)
+            table.add_row(method, CONFIDENCES[name], *cells)
     return table
 
 

@@ -30,12 +30,15 @@ SCANS = np.dtype(
         ('kind', '<i1'),
         ('error_m', '<f4'),
         ('distance', '<f4'),
+        ('p_right', '<f8'),
+        ('answered', '?'),
         ('x_m', '<f8'),
         ('y_m', '<f8'),
     ]
 )
 """Row of ``scans.npy``: `pair` is an index of the results' `searches` and `kind` of their `kinds`; `x_m` and `y_m` are
-where the scan was taken, in the frame of the world; the other columns are as in `Answers`."""
+where the scan was taken, in the frame of the world; `p_right` is NaN where it is unknown, and `answered` what the gate
+in use decides; the other columns are as in `Answers`."""
 
 
 class ScanRows(NamedTuple):
@@ -55,20 +58,21 @@ class MapArrays(NamedTuple):
 
 def scan_rows(measured: Sequence[Measured], worlds: Worlds) -> ScanRows:
     """A row for each query scan of each search: in all unmaintained maps, then in all maintained ones."""
-    several = [(answers, False) for m in measured for answers in m.answers]
-    several += [(a.maintained, True) for m in measured for ablations in m.ablations.values() for a in ablations]
-    kinds = sorted({kind for answers, _ in several for kind in answers.kinds.tolist()})
+    several = [(answers, False, m.gate) for m in measured for answers in m.answers]
+    several += [(a.maintained, True, m.gate) for m in measured for found in m.ablations.values() for a in found]
+    kinds = sorted({kind for answers, _, _ in several for kind in answers.kinds.tolist()})
     parts = []
-    for number, (answers, _) in enumerate(several):
+    for number, (answers, _, gate) in enumerate(several):
         part = np.zeros(len(answers.ranks), SCANS)
         part['pair'], part['scan'] = number, np.arange(len(part))
         part['uncertainty'], part['rank'], part['positive'] = answers.uncertainties, answers.ranks, answers.positive
         part['severity'], part['kind'] = answers.severities, np.searchsorted(kinds, answers.kinds)
         part['error_m'], part['distance'] = answers.errors_m, answers.distances
+        part['p_right'], part['answered'] = gate.p_right(answers), gate.answered(answers)
         poses = drives_of_pair(answers.pair, worlds)[1].poses
         part['x_m'], part['y_m'] = poses[:, 0], poses[:, 1]
         parts.append(part)
-    searches = tuple(Search(answers.pair, maintained) for answers, maintained in several)
+    searches = tuple(Search(answers.pair, maintained) for answers, maintained, _ in several)
     return ScanRows(np.concatenate(parts), searches, tuple(kinds))
 
 

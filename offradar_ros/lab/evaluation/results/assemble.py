@@ -101,7 +101,7 @@ def _by_spacing(
     return {
         spacing_key(spacing_m): {
             m.method: summarise(
-                [a for a in m.answers if chosen(a) and a.pair.spacing_m == spacing_m], protocol, m.thresholds
+                [a for a in m.answers if chosen(a) and a.pair.spacing_m == spacing_m], protocol, m.thresholds, m.gate
             )
             for m in measured
         }

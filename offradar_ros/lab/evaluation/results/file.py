@@ -13,7 +13,7 @@ RESULTS_FILE = 'results.json'
 FORMAT = StoredFormat(
     Results,
     kind='offradar-evaluation',
-    number=3,
+    number=4,
     description=f'the {RESULTS_FILE} of offradar evaluate',
     remedy='run offradar evaluate again, with the same --cache',
 )

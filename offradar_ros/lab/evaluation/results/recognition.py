@@ -18,7 +18,10 @@ class BestFBeta:
 
 @dataclasses.dataclass(frozen=True)
 class EveryQuery:
-    """Figures of all queries; one whose map holds no place within the tolerance is always wrong."""
+    """Figures of all queries; one whose map holds no place within the tolerance is always wrong.
+
+    They are NaN if there is no other query: nothing could be found.
+    """
 
     recall_at_1: Measure
     recall_at_5: Measure

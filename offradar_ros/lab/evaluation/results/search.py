@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 
 from offradar_ros.lab.evaluation.results.figure import Figure, Interval
+from offradar_ros.lab.evaluation.results.open_set import OpenSetFigures
 from offradar_ros.lab.evaluation.results.recognition import Recognition
 from offradar_ros.records import Measure
 
@@ -70,7 +71,7 @@ class PairLevelFigures:
 class SearchFigures(Recognition):
     """Figures of one method and one map spacing over the pairs of a group.
 
-    Queries without a positive are left out of all but `queries`, `every_query` and `at_deployed_threshold`.
+    Queries without a positive are left out of all but `queries`, `every_query`, `at_deployed_threshold` and `open_set`.
 
     Attributes:
         pairs: number of ordered pairs of drives.
@@ -94,7 +95,8 @@ class SearchFigures(Recognition):
         pair_level: figures of every query with every place.
         ausc: area under the sparsification curve.
         ause: area under the sparsification error.
-        ece: expected calibration error.
+        ece: expected calibration error of U.
+        open_set: right answers against wrong ones and queries off the map.
     """
 
     pairs: int
@@ -118,3 +120,4 @@ class SearchFigures(Recognition):
     ausc: Figure
     ause: Measure
     ece: Measure
+    open_set: OpenSetFigures
