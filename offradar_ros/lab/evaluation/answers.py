@@ -234,8 +234,8 @@ def search_drive_map(
 ) -> Answers:
     """Search the map of one drive for every scan of another; `found` and `nearest` are rows of the mapped drive.
 
-    `stretch_m` is as in `left_out.stretch_m`. A query also has a positive where the encoder refused the scan of that place, so that all methods have the same
-    queries. A map without places answers no query.
+    `stretch_m` is as in `left_out.stretch_m`. A query also has a positive where the encoder refused the scan of that
+    place, so that all methods have the same queries. A map without places answers no query.
     """
     rows = rows_in_map(mapped.drive, map_rows(mapped, pair.spacing_m), pair.map_number, stretch_m)
     searched = search_places(pair, places_of(mapped, rows), query, rules, all_pairs=True, with_signals=True)

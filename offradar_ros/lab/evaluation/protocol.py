@@ -188,8 +188,8 @@ class Protocol:
         negative_m: a place farther than this is a negative; between the two a pair counts neither way.
         exclusion_s: if above 0, every drive is also searched for in its own map, without the places that were scanned
             less than this many seconds before or after the query.
-        leave_out: ``halves`` makes two maps of each drive, of which either half of the path is left out, so that queries
-            there are off the map; empty leaves nothing out, unless `leave_out_m` does.
+        leave_out: ``halves`` makes two maps of each drive, of which either half of the path is left out, so that
+            queries there are off the map; empty leaves nothing out, unless `leave_out_m` does.
         leave_out_m: if above 0, two maps are made of each drive: stretches of this path length in metres are mapped
             and left out by turns, and the other way round.
         rejections: shares at which Recall@RR is reported.

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-STEEPNESS = 10.0
-"""Weights fall as exp(−STEEPNESS · (d − d₁) / d₁); in the original as exp(−350 d), for distances of its descriptors."""
+STEEPNESS = 20.0
+"""Weights fall as exp(−STEEPNESS · (d − d₁) / d₁): chosen on the protocol `confidence`; in the original exp(−350 d)."""
 
 FARTHEST_M = 500.0
 """A place farther than this from the mean, along either axis, counts as this far, as in the original."""

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from offradar_ros.lab.evaluation.protocol import Protocol
 from offradar_ros.lab.report.ablation_tables import ablation_tables
 from offradar_ros.lab.report.cost_table import cost_table
 from offradar_ros.lab.report.curves import precision_recall_figures, rejection_figures
 from offradar_ros.lab.report.drives_table import drives_table
-from offradar_ros.lab.report.places import map_figures, trajectory_figures
+from offradar_ros.lab.report.open_set_curves import open_set_figures
+from offradar_ros.lab.report.open_set_tables import open_set_tables
+from offradar_ros.lab.report.outcomes import outcome_figures
+from offradar_ros.lab.report.places import map_figures
 from offradar_ros.lab.report.recognition_tables import recognition_table
 from offradar_ros.lab.report.sections import FigureSection, Report, TableSection
 from offradar_ros.lab.report.source import Source
@@ -48,8 +52,9 @@ def build_report(source: Source) -> Report:
     figures = [
         *rejection_figures(source),
         *precision_recall_figures(source),
+        *open_set_figures(source),
         *map_figures(source),
-        *trajectory_figures(source),
+        *outcome_figures(source),
         *_pictures(source),
     ]
     return Report(
@@ -63,11 +68,12 @@ def build_report(source: Source) -> Report:
 
 
 def _tables(source: Source) -> Iterator[TableSection]:
-    """The drives, then recognition, ablation, uncertainty and cost."""
+    """The drives, then recognition, queries on and off the map, ablation, uncertainty and cost."""
     yield drives_table(source)
     places = [(group, spacing) for group in source.groups for spacing in source.spacings]
     for group, spacing in places:
         yield recognition_table(source, group, spacing)
+        yield from open_set_tables(source, group, spacing)
     yield from ablation_tables(source)
     for group, spacing in places:
         yield uncertainty_table(source, group, spacing)
@@ -86,10 +92,12 @@ def _remarks(source: Source) -> Iterator[str]:
         yield f'{group.title}: {", ".join(worlds) or "not measured"}; {group.scans}.'
         splits = dict.fromkeys(road.split for road in group.recorded if results.splits.get(road.split))
         yield from (f'Split {split}: {results.splits[split]}' for split in splits)
+    maps = f'Maps are maintained with D_t = {protocol.maintenance.match_distance_m:g} m.'
+    if protocol.leaves_out:
+        maps = f'Two maps are made of each drive: {_left_out(protocol)}; they are not maintained.'
     yield (
         f'A place within {protocol.tolerance_m:g} m of the query is a positive, one beyond {protocol.negative_m:g} m a '
-        'negative. Maps are maintained with D_t = '
-        f'{protocol.maintenance.match_distance_m:g} m.'
+        f'negative. {maps}'
     )
     for name in source.methods:
         method = results.methods[name]
@@ -97,6 +105,12 @@ def _remarks(source: Source) -> Iterator[str]:
         encoder = '' if method.encoder == name else f' {method.encoder},'
         yield f'{name}:{encoder}{weights} fingerprint {method.fingerprint[:12]}.'
     yield from (f'Note: {text}.' for text in results.skipped)
+
+
+def _left_out(protocol: Protocol) -> str:
+    if protocol.leave_out:
+        return 'of either, the other half of the road is left out'
+    return f'stretches of {protocol.leave_out_m:g} m of the road are mapped and left out by turns'
 
 
 def _pictures(source: Source) -> Iterator[FigureSection]:
