@@ -1,9 +1,8 @@
-"""How well answers on and off the map are told apart, by each signal and by all: see README.md."""
+"""What each term of the probability is worth, and what larger maps change: see README.md."""
 
 from __future__ import annotations
 
 import argparse
-import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 
@@ -23,36 +22,14 @@ from offradar_ros.lab.evaluation.confidence import (
     settings,
 )
 from offradar_ros.lab.evaluation.evaluate import Options
-from offradar_ros.lab.evaluation.metrics.auroc import auroc
 from offradar_ros.lab.evaluation.open_set import OpenSet
+from offradar_ros.lab.evaluation.open_set_summary import PRECISIONS, confidence_figures, gate_figures
+from offradar_ros.lab.evaluation.protocol import Protocol
 from offradar_ros.lab.evaluation.protocol_file import read_protocol
 from offradar_ros.retrieval.confidence import TERMS, confidence_for, log_odds, probability, terms_of
 from offradar_ros.retrieval.evidence import EvidenceTable
 
 Score = Callable[[EvidenceTable], NDArray[np.float64]]
-PRECISIONS = (0.95, 0.99, 0.999)
-
-
-@dataclasses.dataclass(frozen=True)
-class Figures:
-    """Of one confidence over the queries of some open sets, each a mean over all queries."""
-
-    auroc: float
-    recalls: tuple[float, ...]
-    off_map_at_99: float
-
-
-def figures(confidence: NDArray[np.float64], right: NDArray[np.bool_], on_map: NDArray[np.bool_]) -> Figures:
-    """`recalls`: share of Recall@1 that is left where the answers that remain have each precision."""
-    order = np.argsort(-confidence, kind='stable')
-    found = np.cumsum(right[order])
-    precision = found / np.arange(1, len(order) + 1)
-    # Equal confidences are answered together.
-    last = np.append(np.diff(confidence[order]) != 0.0, True)
-    answered = [int(np.flatnonzero((precision >= wanted) & last).max(initial=-1)) + 1 for wanted in PRECISIONS]
-    recalls = tuple(float(right[order[:count]].sum()) / max(int(right[on_map].sum()), 1) for count in answered)
-    off = ~on_map[order[: answered[1]]]
-    return Figures(auroc(-confidence, ~right), recalls, float(off.sum()) / max(int((~on_map).sum()), 1))
 
 
 def main() -> None:
@@ -70,19 +47,17 @@ def main() -> None:
     shipped = confidence_for(info.fingerprint, ConfidenceConfig())
     if shipped is None:
         parser.error(f'{arguments.method}: no coefficients ship for its model')
-    scores = _scores(shipped) | _ablation(arguments.fitted_on, arguments.method, options, shipped)
-    for setting in settings(protocol, max(len(drives) for drives in worlds.values())):
-        _print(worlds, setting, protocol.tolerance_m, scores, shipped)
-
-
-def _scores(shipped: ConfidenceConfig) -> dict[str, Score]:
-    return {
-        'U alone (the paper)': lambda evidence: -evidence.uncertainty,
-        'distance': lambda evidence: -evidence.distance,
-        'spatial ratio': lambda evidence: -terms_of(evidence, shipped)[:, 1],
-        'place ratio': lambda evidence: -terms_of(evidence, shipped)[:, 2],
+    scores: dict[str, Score] = {
+        **{term: _term(column, shipped) for column, term in enumerate(TERMS)},
         'p_right': lambda evidence: log_odds(evidence, shipped),
+        **_ablation(arguments.fitted_on, arguments.method, options, shipped),
     }
+    for setting in settings(protocol, max(len(drives) for drives in worlds.values())):
+        _print(worlds, setting, protocol, scores, shipped)
+
+
+def _term(column: int, shipped: ConfidenceConfig) -> Score:
+    return lambda evidence: -terms_of(evidence, shipped)[:, column]
 
 
 def _ablation(protocol: str, method: str, options: Options, shipped: ConfidenceConfig) -> dict[str, Score]:
@@ -104,22 +79,24 @@ def _ablation(protocol: str, method: str, options: Options, shipped: ConfidenceC
 
 
 def _print(
-    worlds: Embedded, setting: Setting, tolerance_m: float, scores: dict[str, Score], shipped: ConfidenceConfig
+    worlds: Embedded, setting: Setting, protocol: Protocol, scores: dict[str, Score], shipped: ConfidenceConfig
 ) -> None:
-    sets = list(open_sets_of(worlds, setting, tolerance_m))
+    sets = list(open_sets_of(worlds, setting, protocol.tolerance_m))
     for group in dict.fromkeys(one.group for one in sets):
         some = [one for one in sets if one.group == group]
         evidence, right = joined(some)
         on_map = np.concatenate([one.on_map for one in some])
+        # Both halves of a map are searched by the same drive, one after the other.
+        pairs = np.repeat(np.arange(len(some)) // 2, [len(one.right) for one in some])
         places = round(float(np.median([one.places for one in some])))
         print(f'\n{group}, {setting}: {len(right)} queries, {places} places, {on_map.mean():.2f} of them on the map')
         print(f'Recall@1 {right[on_map].mean():.3f}; {_gate(some, evidence, right, on_map, shipped)}\n')
         print('| confidence | AUROC | ' + ' | '.join(f'at precision {p:g}' for p in PRECISIONS) + ' | off-map at .99 |')
         print('|---' * (len(PRECISIONS) + 3) + '|')
         for name, score in scores.items():
-            found = figures(score(evidence), right, on_map)
-            recalls = ' | '.join(f'{value:.3f}' for value in found.recalls)
-            print(f'| {name} | {found.auroc:.4f} | {recalls} | {found.off_map_at_99:.4f} |')
+            found = confidence_figures(score(evidence), right, on_map, pairs, protocol)
+            kept = ' | '.join(f'{at.right_kept:.3f}' for at in found.at_precision)
+            print(f'| {name} | {found.auroc.value:.4f} | {kept} | {found.at_precision[1].off_map_answered:.4f} |')
 
 
 def _gate(
@@ -129,14 +106,13 @@ def _gate(
     on_map: NDArray[np.bool_],
     shipped: ConfidenceConfig,
 ) -> str:
-    p_right = probability(evidence, shipped)
-    degraded = np.concatenate([one.degraded for one in some])
-    answered = p_right >= QueryConfig().min_probability
-    clean = on_map & ~degraded
+    p_right, least = probability(evidence, shipped), QueryConfig().min_probability
+    clean = ~np.concatenate([one.degraded for one in some])
+    found = gate_figures('p_right', least, p_right >= least, right, on_map, clean)
     return (
-        f'ECE {expected_calibration_error(p_right, right):.3f}; the default gate answers {answered[on_map].mean():.3f} '
-        f'on the map ({answered[clean].mean():.3f} of clean scans), {answered[~on_map].mean():.4f} off it, and '
-        f'{(~right[answered]).mean():.4f} of its answers are wrong'
+        f'ECE {expected_calibration_error(p_right, right):.3f}; the default gate answers {found.answered_on_map:.3f} '
+        f'on the map ({found.answered_on_map_clean:.3f} of clean scans), {found.answered_off_map:.4f} off it, and '
+        f'{found.wrong:.4f} of its answers are wrong'
     )
 
 

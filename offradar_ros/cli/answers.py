@@ -78,14 +78,24 @@ def _known(value: float) -> object:
     return value if math.isfinite(value) else ''
 
 
-def recall_line(outcomes: Sequence[Outcome], errors: NDArray[np.float64]) -> str:
-    """Recall@1 over all scans of known position and over the matches among them; empty without a finite error."""
+def recall_line(outcomes: Sequence[Outcome], errors: NDArray[np.float64], mapped: NDArray[np.bool_]) -> str:
+    """Recall@1 of the scans on the map, and of the matches among them; how many scans off the map are answered.
+
+    `errors` (N,) is that of `offradar_ros.recordings.truth`, and `mapped` (N,) whether the map has a place within the
+    tolerance. Scans of unknown position are left out; empty without a finite error.
+    """
     known = ~np.isnan(errors)
     if not np.isfinite(errors).any():
         return ''
     matched = np.array([isinstance(outcome, Match) for outcome in outcomes], np.bool_) & known
-    text = f'Recall@1 within {TOLERANCE_M:g} m: {recall_at_1(errors[known]):.3f} of {int(known.sum())} scans'
-    if matched.any():
-        text += f', {recall_at_1(errors[matched]):.3f} of {int(matched.sum())} matches'
+    here, away = known & mapped, known & ~mapped
+    text = f'Recall@1 within {TOLERANCE_M:g} m: -, no scan is on the map'
+    if here.any():
+        on_it = ' on the map' if away.any() else ''
+        text = f'Recall@1 within {TOLERANCE_M:g} m: {recall_at_1(errors[here]):.3f} of {int(here.sum())} scans{on_it}'
+    if (matched & here).any():
+        text += f', {recall_at_1(errors[matched & here]):.3f} of {int((matched & here).sum())} matches{on_it}'
+    if away.any():
+        text += f'; off the map, {int((matched & away).sum())} of {int(away.sum())} scans are answered'
     unknown = int((~known).sum())
     return text + (f' ({unknown} without a recorded position left out)' if unknown else '')

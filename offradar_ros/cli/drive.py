@@ -28,7 +28,7 @@ from offradar_ros.recordings.bags.topics import FIX_TYPE, ODOMETRY_TYPE
 from offradar_ros.recordings.datasets.check.findings import counted
 from offradar_ros.recordings.drive import DriveResult
 from offradar_ros.recordings.drive import drive as drive_through
-from offradar_ros.recordings.truth import errors_m, true_positions
+from offradar_ros.recordings.truth import errors_m, on_map, true_positions
 from offradar_ros.records import require_writable
 from offradar_ros.types import Match, PlaceTable
 
@@ -57,13 +57,16 @@ def drive(
             with progress_bar(f'driving {bag.name}') as progress:
                 result = drive_through(opened, config, encoder, places, progress=progress)
         else:
-            result, origin = _mapped(opened, config, encoder, session)
+            result, origin, places = _mapped(opened, config, encoder, session)
         positions = _truth(opened, config, result, origin)
         _print(result)
         if session is not None:
             _print_session(opened, config, result)
     errors = errors_m(result.outcomes, positions)
-    recall = recall_line(result.outcomes, errors)
+    # Where the running session is searched too, its own places are near every scan.
+    searched = session is not None and not config.query.exclude_current_session
+    mapped = np.ones(len(errors), np.bool_) if searched else on_map(positions, places.positions_m)
+    recall = recall_line(result.outcomes, errors, mapped)
     if recall:
         typer.echo(recall)
     if out:
@@ -89,7 +92,10 @@ def _read_only(path: str, model: ModelInfo) -> tuple[PlaceTable, Optional[GeoPoi
     return places, stored.origin
 
 
-def _mapped(opened: Bag, config: Config, encoder: Encoder, session: str) -> tuple[DriveResult, Optional[GeoPoint]]:
+def _mapped(
+    opened: Bag, config: Config, encoder: Encoder, session: str
+) -> tuple[DriveResult, Optional[GeoPoint], PlaceTable]:
+    """The result of a session, where the frame of the map starts, and its places before the session."""
     with (
         SessionMap(config.map) as session_map,
         progress_bar(f'driving {opened.path.name}') as draw,
@@ -101,8 +107,9 @@ def _mapped(opened: Bag, config: Config, encoder: Encoder, session: str) -> tupl
             draw(done, total)
             check()
 
+        before = session_map.committed()
         result = drive_through(opened, config, encoder, session_map, session=session, progress=progress)
-        return result, session_map.origin
+        return result, session_map.origin, before
 
 
 @contextlib.contextmanager

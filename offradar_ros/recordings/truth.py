@@ -44,6 +44,15 @@ def _error_m(outcome: Outcome, x_m: float, y_m: float) -> float:
     return math.hypot(pose.x_m - x_m, pose.y_m - y_m)
 
 
+def on_map(positions: NDArray[np.float64], places_m: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(N,) whether a map has a place within `TOLERANCE_M` of each of (N, 2) positions; false where it is unknown.
+
+    `places_m` is (P, 2) or (P, 3), metres in the frame of the positions.
+    """
+    near = [(np.hypot(*(places_m[:, :2] - position).T) <= TOLERANCE_M).any() for position in positions]
+    return np.array(near, np.bool_)
+
+
 def recall_at_1(errors: NDArray[np.float64]) -> float:
     """Share of (N,) errors, metres, that are within `TOLERANCE_M`; unknown ones count as wrong. NaN without errors."""
     return float(np.mean(errors <= TOLERANCE_M)) if len(errors) else math.nan

@@ -230,6 +230,21 @@ def test_answers_are_written_as_a_row_for_each_scan(
         assert float(row['error_m']) == pytest.approx(math.hypot(*apart))
 
 
+def test_recall_is_of_the_scans_on_the_map(
+    done: Callable[..., str], street_bag: Callable[..., Path], params: Path, tmp_path: Path
+) -> None:
+    road, longer, away = street_bag('road', count=20), street_bag('longer', count=60), street_bag('away', lane_m=400.0)
+    db = tmp_path / 'map.db'
+    done('drive', road, '--params', params, '--map', db, '--session', 'one')
+    printed = done('drive', longer, '--params', params, '--map', db)
+    # The map ends 23.75 m after its first scan, and the tolerance 25 m farther: scans are 1.25 m apart.
+    line = r'Recall@1 within 25 m: 0\.\d{3} of 39 scans on the map, 0\.\d{3} of 39 matches on the map; '
+    assert re.search(line + 'off the map, 21 of 21 scans are answered\n', printed)
+    printed = done('drive', away, '--params', params, '--map', db)
+    assert 'Recall@1 within 25 m: -, no scan is on the map; off the map, ' in printed
+    assert '0.000' not in printed
+
+
 def test_answers_that_cannot_be_written_are_refused_first(
     refused: Callable[..., str], drives: list[Path], tmp_path: Path
 ) -> None:

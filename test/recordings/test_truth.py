@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from offradar_ros.geometry import GeoPoint, LocalFrame, Trajectory
-from offradar_ros.recordings.truth import errors_m, recall_at_1, true_positions
+from offradar_ros.recordings.truth import errors_m, on_map, recall_at_1, true_positions
 from offradar_ros.types import Candidate, Match, Outcome, Pose, Reason, Rejection
 
 SECOND = 10**9
@@ -50,3 +50,10 @@ def test_errors_are_of_the_best_candidate() -> None:
     assert recall_at_1(errors) == pytest.approx(2 / 5)
     assert recall_at_1(errors[:2]) == 1.0
     assert math.isnan(recall_at_1(errors[:0]))
+
+
+def test_a_position_is_on_the_map_within_the_tolerance_of_a_place() -> None:
+    places_m = np.array([[0.0, 0.0, 5.0], [100.0, 0.0, 5.0]])
+    positions = np.array([[25.0, 0.0], [26.0, 0.0], [100.0, 20.0], [math.nan, math.nan]])
+    assert on_map(positions, places_m).tolist() == [True, False, True, False]
+    assert on_map(positions, places_m[:0]).tolist() == [False] * 4

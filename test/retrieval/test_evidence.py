@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from offradar_ros.mapping.place_columns import take_rows
 from offradar_ros.retrieval.evidence import evidence_table
 from offradar_ros.retrieval.searched_map import SearchedMap
 from offradar_ros.types import Embedding, Evidence, PlaceTable
@@ -82,6 +83,18 @@ def test_many_queries_have_the_evidence_of_each(count: int, seed: int, spacing_m
         looped = by_loop(places, means[row], uncertainties[row])
         for name in ('distance', 'distance_apart', 'place_distance_apart', 'uncertainty', 'place_uncertainty'):
             assert getattr(one, name) == pytest.approx(getattr(looped, name), rel=1e-6, abs=1e-6)
+
+
+def test_places_that_are_excluded_for_a_query_count_as_absent() -> None:
+    places, queries = road(40, 3), road(6, 4)
+    exclude = np.random.default_rng(5).random((6, 40)) < 0.5
+    found = evidence_table(places, queries.means, np.ones(6), 25.0, exclude)
+    for row in range(6):
+        kept = np.flatnonzero(~exclude[row])
+        alone = evidence_table(take_rows(places, kept), queries.means[row : row + 1], np.ones(1), 25.0)
+        assert found.nearest[row] == kept[alone.nearest[0]]
+        for name in ('distance', 'distance_apart', 'place_distance_apart', 'place_uncertainty'):
+            assert getattr(found, name)[row] == getattr(alone, name)[0]
 
 
 def test_the_running_session_counts_where_it_is_searched() -> None:

@@ -69,7 +69,9 @@ SMALL_PROTOCOL = Protocol(
 THRESHOLDS = thresholds_from([0.3, 0.35, 0.4], Validation((8,), levels=7))
 
 
-COEFFICIENTS = ConfidenceConfig('ours', 2.0, -1.0, -4.0, -1.0, -0.5, -0.5, 0.5, 3.0)
+COEFFICIENTS = ConfidenceConfig(
+    model='ours', intercept=2.0, distance=-0.5, spatial_ratio=-4.0, uncertainty=-0.5, unrelated_distance=6.0
+)
 
 
 def measure_street(name: str, drives: list[EmbeddedDrive], protocol: Protocol) -> Measured:

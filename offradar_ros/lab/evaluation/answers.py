@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from offradar_ros.calibration.open_set import joined_evidence
 from offradar_ros.lab.drives.drive import Drive
 from offradar_ros.lab.evaluation.distances import distances_m
 from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive
@@ -221,12 +222,8 @@ def search_places(
 
 def joined_signals(several: Sequence[Signals]) -> Signals:
     """The rows of several signals (at least one), one after the other."""
-    columns = [
-        np.concatenate([getattr(signals.evidence, field.name) for signals in several])
-        for field in dataclasses.fields(EvidenceTable)
-    ]
-    others = (np.concatenate(parts) for parts in zip(*(signals[1:] for signals in several), strict=True))
-    return Signals(EvidenceTable(*columns), *others)
+    evidence, second, variance_m2 = zip(*several, strict=True)
+    return Signals(joined_evidence(evidence), np.concatenate(second), np.concatenate(variance_m2))
 
 
 def search_drive_map(

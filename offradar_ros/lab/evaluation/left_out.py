@@ -45,4 +45,5 @@ def rows_in_map(drive: Drive, rows: NDArray[np.intp], number: int, stretch: floa
     at_m = drive.driven_m - drive.driven_m[0]
     last = max(math.ceil(at_m[-1] / stretch), 1) - 1
     stretches = np.minimum(np.floor(at_m[rows] / stretch), last)
-    return rows[stretches % 2 == number - 1]
+    kept: NDArray[np.intp] = rows[stretches % 2 == number - 1]
+    return kept

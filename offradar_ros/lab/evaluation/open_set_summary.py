@@ -8,14 +8,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from offradar_ros.calibration.probability_scores import brier_score, expected_calibration_error
 from offradar_ros.lab.evaluation.answers import Answers, pair_numbers
 from offradar_ros.lab.evaluation.confidences import confidences, known_confidences
 from offradar_ros.lab.evaluation.gate import Gate
 from offradar_ros.lab.evaluation.metrics.accepted_at_precision import accepted_at_precision
 from offradar_ros.lab.evaluation.metrics.auroc import auroc_of
 from offradar_ros.lab.evaluation.metrics.bootstrap import bootstrap_interval
-from offradar_ros.lab.evaluation.metrics.brier_score import brier_score
-from offradar_ros.lab.evaluation.metrics.expected_calibration_error import expected_calibration_error
 from offradar_ros.lab.evaluation.metrics.pair_level import RECALLS, precisions_at
 from offradar_ros.lab.evaluation.metrics.precision_recall import precision_recall
 from offradar_ros.lab.evaluation.metrics.risk_coverage import augrc, aurc
@@ -45,8 +44,8 @@ def summarise_open_set(several: Sequence[Answers], gate: Gate, protocol: Protoco
             name: confidence_figures(np.concatenate([part[name] for part in columns]), right, on_map, pairs, protocol)
             for name in known_confidences(gate.coefficients)
         },
-        ece=expected_calibration_error(p_right[known], right[known]),
-        brier=brier_score(p_right[known], right[known]),
+        ece=expected_calibration_error(p_right[known], right[known]) if known.any() else math.nan,
+        brier=brier_score(p_right[known], right[known]) if known.any() else math.nan,
         gate=gate_figures('none' if math.isnan(limit) else rule, limit, answered, right, on_map, clean),
     )
 

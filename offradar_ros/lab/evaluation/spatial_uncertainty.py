@@ -11,6 +11,9 @@ STEEPNESS = 20.0
 FARTHEST_M = 500.0
 """A place farther than this from the mean, along either axis, counts as this far, as in the original."""
 
+_LEAST = 1e-9
+"""A smaller distance to the nearest place counts as this."""
+
 
 def spatial_variance(distances: NDArray[np.float64], positions_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """The weighted variance of the positions of the k nearest places; a high one is a low confidence.
@@ -22,7 +25,7 @@ def spatial_variance(distances: NDArray[np.float64], positions_m: NDArray[np.flo
     Returns:
         (Q,) float64 in m², the mean of the variances along both axes.
     """
-    first = np.maximum(distances[:, :1], np.finfo(np.float64).tiny)
+    first = np.maximum(distances[:, :1], _LEAST)
     weights = np.exp(-STEEPNESS * (distances - first) / first)
     weights /= weights.sum(axis=1, keepdims=True)
     mean_m = np.einsum('qk,qka->qa', weights, positions_m)

@@ -19,8 +19,10 @@ LOWEST = 0.9
 
 
 def open_set_figures(source: Source) -> Iterator[FigureSection]:
-    """A figure for each group, a row of panels for each method, a panel for each map spacing."""
+    """A figure for each group with queries on the map: a row for each method, a panel for each map spacing."""
     for group in source.groups:
+        if not next(iter(source.results.groups[group][source.spacings[0]].values())).with_positive:
+            continue
         figure = new_figure(5.2 * len(source.spacings), 3.6 * len(source.methods))
         panels = figure.subplots(len(source.methods), len(source.spacings), squeeze=False, sharex=True, sharey=True)
         for row, method in zip(panels, source.methods, strict=True):

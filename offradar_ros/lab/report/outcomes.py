@@ -32,7 +32,8 @@ def outcome_figures(source: Source) -> Iterator[FigureSection]:
         numbers = found.setdefault((pair.group, pair.world), [])
         if not numbers or _drives(source.results.searches[numbers[0]].pair) == _drives(pair):
             numbers.append(number)
-    shown = {group: max(MOST_WORLDS // len(source.groups), 1) for group in source.groups}
+    groups = {group for group, _ in found}
+    shown = dict.fromkeys(groups, max(MOST_WORLDS // len(groups), 1))
     for (group, _), numbers in found.items():
         shown[group] -= 1
         if shown[group] >= 0:

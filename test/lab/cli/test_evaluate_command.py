@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import dataclasses
 import math
 from collections.abc import Callable
@@ -203,6 +204,50 @@ def test_revisits_of_one_recording(street_bag: Callable[..., Path], tmp_path: Pa
     output = done('evaluate', *named, '--exclusion-s', 60, '--out', tmp_path / 'far')
     assert 'note: day: never returns to a place' in output
     assert 'report.html' in done('report', tmp_path / 'far')
+
+
+def test_stretches_of_the_mapped_road_are_left_out(
+    street_bag: Callable[..., Path], tmp_path: Path, done: Callable[..., str], refused: Callable[..., str]
+) -> None:
+    pytest.importorskip('matplotlib')
+    pytest.importorskip('jinja2')
+    bags = [street_bag(f'day_{number}', count=150, noise_seed=number) for number in range(2)]
+    named = ['--map', bags[0], '--query', bags[1], '--method', 'ring_key', '--cache', tmp_path / 'cache']
+    output = done('evaluate', *named, '--leave-out-m', 60, '--out', tmp_path / 'out', '--no-pictures')
+    assert 'PA ratio' in output
+    results = read_results(tmp_path / 'out' / 'results.json')
+    assert results.protocol.leave_out_m == 60.0
+    figures = results.groups['own']['5']['ring_key']
+    assert figures.pairs == 1
+    # Scans are 1 m apart, of which those within 25 m of a mapped stretch are on the map.
+    assert figures.queries == figures.open_set.on_map + figures.open_set.off_map == 2 * results.drives[1].scans
+    assert 0 < figures.open_set.off_map < figures.open_set.on_map
+    assert figures.open_set.gate.rule == 'p_right'
+    assert 'report.html' in done('report', tmp_path / 'out')
+    text = (tmp_path / 'out' / 'report' / 'report.md').read_text()
+    assert 'stretches of 60 m of the road are mapped and left out by turns' in text
+    assert f'| RingKey | {figures.open_set.on_map} | {figures.open_set.off_map} |' in text
+    long = refused('evaluate', *named, '--leave-out-m', 500, '--out', tmp_path / 'long')
+    assert 'leave_out_m: expected less than the path length of day_0, ' in long
+
+
+def test_a_drive_off_the_map_has_no_recall(
+    street_bag: Callable[..., Path], tmp_path: Path, done: Callable[..., str]
+) -> None:
+    pytest.importorskip('matplotlib')
+    pytest.importorskip('jinja2')
+    day = street_bag('day', count=24)
+    named = ['--map', day, '--query', day, '--exclusion-s', 60, '--method', 'ring_key', '--out', tmp_path]
+    output = done('evaluate', *named, '--no-pictures')
+    assert 'queries on the map, off it' in output
+    assert 'Recall' not in output
+    done('report', tmp_path)
+    with (tmp_path / 'report' / 'tables' / 'gate_own_5m.csv').open(newline='') as file:
+        (row,) = csv.DictReader(file)
+    assert (row['on the map'], row['off it'], row['R@1 (%)'], row['answered on the map (%)']) == ('0', '24', '-', '-')
+    with (tmp_path / 'report' / 'tables' / 'recognition_own_5m.csv').open(newline='') as file:
+        (row,) = csv.DictReader(file)
+    assert {row['R@1 (%)'], row['R@1 of all (%)'], row['AP']} == {'-'}
 
 
 def test_a_recording_in_its_own_map_needs_an_exclusion(

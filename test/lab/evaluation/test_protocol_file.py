@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +44,14 @@ def test_held_out_and_quick_protocols_share_no_world() -> None:
     assert not first & second
 
 
+def test_the_open_set_protocol_has_the_drives_of_held_out() -> None:
+    whole, opened = (read_protocol(PROTOCOLS / f'{name}.yaml') for name in ('held_out', 'held_out_open'))
+    assert opened.leaves_out
+    assert not whole.leaves_out
+    same = {'name': whole.name, 'title': whole.title, 'leave_out': whole.leave_out}
+    assert dataclasses.replace(opened, **same) == whole  # type: ignore[arg-type]
+
+
 def test_a_whole_number_is_read_as_a_float(tmp_path: Path) -> None:
     path = tmp_path / 'p.yaml'
     path.write_text(GOOD)
@@ -55,6 +64,8 @@ def test_a_whole_number_is_read_as_a_float(tmp_path: Path) -> None:
         ('scnas: 5', r'key scnas is unknown: did you mean scans\?'),
         ('scans: many', 'key scans: expected a whole number'),
         ('scans: true', 'key scans: expected a whole number'),
+        ('leave_out: thirds', "expected halves, or metres above 0, or neither, got 'thirds' and 0"),
+        ('{leave_out: halves, leave_out_m: 50}', "got 'halves' and 50"),
         ('tolerance_m: .nan', 'key tolerance_m: expected a finite number'),
         ('groups: [{name: a, title: A, recorded: [{name: r}]}]', 'recorded r: expected a split, sequences or maps'),
         ('groups: [{name: a, title: A, recorded: [{name: r, maps: [x, x]}]}]', 'recorded r: expected each folder once'),

@@ -64,7 +64,7 @@ def summarised(
         for i in range(SCANS)
         if answers.positive[i]
     ]
-    figures = summarise(several, small_protocol, measured.thresholds)
+    figures = summarise(several, small_protocol, measured.thresholds, measured.gate)
     return Summarised(several, measured.thresholds, figures, queries)
 
 

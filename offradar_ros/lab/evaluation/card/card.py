@@ -6,6 +6,7 @@ import dataclasses
 
 from offradar_ros.lab.evaluation.protocol import Protocol
 from offradar_ros.lab.evaluation.results.figure import Interval
+from offradar_ros.lab.evaluation.results.open_set import OpenSetFigures
 from offradar_ros.lab.evaluation.results.results import ByMap
 from offradar_ros.lab.evaluation.results.uncertainty import RecordedUncertainty
 from offradar_ros.records import Measure
@@ -97,6 +98,8 @@ class Card:
         maintenance: of the method, by group and map spacing.
         uncertainty: U of the method.
         recorded: U of recorded scans, of this method only; None if not measured.
+        open_set: right answers of the method against wrong ones and queries off the map, without the precisions of
+            curves, by group and map spacing; empty in older cards.
     """
 
     recall_at_1: dict[str, Measure]
@@ -124,3 +127,4 @@ class Card:
     maintenance: dict[str, dict[str, CardAblation]]
     uncertainty: CardUncertainty
     recorded: RecordedUncertainty | None
+    open_set: dict[str, dict[str, OpenSetFigures]] = dataclasses.field(default_factory=dict)

@@ -14,6 +14,7 @@ from offradar_ros.lab.evaluation.methods import OURS
 from offradar_ros.lab.evaluation.protocol import ALL
 from offradar_ros.lab.evaluation.results.figure import Interval
 from offradar_ros.lab.evaluation.results.method import MethodRecord
+from offradar_ros.lab.evaluation.results.open_set import OpenSetFigures
 from offradar_ros.lab.evaluation.results.results import Results, spacing_key
 from offradar_ros.lab.evaluation.results.search import SearchFigures
 from offradar_ros.lab.evaluation.results.uncertainty import UncertaintyFigures
@@ -92,6 +93,10 @@ def make_card(results: Results, sources: CardSources) -> Card:
         maintenance={group: spacings for group, spacings in ablations.items() if spacings},
         uncertainty=_uncertainty(results.uncertainty[ALL][OURS]),
         recorded=recorded,
+        open_set={
+            group: {spacing: _without_curves(methods[OURS].open_set) for spacing, methods in spacings.items()}
+            for group, spacings in results.groups.items()
+        },
     )
 
 
@@ -141,6 +146,11 @@ def _figures(figures: SearchFigures) -> CardFigures:
         auc_recall_at_rejection=_interval(figures.auc_recall_at_rejection),
         recall_at_rejection=figures.recall_at_rejection,
     )
+
+
+def _without_curves(figures: OpenSetFigures) -> OpenSetFigures:
+    short = {name: dataclasses.replace(found, precisions=()) for name, found in figures.confidences.items()}
+    return dataclasses.replace(figures, confidences=short)
 
 
 def _interval(figure: Interval) -> Interval:

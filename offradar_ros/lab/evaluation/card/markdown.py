@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Sequence
 
 from offradar_ros.lab.evaluation.card.card import Card, CardFigures
+from offradar_ros.lab.evaluation.confidences import CONFIDENCES
 from offradar_ros.lab.evaluation.protocol import Group
 from offradar_ros.lab.evaluation.results.ablation import CASES
 from offradar_ros.lab.evaluation.table import number, with_interval
@@ -33,6 +34,7 @@ def card_markdown(card: Card) -> str:
         card.remarks.strip(),
         _data(card),
         '## Figures\n\n' + '\n\n'.join(_figures(card)),
+        '\n\n'.join(_open_set(card)),
         _uncertainty(card),
         f'## Training\n\n```yaml\n{card.training}\n```' if card.training else '',
         _origin(card),
@@ -121,6 +123,45 @@ def _row(figures: CardFigures) -> list[str]:
         with_interval(figures.auc_recall_at_rejection),
         ' '.join(number(recall) for _, recall in figures.recall_at_rejection[:SHARES]),
     ]
+
+
+def _open_set(card: Card) -> Iterator[str]:
+    found = [(f'{group}, {spacing} m', one) for group, by in card.open_set.items() for spacing, one in by.items()]
+    if not found:
+        return
+    yield (
+        '## On the map and off it\n\nA query is on the map if it holds a place within the tolerance; every answer to '
+        'another is wrong.'
+    )
+    head = ('worlds, map every', 'on the map', 'off it', 'gate', 'answered on the map', 'of clean scans')
+    head += ('answered off it', 'wrong answers', 'ECE of p_right', 'Brier')
+    rows = []
+    for name, one in found:
+        gate = one.gate
+        answered = (gate.answered_on_map, gate.answered_on_map_clean, gate.answered_off_map, gate.wrong)
+        limit = '' if gate.rule == 'none' else f' {number(gate.limit)}'
+        cells = [str(one.on_map), str(one.off_map), f'{gate.rule}{limit}']
+        rows.append([name, *cells, *map(number, (*answered, one.ece, one.brier))])
+    yield _table(head, rows)
+    head = ('worlds, map every', 'confidence', 'AUROC of wrong or off the map', 'AUPR')
+    head += ('right answers kept at precision .95, .99, .999', 'answered off the map', 'AURC', 'AUGRC')
+    yield _table(
+        head,
+        [
+            [
+                name,
+                CONFIDENCES[confidence],
+                with_interval(figures.auroc),
+                number(figures.average_precision),
+                ', '.join(number(at.right_kept) for at in figures.at_precision),
+                ', '.join(number(at.off_map_answered) for at in figures.at_precision),
+                number(figures.aurc),
+                number(figures.augrc),
+            ]
+            for name, one in found
+            for confidence, figures in one.confidences.items()
+        ],
+    )
 
 
 def _uncertainty(card: Card) -> str:

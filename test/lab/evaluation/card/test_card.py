@@ -62,6 +62,16 @@ def test_a_card_holds_the_numbers_of_the_results(street_evaluation: StreetEvalua
         assert wanted in text
 
 
+def test_a_card_says_what_is_answered_on_the_map_and_off_it(street_evaluation: StreetEvaluation, card: Card) -> None:
+    found = street_evaluation.results.groups['streets']['15']['ours'].open_set
+    assert card.open_set['streets']['15'].gate == found.gate
+    gate = found.gate
+    text = card_markdown(card)
+    assert f'| streets, 15 m | {found.on_map} | 0 | p_right 0.900 | {gate.answered_on_map:.3f} |' in text
+    assert f'| streets, 15 m | p_right | {found.confidences["p_right"].auroc.value:.3f} (' in text
+    assert '## On the map and off it' not in card_markdown(dataclasses.replace(card, open_set={}))
+
+
 def test_a_card_mentions_only_what_was_measured(street_evaluation: StreetEvaluation, sources: CardSources) -> None:
     results = recorded(street_evaluation.results)
     text = card_markdown(make_card(results, dataclasses.replace(sources, remarks='', training=None)))

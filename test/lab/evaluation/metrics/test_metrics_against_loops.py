@@ -12,10 +12,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.metrics import roc_auc_score
 
+from offradar_ros.calibration.probability_scores import brier_score, expected_calibration_error
+from offradar_ros.lab.evaluation.metrics.accepted_at_precision import accepted_at_precision
 from offradar_ros.lab.evaluation.metrics.auroc import auroc, auroc_of
 from offradar_ros.lab.evaluation.metrics.bootstrap import bootstrap_interval
 from offradar_ros.lab.evaluation.metrics.recall_at_n import recall_at_n
 from offradar_ros.lab.evaluation.metrics.recall_at_rejection import rejection_curve, rejection_curve_of
+from offradar_ros.lab.evaluation.metrics.risk_coverage import augrc, aurc
 from offradar_ros.lab.evaluation.metrics.score_counts import ScoreCounter
 from offradar_ros.lab.evaluation.metrics.spearman import spearman
 
@@ -156,3 +159,56 @@ def test_the_interval_draws_whole_groups() -> None:
     assert bootstrap_interval(groups, mean, resamples=9, seed=1) == bootstrap_interval(
         groups, mean, resamples=9, seed=1
     )
+
+
+@QUICK
+@given(SCORES, st.sampled_from([0.5, 2 / 3, 0.9, 1.0]))
+def test_answers_at_a_precision_against_every_threshold(rows: list[tuple[float, bool]], precision: float) -> None:
+    confidences, right = [-score for score, _ in rows], [label for _, label in rows]
+    most: list[bool] = [False] * len(rows)
+    for threshold in filter(math.isfinite, confidences):
+        accepted = [confidence >= threshold for confidence in confidences]
+        found = [label for label, given in zip(right, accepted, strict=True) if given]
+        if sum(found) / len(found) >= precision and sum(accepted) > sum(most):
+            most = accepted
+    assert accepted_at_precision(confidences, right, precision).tolist() == most
+
+
+@QUICK
+@given(st.lists(st.tuples(st.sampled_from([0.1, 0.2, math.inf]), st.booleans()), min_size=1, max_size=6))
+def test_the_areas_under_risks_are_means_over_the_orders_of_equal_queries(rows: list[tuple[float, bool]]) -> None:
+    scores, right, count = [s for s, _ in rows], [r for _, r in rows], len(rows)
+    orders = [
+        order
+        for order in itertools.permutations(range(count))
+        if all(scores[a] <= scores[b] for a, b in itertools.pairwise(order))
+    ]
+    # Numbers of wrong answers when the first 0, 1, … queries are answered, between which they grow evenly.
+    wrong = np.mean([np.cumsum([0, *(not right[i] for i in order)]) for order in orders], axis=0)
+    steps = np.linspace(0.0, count, 4000 * count + 1)[1:]
+    between = np.interp(steps, np.arange(count + 1), wrong)
+    confidences = [-score for score in scores]
+    assert augrc(confidences, right) == pytest.approx(float(np.mean(between)) / count, abs=1e-3)
+    assert aurc(confidences, right) == pytest.approx(float(np.mean(between / steps)), abs=1e-3)
+
+
+def test_the_generalised_area_follows_from_auroc_and_accuracy() -> None:
+    rng = np.random.default_rng(4)
+    confidences, right = rng.integers(0, 20, 200), rng.random(200) < 0.7
+    share = float(right.mean())
+    expected = (1.0 - auroc(confidences, right)) * share * (1.0 - share) + (1.0 - share) ** 2 / 2.0
+    assert augrc(confidences, right) == pytest.approx(expected)
+    assert math.isnan(augrc([], []))
+    assert math.isnan(aurc([], []))
+
+
+@QUICK
+@given(st.lists(st.tuples(st.floats(0.0, 1.0), st.booleans()), min_size=1, max_size=30))
+def test_errors_of_a_probability_against_loops(rows: list[tuple[float, bool]]) -> None:
+    p, right = np.array([value for value, _ in rows]), np.array([label for _, label in rows])
+    bins: dict[int, list[tuple[float, bool]]] = {}
+    for value, label in rows:
+        bins.setdefault(min(int(value * 15), 14), []).append((value, label))
+    gaps = [abs(sum(value - label for value, label in some)) for some in bins.values()]
+    assert expected_calibration_error(p, right) == pytest.approx(sum(gaps) / len(rows))
+    assert brier_score(p, right) == pytest.approx(sum((value - label) ** 2 for value, label in rows) / len(rows))
