@@ -17,7 +17,7 @@ from offradar_ros.lab.report.places import MOST_WORLDS
 from offradar_ros.lab.report.sections import FigureSection
 from offradar_ros.lab.report.source import Source
 
-RIGHT, WRONG, OFF_MAP, REJECTED = '#009E73', '#D55E00', '#CC79A7', '#444444'
+RIGHT, WRONG, OFF_MAP, REJECTED = '#009E73', '#D55E00', '#6A1B78', '#444444'
 UNMAPPED_ROAD = '#F0C9DF'
 
 

@@ -25,6 +25,29 @@ HEAD = (
     'Recall@RR 0 to .5',
 )
 
+GATE_HEAD = (
+    'worlds, map every',
+    'on the map',
+    'off it',
+    'gate',
+    'answered on the map',
+    'of clean scans',
+    'answered off it',
+    'wrong answers',
+    'ECE of p_right',
+    'Brier',
+)
+CONFIDENCE_HEAD = (
+    'worlds, map every',
+    'confidence',
+    'AUROC of wrong or off the map',
+    'AUPR',
+    'right answers kept at precision .95, .99, .999',
+    'answered off the map',
+    'AURC',
+    'AUGRC',
+)
+
 
 def card_markdown(card: Card) -> str:
     """The whole page."""
@@ -64,7 +87,8 @@ def _data(card: Card) -> str:
         '',
         f'Measured with the protocol `{protocol.name}` on {_drives(measured)}. A query is right within '
         f'{protocol.tolerance_m:g} m. Every ordered pair of drives of a world is searched'
-        + (', and every drive in its own map.' if protocol.exclusion_s > 0.0 else '.'),
+        + (', and every drive in its own map.' if protocol.exclusion_s > 0.0 else '.')
+        + (' A part of the road is left out of each map.' if protocol.leaves_out else ''),
         '',
     ]
     lines += [f'* {group.name}: {group.title}; {group.scans}; worlds {_worlds(group)}' for group in measured]
@@ -133,8 +157,6 @@ def _open_set(card: Card) -> Iterator[str]:
         '## On the map and off it\n\nA query is on the map if it holds a place within the tolerance; every answer to '
         'another is wrong.'
     )
-    head = ('worlds, map every', 'on the map', 'off it', 'gate', 'answered on the map', 'of clean scans')
-    head += ('answered off it', 'wrong answers', 'ECE of p_right', 'Brier')
     rows = []
     for name, one in found:
         gate = one.gate
@@ -142,11 +164,9 @@ def _open_set(card: Card) -> Iterator[str]:
         limit = '' if gate.rule == 'none' else f' {number(gate.limit)}'
         cells = [str(one.on_map), str(one.off_map), f'{gate.rule}{limit}']
         rows.append([name, *cells, *map(number, (*answered, one.ece, one.brier))])
-    yield _table(head, rows)
-    head = ('worlds, map every', 'confidence', 'AUROC of wrong or off the map', 'AUPR')
-    head += ('right answers kept at precision .95, .99, .999', 'answered off the map', 'AURC', 'AUGRC')
+    yield _table(GATE_HEAD, rows)
     yield _table(
-        head,
+        CONFIDENCE_HEAD,
         [
             [
                 name,
