@@ -83,8 +83,7 @@ def ablate(
         mixed = _columns(before)
         mixed.upsert(dataclasses.replace(take_rows(scans, drawn), place_ids=merges.nearest[drawn]))
         control.append(search_places(pair, mixed.table, query, rules, depth=1))
-    maintained = search_places(pair, after, query, rules, with_signals=True)
-    maintained = dataclasses.replace(maintained, positive=unmaintained.positive)
+    maintained = dataclasses.replace(search_places(pair, after, query, rules), positive=unmaintained.positive)
     return Ablation(
         unmaintained,
         maintained,

@@ -38,7 +38,7 @@ SCANS = np.dtype(
 )
 """Row of ``scans.npy``: `pair` is an index of the results' `searches` and `kind` of their `kinds`; `x_m` and `y_m` are
 where the scan was taken, in the frame of the world; `p_right` is NaN where it is unknown, and `answered` what the gate
-in use decides; the other columns are as in `Answers`."""
+in use decides, of unmaintained maps only; the other columns are as in `Answers`."""
 
 
 class ScanRows(NamedTuple):
@@ -62,13 +62,13 @@ def scan_rows(measured: Sequence[Measured], worlds: Worlds) -> ScanRows:
     several += [(a.maintained, True, m.gate) for m in measured for found in m.ablations.values() for a in found]
     kinds = sorted({kind for answers, _, _ in several for kind in answers.kinds.tolist()})
     parts = []
-    for number, (answers, _, gate) in enumerate(several):
+    for number, (answers, maintained, gate) in enumerate(several):
         part = np.zeros(len(answers.ranks), SCANS)
         part['pair'], part['scan'] = number, np.arange(len(part))
         part['uncertainty'], part['rank'], part['positive'] = answers.uncertainties, answers.ranks, answers.positive
         part['severity'], part['kind'] = answers.severities, np.searchsorted(kinds, answers.kinds)
         part['error_m'], part['distance'] = answers.errors_m, answers.distances
-        part['p_right'], part['answered'] = gate.p_right(answers), gate.answered(answers)
+        part['p_right'], part['answered'] = gate.p_right(answers), gate.answered(answers) & (not maintained)
         poses = drives_of_pair(answers.pair, worlds)[1].poses
         part['x_m'], part['y_m'] = poses[:, 0], poses[:, 1]
         parts.append(part)
