@@ -21,6 +21,7 @@ from offradar_ros.lab.evaluation.confidence import (
     open_sets_of,
     settings,
 )
+from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive
 from offradar_ros.lab.evaluation.evaluate import Options
 from offradar_ros.lab.evaluation.open_set import OpenSet
 from offradar_ros.lab.evaluation.open_set_summary import PRECISIONS, confidence_figures, gate_figures
@@ -40,6 +41,7 @@ def main() -> None:
     parser.add_argument('--fitted-on', default='confidence', help='protocol for the ablation of the terms')
     parser.add_argument('--cache', type=Path, required=True, help='folder of simulated scans and embeddings, kept')
     parser.add_argument('--streets', type=Path, help='folder of the maps and traversals that the protocol names')
+    parser.add_argument('--add', metavar='PROTOCOL', help='also add the places of all drives of this one to every map')
     arguments = parser.parse_args()
     options = Options(arguments.cache, arguments.cache, '', progress_bar, arguments.streets)
     protocol = read_protocol(arguments.protocol)
@@ -50,10 +52,16 @@ def main() -> None:
     scores: dict[str, Score] = {
         **{term: _term(column, shipped) for column, term in enumerate(TERMS)},
         'p_right': lambda evidence: log_odds(evidence, shipped),
-        **_ablation(arguments.fitted_on, arguments.method, options, shipped),
     }
-    for setting in settings(protocol, max(len(drives) for drives in worlds.values())):
-        _print(worlds, setting, protocol, scores, shipped)
+    drives = max(len(drives) for drives in worlds.values())
+    more: list[list[EmbeddedDrive]] = []
+    if arguments.add:
+        more = list(embed(read_protocol(arguments.add), arguments.method, options)[1].values())
+    else:
+        scores |= _ablation(arguments.fitted_on, arguments.method, options, shipped)
+    for setting in settings(protocol, drives):
+        if not more or setting.added == drives:
+            _print(worlds, setting, protocol, scores, shipped, more)
 
 
 def _term(column: int, shipped: ConfidenceConfig) -> Score:
@@ -79,9 +87,14 @@ def _ablation(protocol: str, method: str, options: Options, shipped: ConfidenceC
 
 
 def _print(
-    worlds: Embedded, setting: Setting, protocol: Protocol, scores: dict[str, Score], shipped: ConfidenceConfig
+    worlds: Embedded,
+    setting: Setting,
+    protocol: Protocol,
+    scores: dict[str, Score],
+    shipped: ConfidenceConfig,
+    more: list[list[EmbeddedDrive]],
 ) -> None:
-    sets = list(open_sets_of(worlds, setting, protocol.tolerance_m))
+    sets = list(open_sets_of(worlds, setting, protocol.tolerance_m, more))
     for group in dict.fromkeys(one.group for one in sets):
         some = [one for one in sets if one.group == group]
         evidence, right = joined(some)

@@ -73,11 +73,13 @@ def embed(protocol: Protocol, method: str, options: Options) -> tuple[ModelInfo,
     return opened.encoder_for(first).info, embedded
 
 
-def open_sets_of(worlds: Embedded, setting: Setting, tolerance_m: float) -> Iterator[OpenSet]:
-    """The open sets of every world, with maps of this kind."""
+def open_sets_of(
+    worlds: Embedded, setting: Setting, tolerance_m: float, more: Sequence[Sequence[EmbeddedDrive]] = ()
+) -> Iterator[OpenSet]:
+    """The open sets of every world, with maps of this kind, to each of which the drives of `more` worlds are added."""
     for key, drives in worlds.items():
-        others = [some[: setting.added] for other, some in worlds.items() if other != key]
-        added = other_roads(others, ADDED_SPACING_M) if others and setting.added else None
+        others = [some[: setting.added] for other, some in worlds.items() if other != key and setting.added]
+        added = other_roads([*others, *more], ADDED_SPACING_M) if others or more else None
         yield from open_sets(drives, setting.spacing_m, tolerance_m, added)
 
 
