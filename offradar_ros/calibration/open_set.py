@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -30,11 +31,20 @@ class OpenAnswers(NamedTuple):
     on_map: NDArray[np.bool_]
 
 
-def halves(driven_m: NDArray[np.float64], rows: NDArray[np.intp]) -> Iterator[NDArray[np.intp]]:
+def halves(driven_m: NDArray[np.float64], rows: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Those of `rows` on the first half of a drive, and those on the second; (N,) `driven_m` of its scans."""
-    first = driven_m[rows] < (driven_m[0] + driven_m[-1]) / 2.0
-    yield rows[first]
-    yield rows[~first]
+    return by_turns(driven_m, rows, float(driven_m[-1] - driven_m[0]) / 2.0)
+
+
+def by_turns(
+    driven_m: NDArray[np.float64], rows: NDArray[np.intp], stretch_m: float
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Those of `rows` on the 1st, 3rd, … stretch of a drive, and those on the others; (N,) `driven_m` of its scans."""
+    at_m = driven_m - driven_m[0]
+    # The end of the last stretch belongs to it.
+    last = max(math.ceil(at_m[-1] / stretch_m), 1) - 1 if stretch_m > 0.0 else 0
+    odd = np.minimum(np.floor(at_m[rows] / max(stretch_m, 1e-9)), last) % 2 == 1
+    return rows[~odd], rows[odd]
 
 
 def open_answers(

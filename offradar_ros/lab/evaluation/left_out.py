@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
+from offradar_ros.calibration.open_set import by_turns
 from offradar_ros.errors import ConfigError
 from offradar_ros.lab.drives.drive import Drive
 from offradar_ros.lab.evaluation.protocol import Protocol
@@ -40,10 +39,4 @@ def _length_m(drive: Drive) -> float:
 
 def rows_in_map(drive: Drive, rows: NDArray[np.intp], number: int, stretch: float) -> NDArray[np.intp]:
     """Those of the (P,) rows of a drive that a map holds: of map 1 the 1st, 3rd, … stretch, of map 2 the others."""
-    if number == WHOLE:
-        return rows
-    at_m = drive.driven_m - drive.driven_m[0]
-    last = max(math.ceil(at_m[-1] / stretch), 1) - 1
-    stretches = np.minimum(np.floor(at_m[rows] / stretch), last)
-    kept: NDArray[np.intp] = rows[stretches % 2 == number - 1]
-    return kept
+    return rows if number == WHOLE else by_turns(drive.driven_m, rows, stretch)[number - 1]
