@@ -12,7 +12,7 @@ from offradar_ros.encoders.model_files import require_package
 from offradar_ros.errors import ConfigError, DataError
 from offradar_ros.lab.evaluation.card.card import Card
 from offradar_ros.lab.evaluation.card.file import ENDING, card_name, read_card, write_card
-from offradar_ros.lab.evaluation.card.make import CardSources, make_card, require_ours
+from offradar_ros.lab.evaluation.card.make import CardSources, make_card, require_ours, with_open_set
 from offradar_ros.lab.evaluation.results.file import read_results
 
 
@@ -29,6 +29,10 @@ def card(
     ] = None,
     training: Annotated[Optional[Path], typer.Option(help='Folder of the training run, with its config.yaml.')] = None,
     remarks: Annotated[Optional[Path], typer.Option(help='Markdown for the card: intended use, limits.')] = None,
+    open_set: Annotated[
+        Optional[Path],
+        typer.Option(help='Other results of the same weights, of maps of which a part is left out (held_out_open).'),
+    ] = None,
 ) -> None:
     """Write the model card of trained weights from the results of an evaluation."""
     text = '' if remarks is None else _remarks(remarks)
@@ -41,6 +45,8 @@ def card(
         if weights is None or out is None:
             raise ConfigError(f'--weights, --out: expected both, for a card of {source}')
         made = _made(source, weights, CardSources(card_name(out), weights, '', _command(), text, training))
+    if open_set is not None:
+        made = with_open_set(made, read_results(open_set))
     typer.echo(f'{out} and {write_card(out, made)}: written')
 
 

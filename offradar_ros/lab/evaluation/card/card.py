@@ -100,6 +100,7 @@ class Card:
         recorded: U of recorded scans, of this method only; None if not measured.
         open_set: right answers of the method against wrong ones and queries off the map, without the precisions of
             curves, by group and map spacing; empty in older cards.
+        open_set_command: command that measured `open_set`, where that is another than `command`.
     """
 
     recall_at_1: dict[str, Measure]
@@ -128,3 +129,4 @@ class Card:
     uncertainty: CardUncertainty
     recorded: RecordedUncertainty | None
     open_set: dict[str, dict[str, OpenSetFigures]] = dataclasses.field(default_factory=dict)
+    open_set_command: str = ''

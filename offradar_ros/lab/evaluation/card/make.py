@@ -93,11 +93,29 @@ def make_card(results: Results, sources: CardSources) -> Card:
         maintenance={group: spacings for group, spacings in ablations.items() if spacings},
         uncertainty=_uncertainty(results.uncertainty[ALL][OURS]),
         recorded=recorded,
-        open_set={
-            group: {spacing: _without_curves(methods[OURS].open_set) for spacing, methods in spacings.items()}
-            for group, spacings in results.groups.items()
-        },
+        open_set=_open_set(results),
     )
+
+
+def with_open_set(card: Card, results: Results) -> Card:
+    """The card with the queries on and off the map of other results, of maps of which a part is left out.
+
+    DataError unless they are of the same weights, and of such maps.
+    """
+    require_ours(results)
+    if not results.protocol.leaves_out:
+        raise DataError(f'results of {results.protocol.name}: expected a protocol that leaves out a part of each map')
+    found = results.methods[OURS].fingerprint
+    if found != card.weights.fingerprint:
+        raise DataError(f'results of {found[:12]}: expected those of the card, {card.weights.fingerprint[:12]}')
+    return dataclasses.replace(card, open_set=_open_set(results), open_set_command=results.command)
+
+
+def _open_set(results: Results) -> dict[str, dict[str, OpenSetFigures]]:
+    return {
+        group: {spacing: _without_curves(methods[OURS].open_set) for spacing, methods in spacings.items()}
+        for group, spacings in results.groups.items()
+    }
 
 
 def require_ours(results: Results) -> None:

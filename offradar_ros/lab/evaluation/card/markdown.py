@@ -155,7 +155,7 @@ def _open_set(card: Card) -> Iterator[str]:
         return
     yield (
         '## On the map and off it\n\nA query is on the map if it holds a place within the tolerance; every answer to '
-        'another is wrong.'
+        'another is wrong.' + (f' Measured by `{card.open_set_command}`.' if card.open_set_command else '')
     )
     rows = []
     for name, one in found:

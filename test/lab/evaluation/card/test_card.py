@@ -14,7 +14,7 @@ from offradar_ros.encoders.weights import read_header
 from offradar_ros.errors import DataError
 from offradar_ros.lab.evaluation.card.card import Card
 from offradar_ros.lab.evaluation.card.file import read_card, write_card
-from offradar_ros.lab.evaluation.card.make import CardSources, make_card
+from offradar_ros.lab.evaluation.card.make import CardSources, make_card, with_open_set
 from offradar_ros.lab.evaluation.card.markdown import card_markdown
 from offradar_ros.lab.evaluation.protocol import Group, Protocol, Recorded
 from offradar_ros.lab.evaluation.protocol_file import read_protocol
@@ -70,6 +70,22 @@ def test_a_card_says_what_is_answered_on_the_map_and_off_it(street_evaluation: S
     assert f'| streets, 15 m | {found.on_map} | 0 | p_right 0.900 | {gate.answered_on_map:.3f} |' in text
     assert f'| streets, 15 m | p_right | {found.confidences["p_right"].auroc.value:.3f} (' in text
     assert '## On the map and off it' not in card_markdown(dataclasses.replace(card, open_set={}))
+
+
+def test_what_is_answered_off_the_map_can_come_from_other_results(
+    street_evaluation: StreetEvaluation, card: Card
+) -> None:
+    results = street_evaluation.results
+    halves = dataclasses.replace(results.protocol, leave_out='halves')
+    other = dataclasses.replace(results, protocol=halves, command='offradar evaluate held_out_open')
+    taken = with_open_set(dataclasses.replace(card, open_set={}), other)
+    assert taken.open_set == card.open_set
+    assert 'Measured by `offradar evaluate held_out_open`.' in card_markdown(taken)
+    with pytest.raises(DataError, match='expected a protocol that leaves out a part of each map'):
+        with_open_set(card, results)
+    strange = dataclasses.replace(card, weights=dataclasses.replace(card.weights, fingerprint='f' * 64))
+    with pytest.raises(DataError, match='expected those of the card, ffffffffffff'):
+        with_open_set(strange, other)
 
 
 def test_a_card_mentions_only_what_was_measured(street_evaluation: StreetEvaluation, sources: CardSources) -> None:
