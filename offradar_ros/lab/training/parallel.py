@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import datetime
+import gc
 import os
 from collections.abc import Callable, Iterator
 
@@ -25,6 +26,7 @@ class Group:
         self.rank = rank
         self.size = size
         self.device = device
+        self._parallel: DistributedDataParallel | None = None
 
     def data_parallel(self, objective: Objective) -> Losses:
         """`objective.losses`, for a network on this process's device.
@@ -35,7 +37,18 @@ class Group:
         if self.size == 1:
             return objective.losses
         # The parameters that are used never change during a run; those of a term of weight 0 have no gradient.
-        return DistributedDataParallel(_LossModule(objective), static_graph=True)
+        self._parallel = DistributedDataParallel(_LossModule(objective), static_graph=True)
+        return self._parallel_losses
+
+    def _parallel_losses(self, views: Views, step: int) -> dict[str, torch.Tensor]:
+        assert self._parallel is not None, 'the group has ended'
+        losses: dict[str, torch.Tensor] = self._parallel(views, step)
+        return losses
+
+    def release(self) -> None:
+        """Let go of the network: one that outlives the group of processes may abort its process at exit."""
+        self._parallel = None
+        gc.collect()
 
     def broadcast(self, numbers: tuple[float, ...]) -> tuple[float, ...]:
         """The numbers of the first process, in all processes. All must call this, and wait for the first."""
@@ -87,7 +100,9 @@ def process_group(device: str) -> Iterator[Group]:
         torch.cuda.set_device(place)
     # The other processes wait while the first makes the cache.
     distributed.init_process_group('nccl' if on_gpu else 'gloo', timeout=datetime.timedelta(days=1))
+    group = Group(distributed.get_rank(), size, place)
     try:
-        yield Group(distributed.get_rank(), size, place)
+        yield group
     finally:
+        group.release()
         distributed.destroy_process_group()
