@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
+from embedded_worlds import options_of, worlds_parser
 from numpy.typing import NDArray
 
 from offradar_ros.calibration.cross_fit import cross_fit
 from offradar_ros.calibration.encoded_drive import EncodedDrive
 from offradar_ros.calibration.left_out_queries import left_out_queries
 from offradar_ros.calibration.probability_scores import brier_score, expected_calibration_error
-from offradar_ros.cli.progress import progress_bar
 from offradar_ros.config import ConfidenceConfig
 from offradar_ros.lab.evaluation.confidence import Setting, embed, joined
 from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive
-from offradar_ros.lab.evaluation.evaluate import Options
 from offradar_ros.lab.evaluation.open_set import open_sets
 from offradar_ros.lab.evaluation.protocol import Protocol
 from offradar_ros.lab.evaluation.protocol_file import read_protocol
@@ -32,13 +29,9 @@ Judged = tuple[NDArray[np.float64], NDArray[np.bool_]]
 
 def main() -> None:
     """Print a table in Markdown: each group and map spacing, with each way to calibrate."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('protocol')
-    parser.add_argument('--method', default='ours=compact')
-    parser.add_argument('--cache', type=Path, required=True, help='folder of simulated scans and embeddings, kept')
-    parser.add_argument('--streets', type=Path, help='folder of the maps and traversals that the protocol names')
+    parser = worlds_parser(__doc__)
     arguments = parser.parse_args()
-    options = Options(arguments.cache, arguments.cache, '', progress_bar, arguments.streets)
+    options = options_of(arguments)
     protocol = read_protocol(arguments.protocol)
     info, worlds = embed(protocol, arguments.method, options)
     shipped = confidence_for(info.fingerprint, ConfidenceConfig())

@@ -2,25 +2,22 @@
 
 from __future__ import annotations
 
-import argparse
 import itertools
 from collections.abc import Iterator
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from belief_figures import RIGHT_WITHIN_M, Seen, start_figures, state_figures
+from embedded_worlds import options_of, worlds_parser
 from measuring import rounded
 from numpy.typing import NDArray
 
 from offradar_ros.calibration.open_set import halves
-from offradar_ros.cli.progress import progress_bar
 from offradar_ros.config import LocalisationConfig, QueryConfig, replace_values
 from offradar_ros.lab.evaluation.answers import map_rows, places_of
 from offradar_ros.lab.evaluation.confidence import Embedded, embed
 from offradar_ros.lab.evaluation.distances import distances_m
 from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive
-from offradar_ros.lab.evaluation.evaluate import Options
 from offradar_ros.lab.evaluation.protocol_file import read_protocol
 from offradar_ros.stages.query import QueryStage
 from offradar_ros.types import Embedding, PlaceTable, Pose
@@ -41,17 +38,13 @@ class Case(NamedTuple):
 
 def main() -> None:
     """Print a line for each group, kind of map, and odometry."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('protocol')
-    parser.add_argument('--method', default='ours=compact')
-    parser.add_argument('--cache', type=Path, required=True, help='folder of simulated scans and embeddings, kept')
-    parser.add_argument('--streets', type=Path, help='folder of the maps and traversals that the protocol names')
+    parser = worlds_parser(__doc__)
     parser.add_argument('--set', nargs='*', default=[], metavar='NAME=VALUE', help='parameters of localisation')
     arguments = parser.parse_args()
     given = {name: float(value) for name, _, value in (text.partition('=') for text in arguments.set)}
     config = replace_values(LocalisationConfig(), given)
     protocol = read_protocol(arguments.protocol)
-    options = Options(arguments.cache, arguments.cache, '', progress_bar, arguments.streets)
+    options = options_of(arguments)
     info, worlds = embed(protocol, arguments.method, options)
     printed = False
     for spacing_m, group in itertools.product(protocol.map_spacings_m, dict.fromkeys(group for group, _ in worlds)):

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
+from embedded_worlds import options_of, worlds_parser
 from numpy.typing import NDArray
 
 from offradar_ros.calibration.confidence_fit import fit_confidence
 from offradar_ros.calibration.probability_scores import expected_calibration_error
-from offradar_ros.cli.progress import progress_bar
 from offradar_ros.config import ConfidenceConfig, QueryConfig
 from offradar_ros.lab.evaluation.confidence import (
     Embedded,
@@ -35,15 +33,11 @@ Score = Callable[[EvidenceTable], NDArray[np.float64]]
 
 def main() -> None:
     """Print tables in Markdown for each group of the protocol and each kind of map."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('protocol')
-    parser.add_argument('--method', default='ours=compact')
+    parser = worlds_parser(__doc__)
     parser.add_argument('--fitted-on', default='confidence', help='protocol for the ablation of the terms')
-    parser.add_argument('--cache', type=Path, required=True, help='folder of simulated scans and embeddings, kept')
-    parser.add_argument('--streets', type=Path, help='folder of the maps and traversals that the protocol names')
     parser.add_argument('--add', metavar='PROTOCOL', help='also add the places of all drives of this one to every map')
     arguments = parser.parse_args()
-    options = Options(arguments.cache, arguments.cache, '', progress_bar, arguments.streets)
+    options = options_of(arguments)
     protocol = read_protocol(arguments.protocol)
     info, worlds = embed(protocol, arguments.method, options)
     shipped = confidence_for(info.fingerprint, ConfidenceConfig())
