@@ -14,7 +14,6 @@ from collections.abc import Callable
 from typing import NoReturn
 
 from faults.result import CRASHED, REFUSED, Verdict
-
 from offradar_ros.errors import OffradarError
 
 LANES = 2

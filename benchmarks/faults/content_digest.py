@@ -1,4 +1,4 @@
-"""A digest of records, so that what was read from a damaged file can be compared with what was read from the sound one."""
+"""A digest of records: what was read from a damaged file is compared by it with what was read from the sound one."""
 
 from __future__ import annotations
 

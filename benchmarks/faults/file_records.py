@@ -8,8 +8,8 @@ from typing import Any
 
 import cv2
 import numpy as np
-from faults.record_form import Form, Take, WrongValueTakenError
 
+from faults.record_form import Form, Take, WrongValueTakenError
 from offradar_ros.config import RadarConfig, load_config
 from offradar_ros.lab.evaluation.protocol_file import read_protocol
 from offradar_ros.lab.training.config_file import read_config
@@ -60,8 +60,8 @@ def table_forms() -> list[Form]:
                 'timestamp,ins_status,latitude,longitude,altitude,northing,easting,down,utm_zone,velocity_north,'
                 'velocity_east,velocity_down,roll,pitch,yaw',
                 *(
-                    f'{US + 20_000 * k},INS_SOLUTION_GOOD,{51.76 + 1e-6 * k:.7f},-1.26,65.0,5736000,619890,-65,30U,0,0,0,'
-                    f'0.01,0.02,0.3'
+                    f'{US + 20_000 * k},INS_SOLUTION_GOOD,{51.76 + 1e-6 * k:.7f},-1.26,65.0,5736000,619890,-65,30U,0,0,'
+                    '0,0.01,0.02,0.3'
                     for k in range(ROWS)
                 ),
             ],

@@ -9,12 +9,20 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+
 from faults.child_batches import run_in_children
 from faults.content_digest import content_digest
 from faults.result import DIFFERENT, SAME, Result, Settings, Verdict, summed
-
-from offradar_ros.config import Config, EncoderConfig, MapConfig, is_node_parameter, load_config, parameters
-from offradar_ros.config import read_parameters, write_parameters
+from offradar_ros.config import (
+    Config,
+    EncoderConfig,
+    MapConfig,
+    is_node_parameter,
+    load_config,
+    parameters,
+    read_parameters,
+    write_parameters,
+)
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.encoders.registry import make_encoder
 from offradar_ros.geometry import GeoPoint

@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
-from faults.record_form import Form, Take, WrongValueTakenError
 from nav_msgs.msg import Odometry
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import Image, NavSatFix, PointCloud2
 
+from faults.record_form import Form, Take, WrongValueTakenError
 from offradar_ros.config import Config, RadarConfig
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.errors import OffradarError

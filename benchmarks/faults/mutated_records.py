@@ -1,7 +1,7 @@
 """Mutated records of every form that is decoded: messages, tables, pictures, parameters, settings.
 
-Each is refused in one line, or taken and then worked on; what was taken must be finite. A record of other, valid content
-counts as the same: nothing in a bare message tells that it was changed.
+Each is refused in one line, or taken and then worked on; what was taken must be finite. A record of other content that
+is valid counts as the same: nothing in a bare message tells that it was changed.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import time
 
 import cv2
 import numpy as np
+
 from faults.child_batches import run_in_children
 from faults.file_records import file_forms
 from faults.message_records import message_forms

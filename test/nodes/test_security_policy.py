@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -56,6 +57,10 @@ def used(observer: Observer, node: str) -> Grants:
     return {rule: names(kind) for rule, kind in GRAPH.items()}
 
 
+def uses(observer: Observer, node: str, expected: Grants) -> bool:
+    return used(observer, node) == expected
+
+
 def test_the_policy_has_the_form_of_sros2() -> None:
     """That of sros2/policy/schemas/policy.xsd, version 0.2.0."""
     policy = ElementTree.parse(POLICY).getroot()
@@ -94,7 +99,7 @@ def test_each_node_uses_what_it_is_granted_and_nothing_else(
         expected['subscribe'] -= {topic for key, topic in positions.items() if key != source}
         if '/radar_data/b_scan_msg' not in used(observer, name)['subscribe']:
             expected['subscribe'] -= NAVTECH
-        wait_until(lambda node=node, expected=expected: used(observer, node.get_name()) == expected)
+        wait_until(functools.partial(uses, observer, node.get_name(), expected))
 
 
 def test_a_replay_uses_what_it_is_granted(
