@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
+import contextlib
 import os
 import resource
 import selectors
@@ -10,7 +10,7 @@ import signal
 import sys
 import time
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NoReturn
 
 from faults.result import CRASHED, REFUSED, Verdict
@@ -29,29 +29,35 @@ Attempt = Callable[[int], Verdict]
 def run_in_children(count: int, attempt: Attempt, *, lanes: int = LANES) -> list[Verdict]:
     """The verdicts of tries 0 to `count` - 1; `attempt` runs in forked children, and an OffradarError is a refusal."""
     verdicts: dict[int, Verdict] = {}
-    children = [_Child(range(lane, count, lanes), attempt) for lane in range(min(lanes, count))]
+    children: list[_Child] = []
     with selectors.DefaultSelector() as selector:
-        for child in children:
+
+        def start(numbers: Sequence[int]) -> None:
+            child = _Child(numbers, attempt)
+            children.append(child)
             selector.register(child.reader, selectors.EVENT_READ, child)
-        while children:
-            ready = selector.select(timeout=1.0)
-            for child in [key.data for key, _ in ready]:
-                verdicts.update(child.read())
-            for child in [child for child in children if child.has_ended or child.is_silent]:
-                selector.unregister(child.reader)
-                children.remove(child)
-                verdicts.update(child.close())
-                # The try that ended the child is judged; the child's other tries go on in a new one.
-                left = [number for number in child.numbers if number not in verdicts]
-                if left:
-                    again = _Child(left, attempt)
-                    children.append(again)
-                    selector.register(again.reader, selectors.EVENT_READ, again)
+
+        try:
+            for lane in range(min(lanes, count)):
+                start(range(lane, count, lanes))
+            while children:
+                for child in [key.data for key, _ in selector.select(timeout=1.0)]:
+                    verdicts.update(child.read())
+                for child in [child for child in children if child.has_ended or child.is_silent]:
+                    selector.unregister(child.reader)
+                    children.remove(child)
+                    verdicts.update(child.close())
+                    # The try that ended the child is judged; the child's other tries go on in a new one.
+                    if left := [number for number in child.numbers if number not in verdicts]:
+                        start(left)
+        finally:
+            for child in children:
+                child.close()
     return [verdicts[number] for number in range(count)]
 
 
 class _Child:
-    def __init__(self, numbers: range | list[int], attempt: Attempt) -> None:
+    def __init__(self, numbers: Sequence[int], attempt: Attempt) -> None:
         self.numbers = list(numbers)
         self.reader, writer = os.pipe()
         # What is buffered here would be printed again by the child.
@@ -59,6 +65,8 @@ class _Child:
         sys.stderr.flush()
         self.pid = os.fork()
         if self.pid == 0:
+            # A group of its own: what a try starts ends with it.
+            os.setsid()
             os.close(self.reader)
             _work(self.numbers, attempt, writer)
         os.close(writer)
@@ -86,8 +94,8 @@ class _Child:
 
     def close(self) -> dict[int, Verdict]:
         """End the child; the verdict of the try that it was at, if it did not finish."""
-        if not self.has_ended:
-            os.kill(self.pid, signal.SIGKILL)
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self.pid, signal.SIGKILL)
         os.close(self.reader)
         _, status = os.waitpid(self.pid, 0)
         if self._done == len(self.numbers):
@@ -97,7 +105,7 @@ class _Child:
         return {self.numbers[self._done]: Verdict(CRASHED, how)}
 
 
-def _work(numbers: list[int], attempt: Attempt, writer: int) -> NoReturn:
+def _work(numbers: Sequence[int], attempt: Attempt, writer: int) -> NoReturn:
     # What a try prints is of no interest, and a crash is expected: no core files.
     silent = os.open(os.devnull, os.O_WRONLY)
     os.dup2(silent, 1)
@@ -126,15 +134,3 @@ def judged(attempt: Attempt, number: int) -> Verdict:
     except BaseException as error:
         where = traceback.extract_tb(error.__traceback__)[-1]
         return Verdict(CRASHED, f'{type(error).__name__}: {error} ({where.filename}:{where.lineno})')
-
-
-@dataclasses.dataclass
-class Stopwatch:
-    """Seconds since it was made."""
-
-    started_s: float = dataclasses.field(default_factory=time.monotonic)
-
-    @property
-    def seconds(self) -> float:
-        """Seconds so far."""
-        return time.monotonic() - self.started_s

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -20,6 +19,7 @@ from sensor_msgs.msg import Image, NavSatFix, PointCloud2
 from std_srvs.srv import Trigger
 
 from faults.flipped_files import PROJECT
+from faults.free_domains import free_domains
 from faults.result import Result, Settings
 from offradar_ros.lab.live.node_processes import Stack
 from offradar_ros.lab.live.spin_thread import SpinThread
@@ -29,7 +29,6 @@ from offradar_ros.recordings.bags.topics import FIX
 from offradar_ros.ros import qos
 
 NAME = 'soak'
-DOMAIN_ID = 92
 PACE_HZ = 40.0
 """Ten times a radar that turns four times a second."""
 BURST_HZ = 300.0
@@ -55,11 +54,10 @@ def run(settings: Settings) -> list[Result]:
     seconds = settings.soak_s * min(settings.scale, 1.0)
     recording = read_recording(PROJECT / 'bags' / 'session_1')
     parameters = {**PARAMETERS, 'map.path': settings.folder / 'soak.db'}
-    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
     started_s = time.monotonic()
-    with Stack(settings.folder / 'logs', DOMAIN_ID, parameters) as nodes:
+    with free_domains(1) as (domain_id,), Stack(settings.folder / 'logs', domain_id, parameters) as nodes:
         nodes.wait_until_ready()
-        with Radar(recording) as radar:
+        with Radar(recording, domain_id) as radar:
             radar.connect()
             memory = drive(nodes, radar, seconds)
             radar.settle()
@@ -143,10 +141,10 @@ def drive(nodes: Stack, radar: Radar, seconds: float) -> dict[str, list[tuple[fl
 class Radar:
     """Publishes scans and positions, and keeps the stamps of the answers."""
 
-    def __init__(self, recording: Recording) -> None:
+    def __init__(self, recording: Recording, domain_id: int) -> None:
         self._recording = recording
         self._context = Context()
-        rclpy.init(context=self._context, domain_id=DOMAIN_ID)
+        rclpy.init(context=self._context, domain_id=domain_id)
         self._node = Node('soak_radar', context=self._context)
         self._scans = self._node.create_publisher(Image, SCANS, qos.SCANS)
         self._fixes = self._node.create_publisher(NavSatFix, FIX.lstrip('/'), qos.POSITIONS)
