@@ -34,8 +34,8 @@ from offradar_ros.types import Pose
 NAME = 'files'
 LANES = 2
 READY_S = 60.0
-FULL_DISK_BYTES = 40_000
-"""No file may become larger than this on the disk that is full."""
+FULL_DISK_BYTES = 4096
+"""On the disk that is full nothing can be written beyond this."""
 
 
 class WrongOutcomeError(Exception):
@@ -302,8 +302,7 @@ def backup_while_running(scene: Scene) -> bool:
 
 def disk_full(scene: Scene) -> bool:
     """No more can be written: an end is refused, and what was ended before stays."""
-    limit = scene.path.stat().st_size
-    resource.prlimit(scene.server.process.pid, resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY))
+    resource.prlimit(scene.server.process.pid, resource.RLIMIT_FSIZE, (FULL_DISK_BYTES, resource.RLIM_INFINITY))
     done = scene.end()
     resource.prlimit(scene.server.process.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
     scene.require_all_at(scene.path)

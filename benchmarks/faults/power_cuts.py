@@ -21,7 +21,7 @@ from faults.result import SAME, Result, Settings, Verdict, summed
 from offradar_ros.types import Pose
 
 NAME = 'power'
-FULL = 600
+FULL = 400
 LATER_STAMP = 10**6
 
 
@@ -39,7 +39,7 @@ def run(settings: Settings) -> list[Result]:
         place = settings.folder / f'cut_{index}'
         place.mkdir()
         try:
-            return cut(changes[: instant + 1], place, rng)
+            return cut(changes[: instant + 1], folder, place, rng)
         finally:
             shutil.rmtree(place)
 
@@ -47,7 +47,7 @@ def run(settings: Settings) -> list[Result]:
     return [summed(NAME, 'power cuts while mapping', verdicts, time.monotonic() - started_s, changes=len(changes))]
 
 
-def cut(changes: Sequence[Change], place: Path, rng: np.random.Generator) -> Verdict:
+def cut(changes: Sequence[Change], folder: Path, place: Path, rng: np.random.Generator) -> Verdict:
     """Lay the files as a cut may leave them; the map must open with all that was acknowledged, and go on."""
     acknowledged: dict[int, str] = {}
     files = []
@@ -60,7 +60,9 @@ def cut(changes: Sequence[Change], place: Path, rng: np.random.Generator) -> Ver
         elif not change.names[0].endswith('-shm'):
             files.append(change)
     for name, content in after_a_cut(files, rng).items():
-        (place / Path(name).name).write_bytes(content)
+        path = place / Path(name).relative_to(folder)
+        path.parent.mkdir(exist_ok=True)
+        path.write_bytes(content)
     path = place / 'map.db'
     before = judge(path, acknowledged)
     if before.word != SAME:

@@ -1,7 +1,7 @@
 /* Preloaded into a process: appends each change that it makes to a file under $RECORD_UNDER to $RECORD_TO, in order.
 
    A record is: operation (1 byte), inode, offset, length (8 bytes each), length of the text (4 bytes), text, data.
-   W: write, T: truncate to `length`, S: fsync, C: the name exists from now on, R: rename (text: old NUL new), U: unlink. */
+   W: write, T: truncate to `length`, S: fsync, C: the name exists from now on, R: rename and L: link (text: old NUL new), U: unlink. */
 #define _GNU_SOURCE
 #include <dlfcn.h>
 #include <fcntl.h>
@@ -47,6 +47,16 @@ static void record(char operation, uint64_t inode, uint64_t offset, uint64_t len
 static int watched(const char *path) {
   if (!under) under = getenv("RECORD_UNDER");
   return under && path && strncmp(path, under, strlen(under)) == 0;
+}
+
+/* The path of a name in an open folder. */
+static const char *full(int folder, const char *path, char *buffer, size_t size) {
+  char link[64];
+  if (path[0] == '/' || folder == AT_FDCWD) return path;
+  snprintf(link, sizeof link, "/proc/self/fd/%d", folder);
+  ssize_t length = readlink(link, buffer, size - 1);
+  if (length < 0 || snprintf(buffer + length, size - (size_t)length, "/%s", path) >= (int)(size - (size_t)length)) return path;
+  return buffer;
 }
 
 static int watched_fd(int fd, uint64_t *inode, char *path, size_t size) {
@@ -110,20 +120,31 @@ static int synced(int fd, int result) {
 int fsync(int fd) { return synced(fd, NEXT(fsync)(fd)); }
 int fdatasync(int fd) { return synced(fd, NEXT(fdatasync)(fd)); }
 
-static int renamed(const char *from, const char *to, int result) {
+static int named(char operation, const char *from, const char *to, int result) {
   char both[8192];
   if (result == 0 && watched(to)) {
     int length = snprintf(both, sizeof both, "%s%c%s", from, 0, to);
-    record('R', 0, 0, 0, both, (uint32_t)length, NULL);
+    record(operation, 0, 0, 0, both, (uint32_t)length, NULL);
   }
   return result;
 }
-int rename(const char *from, const char *to) { return renamed(from, to, NEXT(rename)(from, to)); }
-int renameat(int a, const char *from, int b, const char *to) { return renamed(from, to, NEXT(renameat)(a, from, b, to)); }
+int rename(const char *from, const char *to) { return named('R', from, to, NEXT(rename)(from, to)); }
+int renameat(int a, const char *from, int b, const char *to) {
+  char first[4096], second[4096];
+  return named('R', full(a, from, first, sizeof first), full(b, to, second, sizeof second), NEXT(renameat)(a, from, b, to));
+}
+int link(const char *from, const char *to) { return named('L', from, to, NEXT(link)(from, to)); }
+int linkat(int a, const char *from, int b, const char *to, int flags) {
+  char first[4096], second[4096];
+  return named('L', full(a, from, first, sizeof first), full(b, to, second, sizeof second), NEXT(linkat)(a, from, b, to, flags));
+}
 
 static int unlinked(const char *path, int result) {
   if (result == 0 && watched(path)) record('U', 0, 0, 0, path, strlen(path), NULL);
   return result;
 }
 int unlink(const char *path) { return unlinked(path, NEXT(unlink)(path)); }
-int unlinkat(int folder, const char *path, int flags) { return unlinked(path, NEXT(unlinkat)(folder, path, flags)); }
+int unlinkat(int folder, const char *path, int flags) {
+  char buffer[4096];
+  return unlinked(full(folder, path, buffer, sizeof buffer), NEXT(unlinkat)(folder, path, flags));
+}

@@ -18,15 +18,17 @@ import numpy as np
 
 SOURCE = Path(__file__).with_name('record_writes.c')
 SECTOR = 512
+NAMING = 'CRLU'
+"""Operations on names."""
 _HEAD = struct.Struct('<cQQQI')
 
 
 @dataclasses.dataclass(frozen=True)
 class Change:
-    """One record; `inode`, `offset`, `length`, `names` and `data` as far as the operation has them."""
+    """One record, its fields as far as the operation has them; `file` is the same for all names of a file."""
 
     operation: str
-    inode: int
+    file: int
     offset: int
     length: int
     names: tuple[str, ...]
@@ -64,60 +66,95 @@ def record(command: Sequence[str], under: Path, scratch: Path, paths: Sequence[P
     done = subprocess.run([sys.executable, *command], env=environment, check=False, capture_output=True, text=True)
     if done.returncode:
         raise SystemExit(f'error: the recorded program failed: {done.stderr[-500:]}')
-    return parsed(log.read_bytes())
+    changes = parsed(log.read_bytes())
+    found = {str(path): path.read_bytes() for path in under.rglob('*') if path.is_file()}
+    if at_the_end(changes) != found:
+        raise SystemExit('error: the program changed files by calls that are not recorded')
+    return changes
 
 
 def parsed(log: bytes) -> list[Change]:
     """The records of a log."""
-    changes, at = [], 0
+    changes: list[Change] = []
+    names: dict[str, int] = {}
+    files: dict[int, int] = {}
+    at = 0
     while at < len(log):
-        operation, inode, offset, length, text_length = _HEAD.unpack_from(log, at)
+        head, inode, offset, length, text_length = _HEAD.unpack_from(log, at)
         at += _HEAD.size
-        names = tuple(log[at : at + text_length].decode().split('\0'))
+        operation, text = head.decode(), log[at : at + text_length].decode()
         at += text_length
-        size = length if operation == b'W' else 0
-        changes.append(Change(operation.decode(), inode, offset, length, names, log[at : at + size]))
+        old, _, new = text.partition('\0')
+        if operation in 'RL':
+            file = names[old]
+            names[new] = file
+        elif operation == 'C' and old not in names:
+            # An inode that has lost its last name is used again.
+            file = files[inode] = names[old] = len(changes)
+        else:
+            file = names.get(old, -1) if operation == 'U' else files.get(inode, -1)
+        if operation in 'RU':
+            names.pop(old, None)
+        size = length if operation == 'W' else 0
+        changes.append(Change(operation, file, offset, length, (old, new) if new else (old,), log[at : at + size]))
         at += size
     return changes
 
 
 def after_a_cut(changes: Sequence[Change], rng: np.random.Generator) -> dict[str, bytes]:
     """Names and contents of the files that a cut after these changes may leave."""
-    synced: dict[int, int] = {}
-    for number, change in enumerate(changes):
-        if change.operation == 'S':
-            synced[change.inode] = number
-    names = _names(changes, rng)
+    synced = {change.file: number for number, change in enumerate(changes) if change.operation == 'S'}
     # Of a quarter of the cuts all writes are kept, as when only the process ends, and of a quarter none.
     share = float(rng.choice([0.0, 1.0, rng.uniform(), rng.uniform()]))
-    contents = {inode: bytearray() for inode in names.values()}
+    names = _names(changes, rng)
+    contents = {file: bytearray() for file in names.values()}
     for number, change in enumerate(changes):
-        content = contents.get(change.inode)
+        content = contents.get(change.file)
         if content is None or change.operation not in 'WT':
             continue
-        is_safe = number < synced.get(change.inode, -1)
+        is_safe = number < synced.get(change.file, -1)
         if not is_safe and rng.random() >= share:
             continue
         if change.operation == 'T':
             _resize(content, change.length)
         else:
             _write(content, change, None if is_safe or share == 1.0 else rng)
-    return {name: bytes(contents[inode]) for name, inode in names.items()}
+    return {name: bytes(contents[file]) for name, file in names.items()}
+
+
+def at_the_end(changes: Sequence[Change]) -> dict[str, bytes]:
+    """Names and contents of the files after all changes, without a cut."""
+    names = _names_of([change for change in changes if change.operation in NAMING])
+    contents = {file: bytearray() for file in names.values()}
+    for change in changes:
+        content = contents.get(change.file)
+        if content is not None and change.operation == 'T':
+            _resize(content, change.length)
+        elif content is not None and change.operation == 'W':
+            _write(content, change, None)
+    return {name: bytes(contents[file]) for name, file in names.items()}
 
 
 def _names(changes: Sequence[Change], rng: np.random.Generator) -> dict[str, int]:
-    folders = {str(Path(name).parent) for change in changes for name in change.names if change.operation in 'CRU'}
-    folder_synced = [n for n, change in enumerate(changes) if change.operation == 'S' and change.names[0] in folders]
-    safe = folder_synced[-1] if folder_synced else -1
-    until = int(rng.integers(safe, len(changes))) if safe < len(changes) - 1 else safe
+    """Names that are there: all changes of a folder until it was synchronised, and all changes until some instant."""
+    safe = {change.names[0]: number for number, change in enumerate(changes) if change.operation == 'S'}
+    instant = int(rng.integers(len(changes) + 1))
+    kept = [
+        change
+        for number, change in enumerate(changes)
+        if change.operation in NAMING
+        and (number < instant or number < safe.get(str(Path(change.names[-1]).parent), -1))
+    ]
+    return _names_of(kept)
+
+
+def _names_of(changes: Sequence[Change]) -> dict[str, int]:
     names: dict[str, int] = {}
-    for change in changes[: until + 1]:
-        if change.operation == 'C':
-            names[change.names[0]] = change.inode
-        elif change.operation == 'R' and change.names[0] in names:
-            names[change.names[1]] = names.pop(change.names[0])
-        elif change.operation == 'U':
+    for change in changes:
+        if change.operation in 'RU':
             names.pop(change.names[0], None)
+        if change.operation in 'CRL':
+            names[change.names[-1]] = change.file
     return names
 
 
