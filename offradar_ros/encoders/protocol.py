@@ -49,10 +49,10 @@ class ModelInfo:
         if not _is_text(self.name, MAX_NAME_CHARACTERS) or not self.name.isprintable() or not self.name:
             return f'expected a printable name of 1 to {MAX_NAME_CHARACTERS} characters'
         if not isinstance(self.fingerprint, str) or not _FINGERPRINT.fullmatch(self.fingerprint):
-            return f'expected a fingerprint of 64 lower-case hex digits, got {_shown(self.fingerprint)}'
+            return f'expected a fingerprint of 64 lower-case hex digits, got {self.fingerprint!r:.80}'
         # A bool is an int too.
         if type(self.dimension) is not int or not 1 <= self.dimension <= MAX_DIMENSION:
-            return f'expected a dimension of 1 to {MAX_DIMENSION}, got {_shown(self.dimension)}'
+            return f'expected a dimension of 1 to {MAX_DIMENSION}, got {self.dimension!r:.80}'
         if len(self.metadata) > MAX_METADATA_ENTRIES:
             return f'{len(self.metadata)} entries of metadata: expected at most {MAX_METADATA_ENTRIES}'
         left = MAX_METADATA_CHARACTERS
@@ -72,11 +72,6 @@ def _is_text(value: object, longest: int) -> bool:
     if not isinstance(value, str) or len(value) > longest:
         return False
     return value.isascii() or not any('\ud800' <= character <= '\udfff' for character in value)
-
-
-def _shown(value: object) -> str:
-    text = str(value) if not isinstance(value, int) or value.bit_length() < 100 else 'a number of many digits'
-    return repr(text[:80]) if isinstance(value, str) else text[:80]
 
 
 @runtime_checkable

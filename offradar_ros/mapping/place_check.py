@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +20,8 @@ MAX_SESSION_ID = 2**31 - 1
 END_NS = 2**31 * 10**9
 """Stamps are from 0 to before this, which is in 2038: messages hold seconds in 32 bits."""
 
-MAX_MEAN_VALUE = 1e18
-"""Largest absolute value of a mean: the distance of two such means is still a single-precision number."""
+MAX_MEAN_VALUE = 1e35
+"""Largest absolute value of a mean: the distance of two such means, of any dimension, is a finite float32."""
 
 
 def place_problem(table: PlaceTable) -> str | None:
@@ -50,10 +50,10 @@ def valid_means(means: NDArray[np.float32]) -> NDArray[np.bool_]:
     return np.asarray((lowest >= -MAX_MEAN_VALUE) & (highest <= MAX_MEAN_VALUE))
 
 
-def valid_positions(positions_m: NDArray[np.float64] | Sequence[Sequence[float]]) -> NDArray[np.bool_]:
+def valid_positions(positions_m: NDArray[np.float64]) -> NDArray[np.bool_]:
     """(N,) whether each of (N, 3) positions is finite and on the Earth."""
-    return np.asarray((np.abs(np.asarray(positions_m, np.float64)) <= MAX_COORDINATE_M).all(axis=1))
+    return np.asarray((np.abs(positions_m) <= MAX_COORDINATE_M).all(axis=1))
 
 
-def _within(values: NDArray[np.generic], least: float, most: float) -> NDArray[np.bool_]:
+def _within(values: NDArray[Any], least: float, most: float) -> NDArray[np.bool_]:
     return np.asarray((values >= least) & (values <= most))

@@ -1,7 +1,7 @@
 """Structured arrays as PointCloud2, which any ROS 2 machine can record, echo and plot without this package.
 
-A cloud describes its own layout. NumPy keeps sizes and offsets in 32 bits, so nothing of a description reaches it before
-it has been compared, in Python's integers, with the layout that is expected.
+A cloud describes its own layout. NumPy keeps sizes and offsets in 32 bits, so no description reaches it before it has
+been compared, in Python's integers, with the layout that is expected.
 """
 
 from __future__ import annotations
