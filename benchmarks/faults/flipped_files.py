@@ -10,6 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+import offradar_ros
 from faults.child_batches import run_in_children
 from faults.content_digest import content_digest
 from faults.result import DIFFERENT, SAME, Result, Settings, Verdict, summed
@@ -35,7 +36,7 @@ from offradar_ros.types import Embedding, Pose
 NAME = 'flips'
 FULL = 500
 PROJECT = Path(__file__).resolve().parents[2]
-WEIGHTS = PROJECT / 'offradar_ros' / 'weights'
+WEIGHTS = Path(offradar_ros.__file__).parent / 'weights'
 DIMENSION = 64
 
 Read = Callable[[Path], str]
