@@ -11,7 +11,10 @@ from faults.result import Result
 from offradar_ros.whole_file import write_whole_file
 
 START, END = '<!-- faults: the table of `make faults` -->\n', '<!-- end of faults -->\n'
-HEAD = '| campaign | what | tries | refused | as it should be | different | crashed | lost |\n|---|---|--:|--:|--:|--:|--:|--:|\n'
+HEAD = (
+    '| campaign | what | tries | refused | as it should be | different | crashed | lost |\n'
+    '|---|---|--:|--:|--:|--:|--:|--:|\n'
+)
 
 
 def write_tables(page: Path, record: Mapping[str, Any]) -> None:
