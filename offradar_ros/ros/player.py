@@ -11,40 +11,34 @@ from collections.abc import Iterator, Sequence
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
 from offradar_ros.config import PositionConfig
 from offradar_ros.errors import OffradarError
 from offradar_ros.messages import STAMP, STAMP_OFFSET, header_stamp_ns
-from offradar_ros.recordings.bags.reader import Bag, RawMessage, scan_topic
+from offradar_ros.recordings.bags.position_topic import position_topic
+from offradar_ros.recordings.bags.reader import Bag, RawMessage
+from offradar_ros.recordings.bags.scan_topic import scan_topic
+from offradar_ros.recordings.bags.topics import (
+    COMPRESSED,
+    COMPRESSED_TYPE,
+    FIX,
+    FIX_TYPE,
+    ODOMETRY,
+    SCANS,
+    ChosenTopics,
+)
 from offradar_ros.recordings.drive import in_lockstep_order
 from offradar_ros.ros import qos
 from offradar_ros.ros.answer_log import TOPICS, AnswerLog, Answers
 from offradar_ros.ros.connections import Connections
+from offradar_ros.ros.recorded_outputs import DIAGNOSTICS, is_output, is_own_report
 from offradar_ros.ros.replay_subscribers import ReplaySubscribers
 from offradar_ros.ros.spin import spin_for, spin_until
 from offradar_ros.ros.stamps import time_message
 
-# Topics that the nodes publish: their recorded messages must not be taken for answers.
-OUTPUTS = (
-    '/clock',
-    '/diagnostics',
-    '/embedding',
-    '/embedding/model',
-    '/localisation',
-    '/localisation_pose',
-    '/map',
-    '/map/descriptors',
-    '/map/updates',
-    '/map_server/handled',
-    '/match_pose',
-    '/matches',
-    '/p_on_map',
-    '/parameter_events',
-    '/rejections',
-    '/rosout',
-)
 CLOCK_PERIOD_S = 0.025
 DISCOVERY_S = 4.0
 """A node that starts late, or whose announcement was lost, is announced again within three seconds."""
@@ -57,6 +51,9 @@ SILENT_SCANS = 3
 BURST = 400
 """Messages in a row, without an answer, that the queues of a busy process have room for."""
 AHEAD_S = PositionConfig().max_gap_s
+STATIC_TRANSFORMS = '/tf_static'
+LATCHED_DEPTH = 100
+"""Messages of a latched topic kept for late subscribers: of static transforms, each message may be of another node."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -67,6 +64,7 @@ class PlayOptions:
     lockstep: bool = False
     restamp: bool = False
     timeout_s: float = 10.0
+    topics: ChosenTopics = dataclasses.field(default_factory=ChosenTopics)
 
 
 def with_stamp(cdr: bytes, stamp_ns: int) -> bytes:
@@ -97,7 +95,8 @@ class Player:
 
     def __init__(self, node: Node, bag: Bag, options: PlayOptions) -> None:
         self._node, self._bag, self._options = node, bag, options
-        self._scan_topic = scan_topic(bag)
+        self._scan_topic = scan_topic(bag, wanted=options.topics.scans)
+        self._names = self._played_as()
         self._stamped: set[str] = set()
         self._publishers = dict(self._advertised())
         self._others = [topic for topic in self._publishers if topic != self._scan_topic]
@@ -119,7 +118,7 @@ class Player:
         if not spin_until(self._node, lambda: publisher.get_subscription_count() > 0, timeout_s):
             raise OffradarError(
                 f'topic {publisher.topic_name}: no subscriber within {timeout_s:g} s: '
-                'start the encoder node, or remap its input'
+                f'start the encoder node{self._other_input()}, or remap its input'
             )
         if not spin_until(self._node, lambda: not self._absent(), DISCOVERY_S):
             self._node.get_logger().info(f'no node publishes {", ".join(self._absent())}: not waiting for it')
@@ -213,6 +212,8 @@ class Player:
 
     def _publish(self, message: RawMessage) -> None:
         cdr = message.cdr
+        if message.msgtype == DIAGNOSTICS and is_own_report(self._bag, message):
+            return
         if self._options.restamp and message.topic in self._stamped:
             cdr = with_stamp(cdr, time.time_ns())
         self._tick(message.log_ns)
@@ -252,19 +253,69 @@ class Player:
                 f'{self._options.timeout_s:g} s: not waiting for that any more'
             )
 
-    def _advertised(self) -> Iterator[tuple[str, Publisher]]:
-        for topic, msgtype in self._bag.topics.items():
-            kind = message_class(msgtype)
-            if topic != self._scan_topic and topic.endswith(OUTPUTS):
-                self._node.get_logger().info(f'{topic}: published by the nodes when it was recorded: not played')
-            elif kind is None:
-                self._node.get_logger().warning(f'{topic}: type {msgtype} is not installed here: not played')
+    def _played_as(self) -> dict[str, str]:
+        """The name that each topic is played on: relative, so that namespaces and remappings work.
+
+        Topics that were chosen get the names of the nodes' inputs, in place of topics that have them in the bag.
+        """
+        bag, chosen, scans = self._bag, self._options.topics, self._scan_topic
+        inputs: dict[str, str] = {}
+        if chosen.scans:
+            inputs[scans] = SCANS + (COMPRESSED if bag.topics[scans] == COMPRESSED_TYPE else '')
+        if chosen.positions and (positions := position_topic(bag, scans, chosen.positions)):
+            inputs[positions] = FIX if bag.topics[positions] == FIX_TYPE else ODOMETRY
+        taken = {name: topic for topic, name in inputs.items()}
+        names: dict[str, str] = {}
+        for topic in bag.topics:
+            instead = taken.get(topic, topic)
+            if topic in inputs or instead == topic:
+                names[topic] = inputs.get(topic, topic).lstrip('/')
             else:
-                if starts_with_header(kind):
-                    self._stamped.add(topic)
-                profile = qos.SCANS if topic == self._scan_topic else qos.POSITIONS
-                # Relative, so that namespaces and remappings work.
-                yield topic, self._node.create_publisher(kind, topic.lstrip('/'), profile)
+                self._node.get_logger().info(f'{topic}: not played, {instead} is played in its place')
+        return names
+
+    def _other_input(self) -> str:
+        """How the encoder node reads the scans, where it does not by itself."""
+        if self._bag.topics[self._scan_topic] == COMPRESSED_TYPE:
+            return ' with radar.transport: compressed'
+        if self._names[self._scan_topic] != SCANS.lstrip('/'):
+            return f', replay with --topic {self._scan_topic} to play it on {SCANS.lstrip("/")}'
+        return ''
+
+    def _advertised(self) -> Iterator[tuple[str, Publisher]]:
+        log = self._node.get_logger()
+        for topic, name in self._names.items():
+            msgtype = self._bag.topics[topic]
+            kind = message_class(msgtype)
+            if topic != self._scan_topic and is_output(self._bag, topic):
+                log.info(f'{topic}: said by the nodes when it was recorded: not played')
+                continue
+            if kind is None:
+                log.warning(f'{topic}: type {msgtype} is not installed here: not played')
+                continue
+            try:
+                publisher = self._node.create_publisher(kind, name, self._profile(topic))
+            except (RuntimeError, ValueError) as error:
+                # A name that ROS 2 does not allow, or one that this process has with another type.
+                reason = str(error).splitlines()[0]
+                if topic == self._scan_topic:
+                    raise OffradarError(f'{topic}: cannot be played: {reason} (--topic {topic} renames it)') from error
+                log.warning(f'{topic}: cannot be published as {msgtype} here: not played ({reason})')
+                continue
+            if starts_with_header(kind):
+                self._stamped.add(topic)
+            yield topic, publisher
+
+    def _profile(self, topic: str) -> QoSProfile:
+        if topic == self._scan_topic:
+            return qos.SCANS
+        if topic == STATIC_TRANSFORMS or self._bag.is_latched(topic):
+            return QoSProfile(
+                depth=LATCHED_DEPTH,
+                reliability=ReliabilityPolicy.RELIABLE,
+                durability=DurabilityPolicy.TRANSIENT_LOCAL,
+            )
+        return qos.POSITIONS
 
     def _absent(self) -> list[str]:
         published = self._log.published()
