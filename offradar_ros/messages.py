@@ -21,6 +21,8 @@ _JPEG = b'\xff\xd8\xff'
 # CDR: 4 bytes of encapsulation, then the header's stamp, in every message that starts with std_msgs/Header.
 STAMP_OFFSET = 4
 STAMP = struct.Struct('<iI')
+SHORTEST = STAMP_OFFSET + STAMP.size
+"""Bytes of the shortest message that has a stamp."""
 
 
 class StampMessage(Protocol):

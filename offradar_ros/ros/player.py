@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterator, Sequence
 
 from rclpy.duration import Duration
+from rclpy.exceptions import NameValidationException
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -17,8 +18,9 @@ from std_srvs.srv import Trigger
 
 from offradar_ros.config import PositionConfig
 from offradar_ros.errors import OffradarError
-from offradar_ros.messages import STAMP, STAMP_OFFSET, header_stamp_ns
+from offradar_ros.messages import SHORTEST, STAMP, STAMP_OFFSET, header_stamp_ns
 from offradar_ros.recordings.bags.position_topic import position_topic
+from offradar_ros.recordings.bags.positions import position_topics
 from offradar_ros.recordings.bags.reader import Bag, RawMessage
 from offradar_ros.recordings.bags.scan_topic import scan_topic
 from offradar_ros.recordings.bags.topics import (
@@ -32,7 +34,7 @@ from offradar_ros.recordings.bags.topics import (
 )
 from offradar_ros.recordings.drive import in_lockstep_order
 from offradar_ros.ros import qos
-from offradar_ros.ros.answer_log import TOPICS, AnswerLog, Answers
+from offradar_ros.ros.answer_log import HANDLED, TOPICS, AnswerLog, Answers
 from offradar_ros.ros.connections import Connections
 from offradar_ros.ros.recorded_outputs import DIAGNOSTICS, is_output, is_own_report
 from offradar_ros.ros.replay_subscribers import ReplaySubscribers
@@ -98,12 +100,13 @@ class Player:
         self._scan_topic = scan_topic(bag, wanted=options.topics.scans)
         self._names = self._played_as()
         self._stamped: set[str] = set()
+        # Before the topics of the bag: of two types on one topic, a process can only have the first.
+        self._clock = node.create_publisher(Clock, '/clock', qos.RESULTS)
+        self._log = AnswerLog(node)
         self._publishers = dict(self._advertised())
         self._others = [topic for topic in self._publishers if topic != self._scan_topic]
         self._stuck: set[str] = set()
         self._start_recording = node.create_client(Trigger, 'encoder/start_recording')
-        self._clock = node.create_publisher(Clock, '/clock', qos.RESULTS)
-        self._log = AnswerLog(node)
         self._connections = Connections(node)
         self._subscribers = ReplaySubscribers(node, self._publishers, bag.topics, self._scan_topic)
         self._sent: list[int] = []
@@ -131,6 +134,17 @@ class Player:
             unconnected := self._subscribers.unconnected()
         ):
             self._node.get_logger().warning(f'not every subscriber of {", ".join(unconnected)} will receive all of it')
+        self._warn_of_unheard_positions()
+
+    def _warn_of_unheard_positions(self) -> None:
+        """Say where positions are played on a topic that the map server does not read."""
+        found = {topic: self._publishers.get(topic) for topic in position_topics(self._bag)}
+        played = {topic: publisher for topic, publisher in found.items() if publisher is not None}
+        if HANDLED in self._log.awaited and played and not any(p.get_subscription_count() for p in played.values()):
+            self._node.get_logger().warning(
+                f'nobody reads the positions on {", ".join(played)}: --positions NAME plays one of them on '
+                f'{FIX.lstrip("/")} or {ODOMETRY.lstrip("/")}, as its type is'
+            )
 
     def play(self) -> None:
         """Play the bag once; in lockstep, OffradarError if answers stop."""
@@ -170,6 +184,8 @@ class Player:
     def _play_in_lockstep(self) -> None:
         silent = burst = 0
         for message in in_lockstep_order(self._bag, self._scan_topic, self._others, AHEAD_S):
+            if self._is_cut(message):
+                continue
             repeated = message.topic == self._scan_topic and self._sent[-1:] == [header_stamp_ns(message.cdr)]
             self._publish(message)
             if message.topic != self._scan_topic:
@@ -206,7 +222,8 @@ class Player:
             while (left_s := due_s - time.monotonic()) > 0:
                 self._tick(base_ns + round((time.monotonic() - started_s) * self._options.rate * 1e9))
                 spin_for(self._node, min(left_s, CLOCK_PERIOD_S))
-            self._publish(message)
+            if not self._is_cut(message):
+                self._publish(message)
             if message.topic == self._scan_topic:
                 left, end_ns = left - 1, message.log_ns + round(AHEAD_S * 1e9)
 
@@ -220,6 +237,15 @@ class Player:
         self._publishers[message.topic].publish(cdr)
         if message.topic == self._scan_topic:
             self._sent.append(header_stamp_ns(cdr))
+
+    def _is_cut(self, message: RawMessage) -> bool:
+        """Whether a message is too short for the stamp that it should start with; says so."""
+        cut = message.topic in self._stamped and len(message.cdr) < SHORTEST
+        if cut:
+            self._node.get_logger().warning(
+                f'{message.topic}: a message of {len(message.cdr)} bytes at {message.log_ns} ns is damaged: not played'
+            )
+        return cut
 
     def _tick(self, stamp_ns: int) -> None:
         if not self._options.restamp:
@@ -295,7 +321,7 @@ class Player:
                 continue
             try:
                 publisher = self._node.create_publisher(kind, name, self._profile(topic))
-            except (RuntimeError, ValueError) as error:
+            except (NameValidationException, RuntimeError) as error:
                 # A name that ROS 2 does not allow, or one that this process has with another type.
                 reason = str(error).splitlines()[0]
                 if topic == self._scan_topic:

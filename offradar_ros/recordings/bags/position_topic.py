@@ -47,7 +47,7 @@ def _wanted(bag: Bag, topic: str) -> str:
 
 
 def _listed(bag: Bag, topics: list[str]) -> str:
-    return ', '.join(f'{topic} ({bag.topics[topic]}, {bag.counts[topic]} messages)' for topic in topics)
+    return ', '.join(f'{topic} ({bag.topics[topic]}, {bag.counts[topic]} messages)' for topic in sorted(topics))
 
 
 def _shared(topic: str, scans: str) -> int:

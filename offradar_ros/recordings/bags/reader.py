@@ -39,16 +39,17 @@ class Bag:
     how many messages of the other there are.
     """
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: str | Path, paths: tuple[Path, ...] | None = None) -> None:
+        """Open the recording `path`; `paths` are those of an earlier `Bag` of it, whose files need no second look."""
         self.path = Path(path)
+        self.paths = readable_paths(self.path) if paths is None else paths
         self.topics: dict[str, str] = {}
         """Topic names and their message types."""
         self._readers: list[Reader] = []
         self._open = contextlib.ExitStack()
-        readable = readable_paths(self.path)
         with self._named_errors():
             try:
-                for each in readable:
+                for each in self.paths:
                     reader = Reader(each)
                     reader.open()
                     self._open.callback(reader.close)

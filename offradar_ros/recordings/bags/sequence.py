@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from offradar_ros.config import RadarConfig
 from offradar_ros.errors import DataError
 from offradar_ros.geometry import Trajectory
-from offradar_ros.messages import header_stamp_ns
+from offradar_ros.messages import SHORTEST, header_stamp_ns
 from offradar_ros.recordings.bags.position_topic import position_topic
 from offradar_ros.recordings.bags.positions import read_positions
-from offradar_ros.recordings.bags.reader import Bag
+from offradar_ros.recordings.bags.reader import Bag, RawMessage
 from offradar_ros.recordings.bags.scan_topic import decoded_scan, scan_topic
 from offradar_ros.recordings.bags.topics import ChosenTopics
 from offradar_ros.types import PolarScan
@@ -36,10 +36,9 @@ class BagSequence:
         self._no_trajectory: DataError | None = None
         chosen = topics or ChosenTopics()
         with Bag(path) as bag:
+            self._paths = bag.paths
             self._topic = scan_topic(bag, self._radar, chosen.scans)
-            rows = sorted(
-                (header_stamp_ns(raw.cdr), raw.log_ns, index) for index, raw in enumerate(bag.messages([self._topic]))
-            )
+            rows = sorted((_stamp_ns(raw), raw.log_ns, index) for index, raw in enumerate(bag.messages([self._topic])))
             try:
                 positions = position_topic(bag, self._topic, chosen.positions)
             except DataError as error:
@@ -65,8 +64,11 @@ class BagSequence:
     def scan(self, index: int) -> PolarScan:
         """Scan `index`, read and decoded at each call."""
         log_ns, stamp = self._log_ns[index], int(self.stamps_ns[index])
-        with Bag(self.path) as bag:
-            raw = next(
-                raw for raw in bag.messages([self._topic], log_ns, log_ns + 1) if header_stamp_ns(raw.cdr) == stamp
-            )
+        with Bag(self.path, self._paths) as bag:
+            raw = next(raw for raw in bag.messages([self._topic], log_ns, log_ns + 1) if _stamp_ns(raw) == stamp)
             return decoded_scan(bag, raw, self._radar)
+
+
+def _stamp_ns(raw: RawMessage) -> int:
+    """The stamp of a scan; the log time of one that is too short to have one, which `scan` cannot read."""
+    return header_stamp_ns(raw.cdr) if len(raw.cdr) >= SHORTEST else raw.log_ns

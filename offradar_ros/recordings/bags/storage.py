@@ -88,7 +88,8 @@ def _of_folder(folder: Path) -> tuple[Path, ...]:
     if metadata.compression != 'file':
         for file in metadata.files:
             _require_readable(file, folder)
-    if metadata.version <= _NEWEST_METADATA and metadata.storage in STORAGES.values():
+    fits = all(STORAGES.get(_suffix(file)) == metadata.storage for file in metadata.files)
+    if metadata.version <= _NEWEST_METADATA and metadata.storage in STORAGES.values() and fits:
         return (folder,)
     if metadata.compression:
         raise unreadable(
@@ -117,7 +118,7 @@ def _without_metadata(folder: Path) -> DataError:
     if not files:
         old = sorted(folder.glob('*.bag'))
         if old:
-            return DataError(f'{folder}: holds {_ros1(old[0])}')
+            return DataError(f'{folder}: holds {old[0].name}, {_ros1(old[0])}')
         return DataError(f'{folder}: no {METADATA} and no .mcap or .db3 file: not a rosbag2 folder')
     try:
         for file in files:
@@ -147,8 +148,7 @@ def _reindex(folder: Path, files: list[Path]) -> str:
 def _ros1(file: Path) -> str:
     new = shlex.quote(str(file.with_suffix('')))
     return (
-        f'{file.name}, a recording of ROS 1: rosbags-convert --src {shlex.quote(str(file))} --dst {new} '
-        'makes a rosbag2 folder of it'
+        f'a recording of ROS 1: rosbags-convert --src {shlex.quote(str(file))} --dst {new} makes a rosbag2 folder of it'
     )
 
 
@@ -161,7 +161,7 @@ def _require_readable(file: Path, recording: Path) -> None:
     if not start:
         problem = f'{file.name} is empty: it was cut off before the first message, and nothing of it can be saved'
     elif start.startswith(_ROS1):
-        raise DataError(f'{recording}: ' + (_ros1(file) if recording == file else f'holds {_ros1(file)}'))
+        raise DataError(f'{recording}: {"" if recording == file else f"{file.name} is "}{_ros1(file)}')
     elif start.startswith(_ZSTD):
         problem = (
             f'{file.name} is compressed as a whole: give the folder with its {METADATA}, or zstd -d {command} '
