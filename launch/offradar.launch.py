@@ -21,6 +21,8 @@ def generate_launch_description() -> LaunchDescription:
     map_file = ParameterValue(LaunchConfiguration('map'), value_type=str)
     namespace = LaunchConfiguration('namespace')
     scans = ('radar_data/b_scan_image', LaunchConfiguration('scans'))
+    # As image_transport names it; remapping the one does not remap the other.
+    compressed = ('radar_data/b_scan_image/compressed', [LaunchConfiguration('scans'), '/compressed'])
     fixes = ('gps/fix', LaunchConfiguration('fixes'))
     odometry = ('ground_truth/odometry', LaunchConfiguration('odometry'))
     vehicle_odometry = ('odometry', LaunchConfiguration('vehicle_odometry'))
@@ -70,7 +72,7 @@ def generate_launch_description() -> LaunchDescription:
                 default_value=os.environ.get(DDS_PROFILE) or shipped,
                 description='XML profile of Fast DDS; ours, unless the environment names one, has room for scans',
             ),
-            node('encoder_node', 'encoder', remappings=[scans]),
+            node('encoder_node', 'encoder', remappings=[scans, compressed]),
             node('map_server_node', 'map_server', {'map.path': map_file}, remappings=[fixes, odometry]),
             node('query_node', 'query', {'query.map_path': map_file}, remappings=[vehicle_odometry]),
         ]

@@ -136,21 +136,23 @@ def test_what_others_said_is_played_and_what_our_nodes_said_is_not(
     stamp_ns = int(drive.stamps_ns[1])
     own = f'encoder{STATUS_NAME}'
     text = Recorded(stamp_ns, '/matches', 'std_msgs/msg/String', serialize_message(String(data='3:2')))
+    frames = Recorded(stamp_ns, '/tf_static', 'std_msgs/msg/String', serialize_message(String(data='base_link')))
     odd = Recorded(stamp_ns, '/2d-map', 'std_msgs/msg/String', serialize_message(String(data='a name of ROS 1')))
     bag = record(
         tmp_path / 'bag',
         scans(drive),
-        [grid(stamp_ns, '/map'), grid(stamp_ns, '/slam/map'), text, odd],
+        [grid(stamp_ns, '/map'), grid(stamp_ns, '/slam/map'), text, frames, odd],
         [report(stamp_ns + index, name) for index, name in enumerate(['navtech: temperature', own, 'gps: fix'])],
         latched_topics=['/map'],
     )
     observer.collect(Image, 'radar_data/b_scan_image', qos.SCANS)
     grids = observer.collect(OccupancyGrid, '/map', qos.LATCHED)
+    static = observer.collect(String, '/tf_static', qos.LATCHED)
     slam = observer.collect(OccupancyGrid, '/slam/map')
     reports = observer.collect(DiagnosticArray, '/diagnostics')
     with alone() as nodes:
         printed = replay(nodes, bag, '--rate', '2')
-    wait_until(lambda: grids and slam and len(reports) >= 2)
+    wait_until(lambda: grids and slam and static and len(reports) >= 2)
     names = [status.name for message in reports for status in message.status]
     assert names == ['navtech: temperature', 'gps: fix']
     # The player itself listens to answers on the first, which are of another type; ROS 2 does not allow the second.
