@@ -132,8 +132,9 @@ def read_tree(path: str | Path) -> Any:
         raise ConfigError(f'{path}: no such file') from None
     # ValueError: PyYAML on a date such as 2001-99-99.
     except (OSError, ValueError, yaml.YAMLError) as error:
-        reason = _shortened((getattr(error, 'strerror', None) or str(error)).splitlines()[0])
-        raise ConfigError(f'{path}: not a readable {"JSON" if is_json else "YAML"} file ({reason})') from error
+        raise ConfigError(
+            f'{path}: not a readable {"JSON" if is_json else "YAML"} file ({_unreadable(error)})'
+        ) from error
 
 
 def to_yaml(record: Any) -> str:
@@ -151,6 +152,15 @@ class _Dumper(yaml.SafeDumper):
 
 
 add_float_resolver(_Dumper)
+
+
+def _unreadable(error: Exception) -> str:
+    if isinstance(error, UnicodeDecodeError):
+        return 'expected UTF-8 text'
+    # The first line of its text says where the parser was in the document, but not what is wrong.
+    if isinstance(error, yaml.MarkedYAMLError) and error.problem and error.problem_mark:
+        return _shortened(f'line {error.problem_mark.line + 1}: {error.problem}')
+    return _shortened((getattr(error, 'strerror', None) or str(error)).splitlines()[0])
 
 
 def _scalar(value: Any, kind: Any) -> Any:

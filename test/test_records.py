@@ -177,6 +177,22 @@ def test_numbers_with_an_exponent_are_numbers_and_quoted_ones_are_text(text: str
     assert parse_yaml(to_yaml({'a': text})) == {'a': text}
 
 
+@pytest.mark.parametrize(
+    ('content', 'problem'),
+    [
+        (b'query:\n\ttop_k: 5\n', r"line 2: found character '\\t' that cannot start any token"),
+        (b'query: {top_k: 5\n', r"line 2: expected ',' or '}'"),
+        ('query: 1'.encode('utf-16'), 'expected UTF-8 text'),
+        (b'a: *b', "line 1: found undefined alias 'b'"),
+    ],
+)
+def test_what_is_wrong_with_a_text_is_said_with_its_line(tmp_path: Path, content: bytes, problem: str) -> None:
+    path = tmp_path / 'a.yaml'
+    path.write_bytes(content)
+    with pytest.raises(ConfigError, match=problem):
+        read_record(Town, path)
+
+
 def test_json_refuses_nan() -> None:
     with pytest.raises(ValueError, match='nan'):
         to_json(Town(1, height_m=math.nan))
