@@ -16,15 +16,14 @@ STATUS_NAME = ': offradar_ros'
 DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
 _CLOUD = 'sensor_msgs/msg/PointCloud2'
 _POSE = 'geometry_msgs/msg/PoseWithCovarianceStamped'
-_FIELDS = {
-    '/embedding': {'mean', 'variance', 'model'},
-    '/map': {'place_id', 'intensity'},
-    '/map/descriptors': {'place_id', 'embedding'},
-    '/map/updates': {'place_id', 'embedding'},
-    '/matches': {'place_id', 'query_uncertainty'},
-}
-"""Fields by which our clouds are told from others, by the end of the topic's name."""
-
+_CLOUDS = ('/embedding', '/map', '/map/descriptors', '/map/updates', '/matches')
+_FIELDS = (
+    {'mean', 'variance', 'model'},
+    {'place_id', 'intensity'},
+    {'place_id', 'embedding'},
+    {'place_id', 'query_uncertainty'},
+)
+"""Fields by which our clouds are told from others, also under a name that they were remapped to."""
 _READ_THE_FILE = {'read_the_file'}
 _TYPES = {
     '/embedding/model': 'diagnostic_msgs/msg/DiagnosticStatus',
@@ -46,20 +45,19 @@ _SYSTEM = {
 def is_output(bag: Bag, topic: str) -> bool:
     """Whether a topic holds what our nodes answered, or what only concerns the processes that were recorded."""
     msgtype = bag.topics[topic]
-    if _SYSTEM.get(topic) == msgtype:
+    if any(topic.endswith(name) and msgtype == kind for name, kind in (_TYPES | _SYSTEM).items()):
         return True
-    if any(topic.endswith(name) and msgtype == kind for name, kind in _TYPES.items()):
-        return True
-    wanted = next((fields for name, fields in _FIELDS.items() if topic.endswith(name)), None)
-    if wanted is None or msgtype != _CLOUD:
+    if msgtype != _CLOUD:
         return False
     try:
         first = next(bag.messages([topic]), None)
         # The first message shows it: each has its fields, also if it has no points.
-        fields = set(wanted) if first is None else {field.name for field in bag.decode(first).fields}
+        fields = None if first is None else {field.name for field in bag.decode(first).fields}
     except DataError:
-        return True
-    return wanted <= fields or fields == _READ_THE_FILE
+        fields = None
+    if fields is None:
+        return topic.endswith(_CLOUDS)
+    return fields == _READ_THE_FILE or any(known <= fields for known in _FIELDS)
 
 
 def is_own_report(bag: Bag, message: RawMessage) -> bool:

@@ -36,6 +36,7 @@ OURS = {
     '/map': map_message(PLACES, STAMP_NS),
     '/map/descriptors': descriptors_message(PlaceRows(PLACES, 'ab' * 32, committed=True), STAMP_NS),
     '/big/map/descriptors': read_the_file_message(STAMP_NS),
+    '/renamed/places': map_message(PLACES, STAMP_NS),
     '/map/updates': descriptors_message(PlaceRows(PLACES, 'ab' * 32, committed=False), STAMP_NS),
     '/matches': match_message(Match(STAMP_NS, 1.0, 1.5, (Candidate(1, 0.1, 1.0, Pose(0.0, 0.0, 0.0, 0.0)),), 0.9)),
 }

@@ -41,7 +41,7 @@ def scans(drive: Any, topic: str = SCANS) -> Iterator[Recorded]:
         yield Recorded(scan.stamp_ns, topic, IMAGE_TYPE, image_message(scan, plain=True))
 
 
-def png(power: NDArray[np.uint8]) -> bytes:
+def png(power: NDArray[Any]) -> bytes:
     return cv2.imencode('.png', power)[1].tobytes()
 
 

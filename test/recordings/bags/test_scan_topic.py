@@ -99,8 +99,14 @@ def test_where_nothing_decides_all_are_listed(drive: Any, found: Found, tmp_path
     assert f'/roof/scan ({IMAGE_TYPE}, 8UC1 400 × 2856, 3 messages)' in text
 
 
-def test_a_configured_radar_of_another_size_does_not_make_a_choice_of_two(drive: Any, found: Found) -> None:
-    """With a bin size, every gray image can be read: a camera of 400 rows looks like a radar."""
+def test_a_configured_radar_is_told_by_its_number_of_azimuths(drive: Any, found: Found) -> None:
+    odd = as_power(drive, 400, 2856)
+    camera = images(drive, '/front/image', 'mono8', 480, 640)
+    assert found(camera, scans(odd, '/roof/scan'), radar=RadarConfig(range_resolution_m=0.175)) == '/roof/scan'
+
+
+def test_a_camera_with_as_many_rows_as_a_configured_radar_is_a_choice(drive: Any, found: Found) -> None:
+    """With a bin size, every gray image can be read."""
     odd = as_power(drive, 400, 2856)
     camera = list(images(drive, '/front/image', 'mono8', 400, 640))
     with pytest.raises(DataError, match='several topics'):
