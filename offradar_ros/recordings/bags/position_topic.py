@@ -29,7 +29,8 @@ def position_topic(bag: Bag, scans: str, wanted: str = '', msgtype: str = '') ->
                 return candidates[0]
         if topics:
             raise DataError(
-                f'{bag.path}: several topics may be the positions, choose one with --positions: {_listed(bag, topics)}'
+                f'{bag.path}: several topics may be the positions, choose one with --positions: '
+                f'{_listed(bag, topics)}; offradar convert --positions NAME writes a bag of one alone'
             )
     return None
 

@@ -84,7 +84,10 @@ def scan_topic(bag: Bag, radar: RadarConfig | None = None, wanted: str = '') -> 
     if len(candidates) == 1:
         return candidates[0].name
     if candidates:
-        raise DataError(f'{bag.path}: several topics may be the scans, choose one with --topic: {_listed(candidates)}')
+        raise DataError(
+            f'{bag.path}: several topics may be the scans, choose one with --topic: {_listed(candidates)}; '
+            'offradar convert --topic NAME writes a bag of one alone'
+        )
     held = ', '.join(f'{topic}: {topic.reason}' for topic in found if topic.fit == Fit.NOT)
     raise DataError(f'{bag.path}: no scans: expected polar images of 8-bit gray, found {held}')
 

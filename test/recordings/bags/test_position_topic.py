@@ -57,7 +57,8 @@ def test_where_nothing_decides_all_are_listed_and_the_option_chooses(drive: Any,
     count = len(drive.trajectory)
     assert str(refused.value) == (
         f'{tmp_path / "bag"}: several topics may be the positions, choose one with --positions: '
-        f'/novatel/fix ({FIX_TYPE}, {count} messages), /ublox/fix ({FIX_TYPE}, {count} messages)'
+        f'/novatel/fix ({FIX_TYPE}, {count} messages), /ublox/fix ({FIX_TYPE}, {count} messages); '
+        'offradar convert --positions NAME writes a bag of one alone'
     )
     first, second = (
         BagSequence(tmp_path / 'bag', topics=ChosenTopics(positions=name)).trajectory
