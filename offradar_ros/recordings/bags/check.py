@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from offradar_ros.recordings.bags.positions import position_topics, read_positio
 from offradar_ros.recordings.bags.reader import Bag, scan_topic
 from offradar_ros.recordings.datasets.check.coverage import coverage
 from offradar_ros.recordings.datasets.check.findings import Finding, Findings, counted, note, ok, problem
+from offradar_ros.recordings.datasets.check.scans import ROW_FAULTS
 from offradar_ros.recordings.datasets.check.sizes import Sizes
 from offradar_ros.recordings.datasets.check.stamps import check_stamps
 
@@ -33,6 +35,7 @@ def _findings(bag: Bag, radar: RadarConfig, max_gap_s: float) -> Iterator[Findin
     stamps: list[int] = []
     sizes = Sizes()
     refused: dict[str, list[str]] = {}
+    mended: Counter[str] = Counter()
     for raw in bag.messages([topic]):
         message = bag.decode(raw)
         stamps.append(stamp_ns(message.header.stamp))
@@ -42,9 +45,12 @@ def _findings(bag: Bag, radar: RadarConfig, max_gap_s: float) -> Iterator[Findin
             refused.setdefault(refusal.cause, []).append(str(refusal))
         else:
             sizes.add(scan, f'at {scan.stamp_ns} ns')
+            mended.update(fault for fault in scan.row_faults if fault not in ('no_power', 'saturated'))
     yield from sizes.findings()
     for cause, messages in sorted(refused.items()):
         yield problem(f'{counted(len(messages), "scan")} would be refused ({cause}): {messages[0]}')
+    for fault, count in mended.items():
+        yield problem(f'{ROW_FAULTS[fault]}: {counted(count, "scan")}')
     stamps_ns = np.array(stamps, np.int64)
     yield from check_stamps(stamps_ns)
     yield from _positions(bag, stamps_ns, max_gap_s)
