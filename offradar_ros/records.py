@@ -14,8 +14,8 @@ import difflib
 import functools
 import json
 import math
-import os
 import re
+import reprlib
 import typing
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
@@ -26,7 +26,9 @@ import yaml
 from cattrs.errors import BaseValidationError, ForbiddenExtraKeysError
 from cattrs.gen import make_dict_structure_fn
 
+from offradar_ros.bounded_input import add_float_resolver, parse_json, parse_yaml, read_text
 from offradar_ros.errors import ConfigError, OffradarError
+from offradar_ros.whole_file import write_whole_file
 
 RecordT = TypeVar('RecordT')
 
@@ -40,7 +42,9 @@ else:
 _EXPECTED = {str: 'text', int: 'a whole number', float: 'a finite number', bool: 'true or false'}
 _LOCATION = re.compile(r'@ (?:attribute (?P<name>\w+)|index (?P<index>\d+)|key (?P<quoted>.+))$', re.DOTALL)
 """The end of a note in which cattrs gives the location of an error in a tree."""
-_LONGEST_SHOWN = 200
+_LONGEST_REASON = 1000
+_SHORT = reprlib.Repr()
+_SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 200
 
 
 def structure(kind: type[RecordT], tree: Any, noun: str = 'key') -> RecordT:
@@ -51,7 +55,7 @@ def structure(kind: type[RecordT], tree: Any, noun: str = 'key') -> RecordT:
     try:
         return _CONVERTER.structure(tree, kind)
     except (BaseValidationError, ValueError) as error:
-        raise ConfigError(_reason(error, '', noun)) from None
+        raise ConfigError(_shortened(_reason(error, '', noun))) from None
 
 
 def unstructure(record: Any) -> Any:
@@ -122,19 +126,15 @@ def read_tree(path: str | Path) -> Any:
     """The content of a YAML or JSON file, as plain types; ConfigError if it cannot be read."""
     is_json = Path(path).suffix == '.json'
     try:
-        text = Path(path).read_text(encoding='utf-8')
-        return json.loads(text) if is_json else parse_yaml(text)
+        text = read_text(path)
+        return parse_json(text) if is_json else parse_yaml(text)
     except FileNotFoundError:
         raise ConfigError(f'{path}: no such file') from None
     # ValueError: PyYAML on a date such as 2001-99-99.
-    except (OSError, ValueError, RecursionError, yaml.YAMLError) as error:
-        reason = (getattr(error, 'strerror', None) or str(error)).splitlines()[0]
-        raise ConfigError(f'{path}: not a readable {"JSON" if is_json else "YAML"} file ({reason})') from error
-
-
-def parse_yaml(text: str) -> Any:
-    """YAML text to plain values; as in YAML 1.2 and in ROS, 1e-5 is a number. yaml.YAMLError or ValueError."""
-    return yaml.load(text, _Loader)
+    except (OSError, ValueError, yaml.YAMLError) as error:
+        raise ConfigError(
+            f'{path}: not a readable {"JSON" if is_json else "YAML"} file ({_unreadable(error)})'
+        ) from error
 
 
 def to_yaml(record: Any) -> str:
@@ -147,32 +147,20 @@ def to_json(record: Any) -> str:
     return json.dumps(unstructure(record), indent=1, allow_nan=False) + '\n'
 
 
-def write_whole_file(path: str | Path, content: bytes) -> None:
-    """Write a file atomically: it is complete or does not exist. OSError if it cannot be written."""
-    target = Path(path)
-    partial = target.with_name(f'.{target.name}.{os.getpid()}.partial')
-    try:
-        partial.write_bytes(content)
-        partial.replace(target)
-    finally:
-        partial.unlink(missing_ok=True)
-
-
-class _Loader(yaml.SafeLoader):
-    def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:  # noqa: ARG002 - always deep.
-        """As in SafeLoader, but an alias inside its own anchor, an infinite tree, is refused."""
-        return super().construct_object(node, deep=True)
-
-
 class _Dumper(yaml.SafeDumper):
     pass
 
 
-# PyYAML follows YAML 1.1, where a number with an exponent needs a decimal point and a signed exponent.
-for _resolver in (_Loader, _Dumper):
-    _resolver.add_implicit_resolver(
-        'tag:yaml.org,2002:float', re.compile(r'[-+]?(?:\d+\.?\d*|\.\d+)[eE][-+]?\d+$'), list('-+.0123456789')
-    )
+add_float_resolver(_Dumper)
+
+
+def _unreadable(error: Exception) -> str:
+    if isinstance(error, UnicodeDecodeError):
+        return 'expected UTF-8 text'
+    # The first line of its text says where the parser was in the document, but not what is wrong.
+    if isinstance(error, yaml.MarkedYAMLError) and error.problem and error.problem_mark:
+        return _shortened(f'line {error.problem_mark.line + 1}: {error.problem}')
+    return _shortened((getattr(error, 'strerror', None) or str(error)).splitlines()[0])
 
 
 def _scalar(value: Any, kind: Any) -> Any:
@@ -287,5 +275,9 @@ def _unknown(noun: str, within: str, name: str, known: Iterable[str], fallback_h
 
 
 def _shown(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= _LONGEST_SHOWN else f'{text[:_LONGEST_SHOWN]}…'
+    # Not repr: that of a large tree is a text many times as large.
+    return _SHORT.repr(value)
+
+
+def _shortened(text: str) -> str:
+    return text if len(text) <= _LONGEST_REASON else f'{text[:_LONGEST_REASON]}…'

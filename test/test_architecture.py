@@ -25,6 +25,8 @@ PROJECT = Path(__file__).resolve().parent.parent
 
 ORDER = (
     'errors',
+    'whole_file',
+    'bounded_input',
     'types',
     'geometry',
     'sequence',

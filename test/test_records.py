@@ -12,11 +12,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from offradar_ros.bounded_input import parse_yaml
 from offradar_ros.errors import ConfigError
 from offradar_ros.records import (
     Measure,
     flatten,
-    parse_yaml,
     read_record,
     replace,
     require_writable,
@@ -25,7 +25,6 @@ from offradar_ros.records import (
     to_yaml,
     unstructure,
     write_record,
-    write_whole_file,
 )
 
 
@@ -178,21 +177,31 @@ def test_numbers_with_an_exponent_are_numbers_and_quoted_ones_are_text(text: str
     assert parse_yaml(to_yaml({'a': text})) == {'a': text}
 
 
+@pytest.mark.parametrize(
+    ('content', 'problem'),
+    [
+        (b'query:\n\ttop_k: 5\n', r"line 2: found character '\\t' that cannot start any token"),
+        (b'query: {top_k: 5\n', r"line 2: expected ',' or '}'"),
+        ('query: 1'.encode('utf-16'), 'expected UTF-8 text'),
+        (b'a: *b', "line 1: found undefined alias 'b'"),
+    ],
+)
+def test_what_is_wrong_with_a_text_is_said_with_its_line(tmp_path: Path, content: bytes, problem: str) -> None:
+    path = tmp_path / 'a.yaml'
+    path.write_bytes(content)
+    with pytest.raises(ConfigError, match=problem):
+        read_record(Town, path)
+
+
 def test_json_refuses_nan() -> None:
     with pytest.raises(ValueError, match='nan'):
         to_json(Town(1, height_m=math.nan))
 
 
-def test_a_file_is_written_atomically(tmp_path: Path) -> None:
-    write_whole_file(tmp_path / 'a', b'1')
-    write_whole_file(tmp_path / 'a', b'2')
-    assert (tmp_path / 'a').read_bytes() == b'2'
-    (tmp_path / 'folder').mkdir()
-    with pytest.raises(IsADirectoryError):
-        write_whole_file(tmp_path / 'folder', b'1')
+def test_a_record_that_cannot_be_written(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match='cannot be written'):
         write_record(tmp_path / 'nowhere' / 'a.json', Town(1))
-    assert sorted(path.name for path in tmp_path.iterdir()) == ['a', 'folder']
+    assert list(tmp_path.iterdir()) == []
 
 
 nested = st.recursive(

@@ -6,7 +6,7 @@ import importlib.util
 from pathlib import Path
 
 from offradar_ros.errors import ModelError
-from offradar_ros.records import write_whole_file
+from offradar_ros.whole_file import write_whole_file
 
 
 def require_file(path: str | Path) -> str:

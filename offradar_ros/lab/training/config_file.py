@@ -8,9 +8,10 @@ from typing import Any
 
 import yaml
 
+from offradar_ros.bounded_input import parse_yaml
 from offradar_ros.errors import ConfigError
 from offradar_ros.lab.training.config import TrainingConfig
-from offradar_ros.records import flatten, parse_yaml, read_tree, replace
+from offradar_ros.records import flatten, read_tree, replace
 
 
 def read_config(path: str | Path, settings: Sequence[str] = ()) -> TrainingConfig:
@@ -36,5 +37,5 @@ def _setting(text: str) -> tuple[str, Any]:
         raise ConfigError(f'--set {text!r}: expected KEY=VALUE')
     try:
         return key.strip(), parse_yaml(value)
-    except (ValueError, RecursionError, yaml.YAMLError):
+    except (ValueError, yaml.YAMLError):
         raise ConfigError(f'--set {text!r}: the value is not readable as YAML') from None

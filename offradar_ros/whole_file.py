@@ -1,0 +1,74 @@
+"""Writes a file whole or not at all, so that no reader and no power cut ever meets half of one."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import secrets
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+from typing import BinaryIO
+
+
+@contextlib.contextmanager
+def whole_file(path: str | Path) -> Iterator[BinaryIO]:
+    """Yields a file to write to. It gets the name `path` at the end of the block, when it is on the disk.
+
+    If the block raises, or the file cannot be written, what was at `path` is left as it was. A symbolic link at `path`
+    is replaced, not followed; a file keeps its permissions. OSError for a folder that is missing or not writable, a
+    full disk, and a folder, device or FIFO at `path`.
+    """
+    target = Path(path)
+    mode = _mode(target)
+    # A name that nobody can guess: a link or a file that was put there before would be written to. It does not contain
+    # the target's name, to which nothing can be added where that is as long as the file system allows.
+    draft = target.with_name(f'.offradar-{secrets.token_hex(8)}.partial')
+    # O_CREAT takes the umask into account.
+    descriptor = os.open(draft, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+    try:
+        with os.fdopen(descriptor, 'w+b') as file:
+            if mode is not None:
+                os.fchmod(descriptor, mode)
+            yield file
+            file.flush()
+            os.fsync(descriptor)
+        draft.replace(target)
+    except BaseException:
+        draft.unlink(missing_ok=True)
+        raise
+    sync_folder(target.parent)
+
+
+def write_whole_file(path: str | Path, content: bytes) -> None:
+    """Write `content` to `path`, as `whole_file`."""
+    with whole_file(path) as file:
+        file.write(content)
+
+
+def sync_folder(folder: Path) -> None:
+    """Wait until the names in a folder are on the disk."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+    try:
+        os.fsync(descriptor)
+    except OSError as error:
+        # Some network and overlay file systems cannot do this for a folder; the file itself is on the disk.
+        if error.errno not in (errno.EINVAL, errno.ENOTSUP):
+            raise
+    finally:
+        os.close(descriptor)
+
+
+def _mode(target: Path) -> int | None:
+    """Permissions of the file at `target`, None where there is none; OSError where a file must not be replaced."""
+    try:
+        # Followed: ``/dev/stdout`` is a link, and a name that programs rely on.
+        status = target.stat()
+    except FileNotFoundError:
+        return None
+    if stat.S_ISDIR(status.st_mode):
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(target))
+    if not stat.S_ISREG(status.st_mode):
+        raise OSError(errno.EINVAL, 'Not a regular file', str(target))
+    return None if target.is_symlink() else stat.S_IMODE(status.st_mode)

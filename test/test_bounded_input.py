@@ -1,0 +1,111 @@
+"""Files and texts of unknown origin cannot exhaust time or memory, nor keep a reader waiting."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+import yaml
+from hypothesis import given
+from hypothesis import strategies as st
+
+from offradar_ros.bounded_input import (
+    MAX_DEPTH,
+    MAX_YAML_NODES,
+    parse_json,
+    parse_yaml,
+    read_bounded,
+    read_text,
+)
+from offradar_ros.errors import ConfigError
+from offradar_ros.records import read_tree, structure
+
+
+def test_a_file_is_read_up_to_its_limit(tmp_path: Path) -> None:
+    path = tmp_path / 'a'
+    path.write_bytes(b'12345')
+    assert read_bounded(path, 5) == b'12345'
+    with pytest.raises(OSError, match='Larger than 4 bytes'):
+        read_bounded(path, 4)
+    with pytest.raises(FileNotFoundError):
+        read_bounded(tmp_path / 'b', 4)
+
+
+def test_what_is_not_a_regular_file_is_refused_at_once(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / 'pipe')
+    for path in (tmp_path / 'pipe', tmp_path, Path('/dev/zero')):
+        with pytest.raises(OSError, match=r'directory|regular'):
+            read_bounded(path, 4)
+
+
+def test_a_file_without_an_end_is_refused() -> None:
+    """The kernel gives the size of this file as 0."""
+    with pytest.raises(OSError, match='Larger than 1000 bytes'):
+        read_bounded('/proc/kallsyms', 1000)
+
+
+def test_text_is_utf_8(tmp_path: Path) -> None:
+    (tmp_path / 'a').write_bytes(b'\xff')
+    with pytest.raises(ValueError, match='utf-8'):
+        read_text(tmp_path / 'a')
+
+
+def _laughs(levels: int, width: int = 10) -> str:
+    lines = ['a0: &a0 ha']
+    lines += [f'a{i}: &a{i} [{", ".join([f"*a{i - 1}"] * width)}]' for i in range(1, levels)]
+    return '\n'.join(lines)
+
+
+@pytest.mark.parametrize(
+    ('text', 'problem'),
+    [
+        (_laughs(5000, 2), 'by aliases|deeper'),
+        (_laughs(8), f'more than {MAX_YAML_NODES} values'),
+        ('a: &a ' + 'x' * 1_000_000 + '\nb: [' + ', '.join(['*a'] * 1000) + ']', 'by aliases'),
+        ('[' * (MAX_DEPTH + 2) + ']' * (MAX_DEPTH + 2), 'deeper'),
+        ('[' * 100_000, 'deeper|expected'),
+        ('&a [*a]', 'inside its own anchor'),
+        ('&a {b: &b [*a]}', 'inside its own anchor'),
+        ('x' * 5_000_000, 'longer than'),
+    ],
+)
+def test_yaml_that_would_grow_without_bound(text: str, problem: str) -> None:
+    with pytest.raises((ValueError, yaml.YAMLError), match=problem):
+        parse_yaml(text)
+
+
+def test_aliases_within_bounds_are_read() -> None:
+    assert parse_yaml('a: &a {b: 1}\nc: [*a, *a]') == {'a': {'b': 1}, 'c': [{'b': 1}, {'b': 1}]}
+    chain = ''.join(f'a{i}: &a{i} [*a{i - 1}]\n' for i in range(1, MAX_DEPTH + 3))
+    with pytest.raises(ValueError, match='deeper'):
+        parse_yaml('a0: &a0 1\n' + chain)
+
+
+@pytest.mark.parametrize('text', ['[' * 100_000, '{"a":' * 100 + '1' + '}' * 100, '[' * 70 + ']' * 70, ' ' * 5_000_000])
+def test_json_beyond_bounds(text: str) -> None:
+    with pytest.raises(ValueError, match=r'deeper|longer'):
+        parse_json(text)
+
+
+trees = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.text('ab é', max_size=3),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text('ab', max_size=2), inner, max_size=3),
+)
+
+
+@given(trees)
+def test_texts_within_bounds_are_read_as_they_were_written(tree: object) -> None:
+    assert parse_yaml(yaml.safe_dump(tree, allow_unicode=True)) == tree
+
+
+def test_an_error_about_a_huge_value_is_short(tmp_path: Path) -> None:
+    path = tmp_path / 'a.yaml'
+    path.write_text('x: ' + 'y' * 3_000_000 + ': z')
+    with pytest.raises(ConfigError) as caught:
+        read_tree(path)
+    assert len(str(caught.value)) < 2000
+    for value in ('y' * 10**7, ['y'] * 10**6, {'y' * 10**7: 1}):
+        with pytest.raises(ConfigError) as caught:
+            structure(dict[str, float], {'a': value})
+        assert len(str(caught.value)) < 2000

@@ -1,0 +1,96 @@
+"""A file is written whole or not at all, and nothing else is touched."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from offradar_ros.whole_file import whole_file, write_whole_file
+
+
+def test_the_content_is_replaced_and_nothing_is_left_beside_it(tmp_path: Path) -> None:
+    write_whole_file(tmp_path / 'a', b'1')
+    write_whole_file(tmp_path / 'a', b'2')
+    assert (tmp_path / 'a').read_bytes() == b'2'
+    assert [path.name for path in tmp_path.iterdir()] == ['a']
+
+
+def test_a_block_that_raises_leaves_the_file_as_it_was(tmp_path: Path) -> None:
+    path = tmp_path / 'a'
+    path.write_bytes(b'old')
+    with pytest.raises(KeyboardInterrupt), whole_file(path) as file:
+        file.write(b'half')
+        raise KeyboardInterrupt
+    assert path.read_bytes() == b'old'
+    with pytest.raises(ZeroDivisionError), whole_file(tmp_path / 'new'):
+        raise ZeroDivisionError
+    assert [found.name for found in tmp_path.iterdir()] == ['a']
+
+
+_ON_A_FULL_DISK = """
+import resource, sys
+from offradar_ros.whole_file import write_whole_file
+resource.setrlimit(resource.RLIMIT_FSIZE, (1000, 1000))
+try:
+    write_whole_file(sys.argv[1], b'x' * int(sys.argv[2]))
+except OSError as error:
+    print(error.strerror)
+"""
+
+
+@pytest.mark.parametrize(('size', 'content', 'said'), [(100_000, b'old', 'File too large'), (10, b'x' * 10, '')])
+def test_a_full_disk_leaves_the_file_as_it_was(tmp_path: Path, size: int, content: bytes, said: str) -> None:
+    path = tmp_path / 'a'
+    path.write_bytes(b'old')
+    command = [sys.executable, '-c', _ON_A_FULL_DISK, str(path), str(size)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout.strip() == said
+    assert path.read_bytes() == content
+    assert [found.name for found in tmp_path.iterdir()] == ['a']
+
+
+def test_a_file_keeps_its_permissions_and_a_new_one_follows_the_umask(tmp_path: Path) -> None:
+    path = tmp_path / 'a'
+    before = os.umask(0o027)
+    try:
+        write_whole_file(path, b'1')
+        assert path.stat().st_mode & 0o777 == 0o640
+        path.chmod(0o604)
+        write_whole_file(path, b'2')
+        assert path.stat().st_mode & 0o777 == 0o604
+    finally:
+        os.umask(before)
+
+
+def test_a_link_is_replaced_and_not_followed(tmp_path: Path) -> None:
+    path = tmp_path / 'link'
+    (tmp_path / 'other').write_bytes(b'of somebody else')
+    path.symlink_to(tmp_path / 'other')
+    write_whole_file(path, b'ours')
+    assert not path.is_symlink()
+    assert path.read_bytes() == b'ours'
+    assert (tmp_path / 'other').read_bytes() == b'of somebody else'
+
+
+def test_devices_folders_and_pipes_are_never_replaced(tmp_path: Path) -> None:
+    (tmp_path / 'folder').mkdir()
+    os.mkfifo(tmp_path / 'pipe')
+    (tmp_path / 'null').symlink_to('/dev/null')
+    for name in ('folder', 'pipe', 'null'):
+        with pytest.raises(OSError, match=r'directory|regular') as caught:
+            write_whole_file(tmp_path / name, b'1')
+        assert caught.value.strerror
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['folder', 'null', 'pipe']
+
+
+def test_a_name_as_long_as_the_file_system_allows(tmp_path: Path) -> None:
+    path = tmp_path / ('a' * 255)
+    write_whole_file(path, b'1')
+    assert path.read_bytes() == b'1'
+    with pytest.raises(OSError, match='too long'):
+        write_whole_file(tmp_path / ('a' * 256), b'1')
+    assert [found.name for found in tmp_path.iterdir()] == [path.name]
