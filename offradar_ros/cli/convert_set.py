@@ -22,6 +22,7 @@ class ConvertOptions(NamedTuple):
     layout: str
     bag: BagOptions
     skip_unreadable: bool
+    radar: RadarConfig
 
 
 def convert_set(
@@ -48,7 +49,7 @@ def convert_set(
 def _converted(source: Path, bag: Path, options: ConvertOptions, shares: Shares) -> Union[Conversion, str]:
     """The report, or the error: a sequence that cannot be converted does not stop the others."""
     try:
-        sequence = open_source(source, options.layout, RadarConfig())
+        sequence = open_source(source, options.layout, options.radar)
         return convert_sequence(sequence, bag, options.bag, options.skip_unreadable, share_reporter(shares))
     except OffradarError as error:
         return str(error)

@@ -108,9 +108,7 @@ def angles_of_counts(
     return RowAngles(at * (2 * np.pi / size), mended)
 
 
-def at_every_row(
-    rows: NDArray[np.intp], values: NDArray[np.float64], step: float, count: int
-) -> NDArray[np.float64]:
+def at_every_row(rows: NDArray[np.intp], values: NDArray[np.float64], step: float, count: int) -> NDArray[np.float64]:
     """(`count`,) values at every row: interpolated between `rows`, and by `step` a row beyond them."""
     every = np.arange(count)
     inside = np.interp(every, rows, values)
@@ -125,9 +123,7 @@ def _what_is_wrong(counts: NDArray[np.int64], rows: int) -> str:
     return f'the encoder counts of the {rows} rows do not increase'
 
 
-def _in_sequence(
-    counts: NDArray[np.int64], rows: NDArray[np.intp], step: float, size: int
-) -> NDArray[np.bool_]:
+def _in_sequence(counts: NDArray[np.int64], rows: NDArray[np.intp], step: float, size: int) -> NDArray[np.bool_]:
     """(N,) which counts belong to the longest sequence that advances as an encoder does.
 
     From one of its rows to the next the count advances by at least half of what is due. More is allowed, as rows may be

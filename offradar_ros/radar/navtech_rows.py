@@ -123,7 +123,7 @@ def split_rows(
     try:
         rows = measured_rows(counts, stamps, written, power, config, scan_stamp_ns)
     except RefusedInput as refusal:
-        raise _explained(refusal, image, config) from None
+        raise _explained(refusal, image) from None
     return rows, power
 
 
@@ -160,7 +160,7 @@ def equal_angles(rows: int, config: RadarConfig) -> NDArray[np.float64]:
     return np.arange(rows, dtype=np.float64) * (2 * np.pi / max(config.azimuth_samples, rows))
 
 
-def _explained(refusal: RefusedInput, image: NDArray[np.uint8], config: RadarConfig) -> RefusedInput:
+def _explained(refusal: RefusedInput, image: NDArray[np.uint8]) -> RefusedInput:
     """The refusal of an image's counts; a clearer one where there are none, or they are elsewhere."""
     if has_metadata(image):
         return refusal

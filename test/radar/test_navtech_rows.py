@@ -131,7 +131,8 @@ def sound_image(counts: np.ndarray | None = None, stamps: np.ndarray | None = No
     counts = 7 + 14 * np.arange(400) if counts is None else counts
     stamps = START_NS // 1000 + 625 * np.arange(400) if stamps is None else stamps
     power = np.random.default_rng(3).integers(1, 200, (len(counts), bins)).astype(np.uint8)
-    return packed_rows(stamps.tolist(), counts.tolist(), 255, power).copy()
+    image: np.ndarray = packed_rows(stamps.tolist(), counts.tolist(), 255, power).copy()
+    return image
 
 
 @pytest.mark.parametrize('stamps', [np.zeros(400, int), 900_000_000 + 625 * np.arange(400), np.full(400, -5)])
@@ -196,7 +197,7 @@ def test_a_turned_or_mirrored_image_is_refused_as_such(turns: int, mirrored: boo
 
 def test_rows_of_power_alone_are_refused_where_metadata_is_required() -> None:
     image = np.random.default_rng(0).integers(0, 256, (400, 3360)).astype(np.uint8)
-    with pytest.raises(RefusedInput, match='set radar.metadata_columns to 0 if all 3360 bytes are power') as refused:
+    with pytest.raises(RefusedInput, match=r'set radar\.metadata_columns to 0 if all 3360 bytes are power') as refused:
         rows_of(image)
     assert refused.value.cause == 'no_metadata'
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -31,7 +33,7 @@ def test_equal_stamps_are_kept() -> None:
     assert set(stamps.stamps_ns.tolist()) == {START_NS}
 
 
-WRONG = {
+WRONG: dict[str, Callable[[np.ndarray], np.ndarray]] = {
     'another year': lambda at: TRUE_NS[at] + 365 * 86_400 * 10**9,
     'zero': lambda at: 0 * at,
     'the largest number': lambda at: 0 * at + (2**63 - 1),

@@ -35,7 +35,9 @@ def b_scan(rows: int = 400, encoders: list[int] | None = None) -> SimpleNamespac
         height=rows, width=100, step=100, encoding='8UC1', data=power.tobytes(),
     )  # fmt: skip
     angles = [(7 + 14 * row) % 5600 for row in range(rows)] if encoders is None else encoders
-    return SimpleNamespace(b_scan_img=image, encoder_values=angles, timestamps=[FIRST_NS + 625_000 * row for row in range(rows)])
+    return SimpleNamespace(
+        b_scan_img=image, encoder_values=angles, timestamps=[FIRST_NS + 625_000 * row for row in range(rows)]
+    )
 
 
 def test_bin_size_is_in_tenths_of_a_millimetre() -> None:

@@ -19,6 +19,7 @@ from offradar_ros.recordings.datasets.check.findings import Finding, Findings, c
 from offradar_ros.recordings.datasets.check.scans import ROW_FAULTS
 from offradar_ros.recordings.datasets.check.sizes import Sizes
 from offradar_ros.recordings.datasets.check.stamps import check_stamps
+from offradar_ros.recordings.row_tally import MENDED
 
 
 def check_bag(path: str | Path, radar: RadarConfig | None = None, position: PositionConfig | None = None) -> Findings:
@@ -45,7 +46,7 @@ def _findings(bag: Bag, radar: RadarConfig, max_gap_s: float) -> Iterator[Findin
             refused.setdefault(refusal.cause, []).append(str(refusal))
         else:
             sizes.add(scan, f'at {scan.stamp_ns} ns')
-            mended.update(fault for fault in scan.row_faults if fault not in ('no_power', 'saturated'))
+            mended.update(fault for fault in scan.row_faults if fault in MENDED)
     yield from sizes.findings()
     for cause, messages in sorted(refused.items()):
         yield problem(f'{counted(len(messages), "scan")} would be refused ({cause}): {messages[0]}')

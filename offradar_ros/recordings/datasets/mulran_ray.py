@@ -109,9 +109,7 @@ def _row_of(line: str, columns: int, encoder_size: int) -> tuple[int, int, NDArr
     """Stamp in ns, encoder count and powers of a line; ValueError says what is wrong with it."""
     cells = line.split(',')
     if len(cells) != columns or columns <= _LEADING:
-        raise ValueError(
-            f'expected stamp, azimuth, encoder, counter and powers in {columns} columns, got {len(cells)}'
-        )
+        raise ValueError(f'expected stamp, azimuth, encoder, counter and powers in {columns} columns, got {len(cells)}')
     azimuth_deg, powers = float(cells[1]), np.array(cells[_LEADING:]).astype(np.int64)
     if powers.min() < 0 or powers.max() > 255 or not math.isfinite(azimuth_deg):
         raise ValueError('expected a finite azimuth and powers of 0 to 255')

@@ -167,7 +167,7 @@ def test_ray_files(tmp_path: Path, scan_writers: Writers, folder: str) -> None:
     assert scan.azimuth_stamps_ns[-1] == START_NS
 
 
-DAMAGED_LINES = {
+DAMAGED_LINES: dict[str, Callable[[str], str]] = {
     'another column': lambda line: line + ',7',
     'a power of 256': lambda line: line.rpartition(',')[0] + ',256',
     'a power below 0': lambda line: line.rpartition(',')[0] + ',-1',
