@@ -23,6 +23,7 @@ from offradar_ros.mapping.sessions import SessionMap
 from offradar_ros.messages import point_from_fix, pose_from_odometry, stamp_ns
 from offradar_ros.ros import qos
 from offradar_ros.ros.embedding_message import embedding_record, model_record
+from offradar_ros.ros.ledger import Ledger
 from offradar_ros.ros.place_message import PlaceRows, descriptors_message, map_message, read_the_file_message
 from offradar_ros.ros.run import run
 from offradar_ros.ros.stage_node import StageNode
@@ -42,12 +43,13 @@ class MapServerNode(StageNode):
 
     def __init__(self, **options: Any) -> None:
         super().__init__('map_server', **options)
+        self._received = Ledger('embeddings')
         self._map_view = self.publisher(PointCloud2, 'map', qos.LATCHED)
         self._rows = self.publisher(PointCloud2, 'map/descriptors', qos.LATCHED)
         self._updates = self.publisher(PointCloud2, 'map/updates', qos.UPDATES)
         self._handled = self.publisher(Header, '~/handled', qos.UPDATES)
         self.subscribe(DiagnosticStatus, 'embedding/model', qos.LATCHED, self._on_model)
-        self.subscribe(PointCloud2, 'embedding', qos.RESULTS, self._on_embedding)
+        self.subscribe(PointCloud2, 'embedding', qos.RESULTS, self._on_embedding, ledger=self._received)
         if self.config.position.source == 'fix':
             self.subscribe(NavSatFix, 'gps/fix', qos.POSITIONS, self._on_fix)
         else:
@@ -106,6 +108,7 @@ class MapServerNode(StageNode):
 
     def _on_embedding(self, message: PointCloud2) -> None:
         self._last_stamp_ns = stamp_ns(message.header.stamp)
+        self._received.settle('taken_up')
         try:
             self._publish_updates(self.stage.add_embedding(embedding_record(message, 'embedding')))
         finally:

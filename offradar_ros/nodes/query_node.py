@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+import traceback
 from typing import Any
 
 import numpy as np
@@ -19,13 +20,14 @@ from offradar_ros.errors import RefusedInput
 from offradar_ros.messages import pose_from_odometry, stamp_ns
 from offradar_ros.ros import qos
 from offradar_ros.ros.embedding_message import embedding_record
+from offradar_ros.ros.ledger import Ledger
 from offradar_ros.ros.localisation_message import localisation_message, localisation_pose_message
 from offradar_ros.ros.outcome_message import match_message, match_pose_message, rejection_message
 from offradar_ros.ros.place_message import descriptors_record, is_read_the_file
 from offradar_ros.ros.run import run
 from offradar_ros.ros.stage_node import StageNode
 from offradar_ros.stages.query import QueryStage
-from offradar_ros.types import Embedding, LocalisationState, Match
+from offradar_ros.types import Embedding, LocalisationState, Match, Outcome, Reason, Rejection
 
 
 class QueryNode(StageNode):
@@ -40,6 +42,7 @@ class QueryNode(StageNode):
     def __init__(self, **options: Any) -> None:
         super().__init__('query', **options)
         self.stage = QueryStage(self.config.query, self.config.localisation)
+        self._received, self._updates = Ledger('embeddings'), Ledger('updates')
         self._matches = self.publisher(PointCloud2, 'matches', qos.RESULTS)
         self._poses = self.publisher(PoseWithCovarianceStamped, 'match_pose', qos.RESULTS)
         self._rejections = self.publisher(DiagnosticArray, 'rejections', qos.RESULTS)
@@ -48,9 +51,9 @@ class QueryNode(StageNode):
         self._p_on_map = self.publisher(Float64, 'p_on_map', qos.RESULTS)
         self.create_service(Trigger, '~/relocalise', self._relocalise)
         self.subscribe(PointCloud2, 'map/descriptors', qos.LATCHED, self._on_map)
-        self.subscribe(PointCloud2, 'map/updates', qos.UPDATES, self._on_update)
+        self.subscribe(PointCloud2, 'map/updates', qos.UPDATES, self._on_update, ledger=self._updates)
         self.subscribe(Odometry, 'odometry', qos.POSITIONS, self._on_odometry)
-        self.subscribe(PointCloud2, 'embedding', qos.RESULTS, self._on_embedding)
+        self.subscribe(PointCloud2, 'embedding', qos.RESULTS, self._on_embedding, ledger=self._received)
 
     def configure(self) -> None:
         """Start with an empty map, or with the file that `query.map_path` names."""
@@ -89,6 +92,7 @@ class QueryNode(StageNode):
         self.get_logger().info(f'map of {self.stage.places} places')
 
     def _on_update(self, message: PointCloud2) -> None:
+        self._updates.settle('taken_up')
         rows = descriptors_record(message, 'map/updates')
         self.stage.update(rows.table, rows.model, committed=rows.committed)
 
@@ -98,15 +102,26 @@ class QueryNode(StageNode):
         except RefusedInput as problem:
             self.refuse(problem, 'embedding')
             embedding = Embedding(stamp_ns(message.header.stamp), np.empty(0, np.float32), np.empty(0, np.float32))
-        outcome = self.stage.query(embedding)
+        outcome = self._outcome(embedding)
         if isinstance(outcome, Match):
             self.status.counts['matched'] += 1
+            self._received.settle('matched')
             self._matches.publish(match_message(outcome))
             self._poses.publish(match_pose_message(outcome, self.config.query.position_sigma_m))
         else:
             self.status.counts[f'rejected.{outcome.reason.value}'] += 1
+            self._received.settle('rejected')
             self._rejections.publish(rejection_message(outcome))
         self.guarded('localisation', self._localise)
+
+    def _outcome(self, embedding: Embedding) -> Outcome:
+        """The answer; also where the search fails, so that no scan waits for one."""
+        try:
+            return self.stage.query(embedding)
+        except Exception as error:
+            self.refuse(RefusedInput('internal_error', traceback.format_exc()), 'embedding')
+            detail = f'the search failed: {type(error).__name__}'
+            return Rejection(embedding.stamp_ns, Reason.INVALID_EMBEDDING, math.nan, self.stage.threshold, (), detail)
 
     def _localise(self) -> None:
         found = self.stage.localise()

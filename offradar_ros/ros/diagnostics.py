@@ -42,10 +42,10 @@ class NodeStatus:
             self.handled += 1
             self._latencies_s.append(self._clock() - received_s)
 
-    def drop(self, cause: str) -> None:
-        """One message dropped."""
+    def drop(self, cause: str, count: int = 1) -> None:
+        """One message dropped, or `count` of them."""
         with self._lock:
-            self.drops[cause] += 1
+            self.drops[cause] += count
 
     def message(self, stamp_ns: int) -> DiagnosticArray:
         """Report, and start the next period; WARN if anything was dropped in this one."""

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import time
 import traceback
-from collections.abc import Callable
-from typing import Any, TypeVar
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any, TypeVar, cast
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
@@ -20,11 +21,21 @@ from rclpy.subscription import Subscription
 
 from offradar_ros.config import Config
 from offradar_ros.errors import OffradarError, RefusedInput
+from offradar_ros.messages import stamp_ns
 from offradar_ros.ros import parameters, qos
 from offradar_ros.ros.connections import serve_subscribers
 from offradar_ros.ros.diagnostics import NodeStatus
+from offradar_ros.ros.ledger import Ledger
+from offradar_ros.ros.lost_messages import LostMessages
 
 MessageT = TypeVar('MessageT')
+
+
+def _stamp_of(message: Any) -> int | None:
+    header = getattr(message, 'header', None)
+    return None if header is None else stamp_ns(header.stamp)
+
+
 LOG_PERIOD_S = 5.0
 
 
@@ -53,6 +64,8 @@ class StageNode(LifecycleNode):
         self.active = False
         self._outputs: list[Publisher] = []
         self._latched: dict[str, Callable[[], None]] = {}
+        self.ledgers: list[Ledger] = []
+        """What became of the messages of the inputs that are answered."""
         self._failure: OffradarError | None = None
         self._last_logged_s: dict[str, float] = {}
         serve_subscribers(self, self._outputs)
@@ -143,16 +156,33 @@ class StageNode(LifecycleNode):
         return publisher
 
     def subscribe(
-        self, message_type: type[MessageT], topic: str, profile: QoSProfile, handle: Callable[[MessageT], None]
+        self,
+        message_type: type[MessageT],
+        topic: str,
+        profile: QoSProfile,
+        handle: Callable[[MessageT], None],
+        *,
+        ledger: Ledger | None = None,
     ) -> Subscription:
-        """A subscription whose callback is `guarded`."""
+        """A subscription whose callback is `guarded`.
 
+        With a `ledger`, messages that never arrive are counted there and as `lost_before_arrival`, and those that come
+        while the node is inactive as `inactive`.
+        """
         latched = profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+        if ledger:
+            self.ledgers.append(ledger)
+        lost = LostMessages(partial(self.count_publishers, topic))
 
-        def receive(message: MessageT) -> None:
+        # rclpy gives the second argument, with the publisher's number of the message, to callbacks that take two.
+        def receive(message: MessageT, info: Mapping[str, Any]) -> None:
             if latched:
-                self._latched[topic] = lambda: receive(message)
+                self._latched[topic] = lambda: receive(message, info)
+            if ledger:
+                self._book(ledger, topic, lost.arrived(info, _stamp_of(message)))
             if not self.active:
+                if ledger:
+                    ledger.settle('inactive')
                 return
             received_s = time.monotonic()
             if self.guarded(topic, lambda: handle(message)) and topic == self.timed_topic:
@@ -161,10 +191,18 @@ class StageNode(LifecycleNode):
         return self.create_subscription(
             message_type,
             topic,
-            receive,
+            cast(Any, receive),
             profile,
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
+
+    def _book(self, ledger: Ledger, topic: str, lost: int) -> None:
+        """One message of `topic` arrived, after `lost` that did not."""
+        ledger.receive()
+        if lost:
+            ledger.lose(lost)
+            problem = f'{lost} messages before this one were lost on the way: they come faster than they are taken up'
+            self.refuse(RefusedInput('lost_before_arrival', problem), topic, lost)
 
     def guarded(self, topic: str, work: Callable[[], None]) -> bool:
         """Do `work` for a message of `topic`; an error is counted and logged, never raised. True if there was none."""
@@ -189,9 +227,9 @@ class StageNode(LifecycleNode):
         else:
             print(f'[{self.get_name()}]: {text}', flush=True)
 
-    def refuse(self, problem: RefusedInput, topic: str) -> None:
-        """Count a drop and log its reason, each cause at most once in 5 s."""
-        self.status.drop(problem.cause)
+    def refuse(self, problem: RefusedInput, topic: str, count: int = 1) -> None:
+        """Count a drop, or `count` of them, and log the reason, each cause at most once in 5 s."""
+        self.status.drop(problem.cause, count)
         now_s = time.monotonic()
         if self.context.ok() and now_s - self._last_logged_s.get(problem.cause, -LOG_PERIOD_S) >= LOG_PERIOD_S:
             self._last_logged_s[problem.cause] = now_s
@@ -212,4 +250,6 @@ class StageNode(LifecycleNode):
             return
         if self.active:
             self.periodic()
+        for ledger in self.ledgers:
+            self.status.facts |= ledger.values()
         self._diagnostics.publish(self.status.message(self.now_ns()))

@@ -178,7 +178,7 @@ def test_every_form_is_refused_for_the_same_cause(tmp_path: Path, form: str, cau
 
 
 @pytest.mark.parametrize('first_ns', [0, 900 * 10**9])
-@pytest.mark.parametrize('form', [form for form in FORMS if form != 'ray'])
+@pytest.mark.parametrize('form', FORMS)
 def test_rows_of_a_clock_that_nobody_set_get_the_stamp_of_the_scan(tmp_path: Path, form: str, first_ns: int) -> None:
     stamps_ns = first_ns + (625_000 * np.arange(ROWS, dtype=np.int64) if first_ns else np.zeros(ROWS, np.int64))
     scan = FORMS[form](dataclasses.replace(SOUND, stamps_ns=stamps_ns), tmp_path)

@@ -22,7 +22,7 @@ from offradar_ros.radar.navtech_rows import measured_rows
 from offradar_ros.recordings.datasets.folders import files_of, first_folder, lines_of, sequence_folder
 from offradar_ros.recordings.datasets.mulran import candidate_folders, position_files
 from offradar_ros.recordings.datasets.sequence import RecordedSequence, in_stamp_order
-from offradar_ros.recordings.datasets.stamp_names import parse_stamp_ns, stamp_of_name
+from offradar_ros.recordings.datasets.stamp_names import stamp_of_name
 from offradar_ros.types import PolarScan
 
 LOOKS_FOR = '<ns>.csv, one a scan, also under ray/ or sensor_data/radar/ray/ (MulRan ray form)'
@@ -117,4 +117,4 @@ def _row_of(line: str, columns: int, encoder_size: int) -> tuple[int, int, NDArr
     count = int(cells[2]) or round(azimuth_deg * encoder_size / 360.0)
     if not 0 <= count <= _LARGEST_COUNT:
         raise ValueError(f'expected an encoder count of 0 to {_LARGEST_COUNT}, got {count}')
-    return parse_stamp_ns(cells[0]), count, powers
+    return int(cells[0]), count, powers
