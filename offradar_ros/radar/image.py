@@ -71,7 +71,7 @@ def _require_no_metadata(image: NDArray[np.uint8]) -> None:
             f'with stamps and encoder counts that can be read: set radar.metadata_columns to 0 if all are power, or to '
             '11 and radar.row_angles to equal if the first 11 are not',
         )
-    if is_turned(image):
+    if has_metadata(image) or is_turned(image):
         raise RefusedInput(
             'turned_image',
             f'the image of {image.shape[0]} rows of {image.shape[1]} bytes is turned or mirrored: its metadata columns '

@@ -22,7 +22,14 @@ from numpy.typing import NDArray
 
 from offradar_ros.config import RadarConfig
 from offradar_ros.errors import RefusedInput
-from offradar_ros.radar.encoder_counts import FEWEST_ROWS, WAY_OUT, angles_of_counts, step_of
+from offradar_ros.radar.encoder_counts import (
+    FEWEST_ROWS,
+    KNOWN_SIZES,
+    WAY_OUT,
+    angles_of_counts,
+    full_turn_counts,
+    step_of,
+)
 from offradar_ros.radar.profiles import PROFILES
 from offradar_ros.radar.row_stamps import RowStamps, sound_stamps, unit_ns
 from offradar_ros.types import PolarScan
@@ -30,6 +37,7 @@ from offradar_ros.types import PolarScan
 METADATA_BYTES = 11
 # With fewer rows, stamps and counts must both be sound for the bytes to be recognised as such.
 _ENOUGH_ROWS = 16
+_USUAL_ROWS = 400
 _ROTATION_UNITS = 30 * 10**9
 _MOST = 0.75
 
@@ -59,16 +67,21 @@ def _columns(image: NDArray[np.uint8]) -> tuple[NDArray[np.int64], NDArray[np.in
 def has_metadata(image: NDArray[np.uint8]) -> bool:
     """Whether each row of an (A, W) image starts with stamp, encoder and valid byte, found by content, not by size.
 
-    Either is enough where most rows agree: stamps in order within a rotation, of any year from 2000 to 2100, or
-    counts that advance by equal steps beside stamps of one clock, set or not. So an image whose counts or stamps are
-    useless is still recognised, and its 11 bytes are never power. Rows without both were not measured.
+    Either is enough where most rows agree: stamps in order within a rotation, of any year from 2000 to 2100; or counts
+    that advance by equal steps, beside stamps of one clock, set or not, or over a turn of a known size. So an image
+    whose counts or stamps are useless is still recognised, and its 11 bytes are never power. Rows without both were not
+    measured.
     """
     if image.ndim != 2 or image.shape[1] <= METADATA_BYTES or image.shape[0] < FEWEST_ROWS:
         return False
     stamps, counts = _columns(image)
     rows = np.flatnonzero((stamps != 0) | (counts != 0))
-    if len(rows) < FEWEST_ROWS or not _of_one_clock(stamps[rows]):
+    if len(rows) < FEWEST_ROWS:
         return False
+    if not _of_one_clock(stamps[rows]):
+        step = step_of(counts[rows], rows)
+        is_turn = step > 0.0 and full_turn_counts(step, len(image), KNOWN_SIZES[0], _USUAL_ROWS) is not None
+        return is_turn and len(rows) >= _ENOUGH_ROWS and _advances(counts[rows], rows)
     timed = unit_ns(stamps[rows], None) is not None
     if len(rows) < _ENOUGH_ROWS:
         return timed and step_of(counts[rows], rows) > 0.0

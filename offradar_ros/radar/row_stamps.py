@@ -53,7 +53,7 @@ def sound_stamps(
     `lost` is how many of the rows without a stamp were measured all the same.
 
     A stamp is wrong if it is a rotation or more away from most others, or not in their order. None are returned if
-    the clock was never set, or over `LARGEST_SHARE_MENDED` of the stamps are wrong.
+    the clock was never set, or is set during the scan, or over `LARGEST_SHARE_MENDED` of the stamps are wrong.
     """
     rows = np.flatnonzero(written)
     unit = unit_ns(stamps[rows], scan_stamp_ns) if len(rows) else None
@@ -71,6 +71,9 @@ def sound_stamps(
         return RowStamps(None)
     kept = rows[in_order]
     first = int(stamps[kept[0]])
+    if (int(stamps[kept[-1]]) - first) * unit > LONGEST_ROTATION_NS:
+        # As if the clock had been set during the rotation.
+        return RowStamps(None)
     after = (stamps[kept] - first).astype(np.float64)
     step = float(np.median(np.diff(after) / np.diff(kept))) if len(kept) > 1 else 0.0
     every = np.rint(at_every_row(kept, after, step, len(stamps))).astype(np.int64)

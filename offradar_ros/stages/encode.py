@@ -69,7 +69,8 @@ class EncodeStage:
             embedding = self.encoder.encode(scan)
         except RefusedInput:
             raise
-        except Exception as error:
+        except (Exception, SystemExit) as error:
+            # An encoder of another package may even try to exit.
             reason = ' '.join(str(error).split())
             raise RefusedInput('encoder_failed', f'{info.name} failed: {type(error).__name__}: {reason}') from error
         if not isinstance(embedding, Embedding):

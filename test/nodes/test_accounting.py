@@ -1,4 +1,4 @@
-"""Every scan that was sent is answered or counted, whatever happens to it: sent = received + lost, received = the ends."""
+"""Every scan that was sent is answered or counted, whatever happens to it."""
 
 from __future__ import annotations
 

@@ -135,7 +135,18 @@ def sound_image(counts: np.ndarray | None = None, stamps: np.ndarray | None = No
     return image
 
 
-@pytest.mark.parametrize('stamps', [np.zeros(400, int), 900_000_000 + 625 * np.arange(400), np.full(400, -5)])
+@pytest.mark.parametrize(
+    'stamps',
+    [
+        np.zeros(400, int),
+        900_000_000 + 625 * np.arange(400),
+        np.full(400, -5),
+        np.random.default_rng(0).integers(-(2**62), 2**62, 400),
+        START_NS + 625_000 * np.arange(400) + np.where(np.arange(400) < 200, 0, 3600 * 10**9),
+        START_NS // 10**6 + np.arange(400) * 625 // 1000,
+    ],
+    ids=['zero', 'from 1970', 'negative', 'random', 'set during the scan', 'milliseconds'],
+)
 def test_metadata_of_a_clock_that_nobody_set_is_recognised_and_its_stamps_are_not_used(stamps: np.ndarray) -> None:
     image = sound_image(stamps=stamps)
     assert has_metadata(image)

@@ -81,6 +81,7 @@ def test_stamps_that_contradict_each_other_are_not_used() -> None:
     stamps[::3] += 365 * 86_400 * 10**9
     assert found(stamps).stamps_ns is None
     assert found(TRUE_NS[::-1].copy()).stamps_ns is None
+    assert found(TRUE_NS + np.where(np.arange(400) < 200, 0, 3600 * 10**9)).stamps_ns is None
 
 
 @pytest.mark.parametrize('stamps', [np.zeros(400), 900 * 10**6 + 625 * np.arange(400), np.full(400, -1)])

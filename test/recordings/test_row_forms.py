@@ -205,6 +205,21 @@ TURNED: dict[str, Callable[[NDArray[np.uint8]], NDArray[np.uint8]]] = {
 
 
 @pytest.mark.parametrize('turned', TURNED)
+@pytest.mark.parametrize('axis', ['auto', 'rows', 'columns'])
+def test_metadata_are_recognised_beside_any_number_of_bins(turned: str, axis: str) -> None:
+    image = np.ascontiguousarray(TURNED[turned](stored(SOUND)[:, : 11 + 500]))
+    fields: dict[str, Any] = {'height': image.shape[0], 'width': image.shape[1], 'step': image.shape[1]}
+    config = RadarConfig(range_resolution_m=0.1736, azimuth_axis=axis)
+    try:
+        scan = decode_polar_image(image, **fields, encoding='8UC1', stamp_ns=STAMP_NS, config=config)
+    except RefusedInput as refusal:
+        assert refusal.cause == 'turned_image'
+    else:
+        assert turned == 'as it is'
+        assert np.array_equal(scan.power, SOUND.power[:, :500])
+
+
+@pytest.mark.parametrize('turned', TURNED)
 @pytest.mark.parametrize('columns', COLUMNS)
 def test_the_11_bytes_are_never_power_unless_it_is_said(turned: str, columns: str) -> None:
     """Though the parameters give the range resolution, with which any number of bins is accepted."""

@@ -94,8 +94,8 @@ def test_a_defect_of_a_decoder_is_answered_as_invalid() -> None:
     assert 'ZeroDivisionError' in str(encoded.problem)
 
 
-@pytest.mark.parametrize('error', [RuntimeError('out of\nmemory'), MemoryError(), ValueError('shape'), KeyError(3)])
-def test_a_scan_that_the_encoder_fails_at_is_answered_as_invalid(error: Exception) -> None:
+@pytest.mark.parametrize('error', [RuntimeError('out of\nmemory'), MemoryError(), ValueError('shape'), SystemExit(3)])
+def test_a_scan_that_the_encoder_fails_at_is_answered_as_invalid(error: BaseException) -> None:
     class Failing(StubEncoder):
         def encode(self, scan: PolarScan) -> Embedding:
             raise error

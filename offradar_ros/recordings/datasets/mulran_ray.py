@@ -14,12 +14,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from offradar_ros.bounded_input import read_bounded
 from offradar_ros.config import RadarConfig
 from offradar_ros.errors import DataError, RefusedInput
 from offradar_ros.radar.encoder_counts import LARGEST_SHARE_MENDED
 from offradar_ros.radar.image import scan_from_rows
 from offradar_ros.radar.navtech_rows import measured_rows
-from offradar_ros.recordings.datasets.folders import files_of, first_folder, lines_of, sequence_folder
+from offradar_ros.recordings.datasets.folders import files_of, first_folder, sequence_folder
 from offradar_ros.recordings.datasets.mulran import candidate_folders, position_files
 from offradar_ros.recordings.datasets.sequence import RecordedSequence, in_stamp_order
 from offradar_ros.recordings.datasets.stamp_names import stamp_of_name
@@ -31,6 +32,8 @@ _FEWEST_COLUMNS = 64
 _LARGEST_COUNT = 65535
 _FIRST_SCANS = 5
 _MOST_READ = 2**18
+# As text, and some for stamp and angle of the row.
+_BYTES_OF_A_VALUE = 5
 _REMARKS = (
     'ray without polar_oxford_form: nothing is missing, azimuths and stamps of rows are in the files, but text is read '
     'slowly, and a scan has the stamp of its last row (offradar convert makes a bag of it)',
@@ -51,6 +54,8 @@ def _scan_files(folder: Path) -> list[Path]:
 def _is_ray(path: Path) -> bool:
     """Whether one of the first lines has as many columns as a scan has range bins; the others may be damaged."""
     try:
+        if not path.is_file():
+            return False
         with path.open('rb') as file:
             return any(line.count(b',') >= _FEWEST_COLUMNS for line in file.read(_MOST_READ).splitlines())
     except OSError:
@@ -80,7 +85,12 @@ def read_ray_scan(path: Path, stamp_ns: int, radar: RadarConfig) -> PolarScan:
     DataError names the first line that is damaged if more than `LARGEST_SHARE_MENDED` are; RefusedInput as
     `measured_rows` and `scan_from_rows`.
     """
-    lines = lines_of(path, 'ascii')
+    try:
+        # A byte that is no text damages its line only.
+        text = read_bounded(path, _BYTES_OF_A_VALUE * radar.max_image_bytes).decode('ascii', errors='replace')
+    except OSError as error:
+        raise DataError(f'{path}: cannot be read ({error.strerror})') from None
+    lines = text.splitlines()
     if not lines:
         raise DataError(f'{path}: empty file: expected a line an azimuth')
     columns = Counter(line.count(',') + 1 for line in lines).most_common(1)[0][0]

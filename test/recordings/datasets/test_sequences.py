@@ -173,6 +173,7 @@ DAMAGED_LINES: dict[str, Callable[[str], str]] = {
     'a power below 0': lambda line: line.rpartition(',')[0] + ',-1',
     'no stamp': lambda line: 'x' + line.partition(',')[1] + line.partition(',')[2],
     'no line': lambda line: '',
+    'no text': lambda line: line[:40] + '\xe9' + line[41:],
     'an azimuth that is no number': lambda line: ','.join([line.split(',')[0], 'nan', *line.split(',')[2:]]),
 }
 
@@ -186,7 +187,7 @@ def test_a_damaged_line_of_a_ray_file_is_a_row_without_power(
     at = np.linspace(0, 399, count).astype(int)
     for row in at:
         lines[row] = DAMAGED_LINES[kind](lines[row])
-    (tmp_path / f'{START_NS}.csv').write_text('\n'.join(lines) + '\n')
+    (tmp_path / f'{START_NS}.csv').write_text('\n'.join(lines) + '\n', encoding='latin-1')
     scan = open_sequence(tmp_path, radar=RadarConfig(range_resolution_m=0.06)).scan(0)
     assert scan.row_faults == {'damaged': count, 'no_power': count}
     assert scan.azimuths_rad == pytest.approx((9 + 14 * np.arange(400)) * 2 * np.pi / 5600)
@@ -201,7 +202,7 @@ def test_a_ray_file_of_damaged_lines_is_named_by_the_first(tmp_path: Path, scan_
     lines = ray_text(scan_writers, START_NS, 100).splitlines()
     for row in range(100, 141):
         lines[row] = DAMAGED_LINES[kind](lines[row])
-    path.write_text('\n'.join(lines))
+    path.write_text('\n'.join(lines), encoding='latin-1')
     sequence = open_sequence(tmp_path, radar=RadarConfig(range_resolution_m=0.06))
     with pytest.raises(DataError, match=rf'{START_NS}\.csv, line 101: .*41 of 400 lines are damaged'):
         sequence.scan(0)
