@@ -108,13 +108,13 @@ class MapServerNode(StageNode):
 
     def _on_embedding(self, message: PointCloud2) -> None:
         self._last_stamp_ns = stamp_ns(message.header.stamp)
-        self._received.settle('taken_up')
         try:
             self._publish_updates(self.stage.add_embedding(embedding_record(message, 'embedding')))
         finally:
             # For a replay in lockstep: it sends the next scan when this one is in the map, or refused.
             if self._handled.get_subscription_count():
                 self._handled.publish(Header(stamp=message.header.stamp))
+        self._received.settle('taken_up')
 
     def _on_fix(self, message: NavSatFix) -> None:
         self._publish_updates(self.stage.add_point(stamp_ns(message.header.stamp), point_from_fix(message)))

@@ -92,9 +92,9 @@ class QueryNode(StageNode):
         self.get_logger().info(f'map of {self.stage.places} places')
 
     def _on_update(self, message: PointCloud2) -> None:
-        self._updates.settle('taken_up')
         rows = descriptors_record(message, 'map/updates')
         self.stage.update(rows.table, rows.model, committed=rows.committed)
+        self._updates.settle('taken_up')
 
     def _on_embedding(self, message: PointCloud2) -> None:
         try:
@@ -105,13 +105,13 @@ class QueryNode(StageNode):
         outcome = self._outcome(embedding)
         if isinstance(outcome, Match):
             self.status.counts['matched'] += 1
-            self._received.settle('matched')
             self._matches.publish(match_message(outcome))
             self._poses.publish(match_pose_message(outcome, self.config.query.position_sigma_m))
+            self._received.settle('matched')
         else:
             self.status.counts[f'rejected.{outcome.reason.value}'] += 1
-            self._received.settle('rejected')
             self._rejections.publish(rejection_message(outcome))
+            self._received.settle('rejected')
         self.guarded('localisation', self._localise)
 
     def _outcome(self, embedding: Embedding) -> Outcome:

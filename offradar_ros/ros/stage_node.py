@@ -167,7 +167,7 @@ class StageNode(LifecycleNode):
         """A subscription whose callback is `guarded`.
 
         With a `ledger`, messages that never arrive are counted there and as `lost_before_arrival`, and those that come
-        while the node is inactive as `inactive`.
+        while the node is inactive as `inactive`, or that `handle` fails at as `refused`; it must settle the others.
         """
         latched = profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
         if ledger:
@@ -185,7 +185,10 @@ class StageNode(LifecycleNode):
                     ledger.settle('inactive')
                 return
             received_s = time.monotonic()
-            if self.guarded(topic, lambda: handle(message)) and topic == self.timed_topic:
+            if not self.guarded(topic, lambda: handle(message)):
+                if ledger:
+                    ledger.settle('refused')
+            elif topic == self.timed_topic:
                 self.status.handle(received_s)
 
         return self.create_subscription(

@@ -21,6 +21,7 @@ from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.encoders.ring_key import RingKeyEncoder
 from offradar_ros.nodes import encoder_node
 from offradar_ros.nodes.encoder_node import EncoderNode
+from offradar_ros.nodes.map_server_node import MapServerNode
 from offradar_ros.nodes.query_node import QueryNode
 from offradar_ros.ros import qos
 from offradar_ros.ros.embedding_message import embedding_message
@@ -142,11 +143,11 @@ def test_scans_at_many_times_real_time_are_answered_or_counted(
     assert ledgers(node)['scans'].lost == drops['lost_before_arrival']
     assert sender.sent == sum(ends.values()) + drops['lost_before_arrival']
 
-    def reported() -> dict[str, str]:
-        values = {item.key: item.value for item in reports[-1].status[0].values} if reports else {}
-        return values if values.get('scans.received') == str(ledgers(node)['scans'].received) else {}
+    def reported() -> bool:
+        values = {item.key: item.value for item in reports[-1].status[0].values}
+        return values | ledgers(node)['scans'].values() == values
 
-    assert wait_until(reported)['scans.encoded'] == str(ends['encoded'])
+    wait_until(reported)
 
 
 def test_scans_that_are_lost_before_the_callback_are_counted(observer: Observer, start_node: StartNode) -> None:
@@ -244,3 +245,19 @@ def test_embeddings_are_answered_or_counted_also_where_the_search_fails(
     assert unaccounted(node, 'embeddings') == 0
     assert ledgers(node)['embeddings'].ends == {'rejected': 30}
     assert node.status.counts['rejected.invalid_embedding'] == node.status.drops['internal_error'] == 10
+
+
+@pytest.mark.parametrize('kind', [QueryNode, MapServerNode])
+def test_embeddings_that_are_refused_are_counted(
+    observer: Observer, start_node: StartNode, kind: type[StageNode]
+) -> None:
+    node = start_node(kind)
+    publish = observer.publisher(PointCloud2, 'embedding', qos.UPDATES)
+    sound = embedding_message(Embedding(10**9, np.ones(8, np.float32), np.ones(8, np.float32), 'ab' * 32), 'radar')
+    for _ in range(3):
+        publish(PointCloud2(header=header(10**9, 'radar'), width=3, height=1))
+    publish(sound)
+    wait_until(lambda: ledgers(node)['embeddings'].received == 4)
+    wait_until(lambda: unaccounted(node, 'embeddings') == 0)
+    ends = ledgers(node)['embeddings'].ends
+    assert ends == ({'rejected': 4} if kind is QueryNode else {'refused': 3, 'taken_up': 1})
