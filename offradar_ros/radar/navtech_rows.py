@@ -78,13 +78,17 @@ def has_metadata(image: NDArray[np.uint8]) -> bool:
     rows = np.flatnonzero((stamps != 0) | (counts != 0))
     if len(rows) < FEWEST_ROWS:
         return False
-    if not _of_one_clock(stamps[rows]):
+    median = float(np.sort(stamps[rows])[len(rows) // 2])
+    of_one_clock = np.abs(stamps[rows].astype(np.float64) - median) <= _ROTATION_UNITS
+    if 2 * np.count_nonzero(of_one_clock) <= len(rows):
         step = step_of(counts[rows], rows)
         is_turn = step > 0.0 and full_turn_counts(step, len(image), KNOWN_SIZES[0], _USUAL_ROWS) is not None
         return is_turn and len(rows) >= _ENOUGH_ROWS and _advances(counts[rows], rows)
+    # Rows of another clock have lost their metadata, and say nothing of the others.
+    rows = rows[of_one_clock]
     timed = unit_ns(stamps[rows], None) is not None
     if len(rows) < _ENOUGH_ROWS:
-        return timed and step_of(counts[rows], rows) > 0.0
+        return timed and len(rows) >= FEWEST_ROWS and step_of(counts[rows], rows) > 0.0
     in_order = max(float(np.mean(np.diff(stamps[rows]) * sense > 0)) for sense in (1, -1))
     return _advances(counts[rows], rows) or (timed and in_order >= _MOST)
 
@@ -94,12 +98,6 @@ def _advances(counts: NDArray[np.int64], rows: NDArray[np.intp]) -> bool:
     step = step_of(counts, rows)
     even = np.abs(np.diff(counts) / np.diff(rows) - step) <= max(1.0, step / 2.0)
     return step > 0.0 and float(np.mean(even)) >= _MOST
-
-
-def _of_one_clock(stamps: NDArray[np.int64]) -> bool:
-    """Whether most stamps are within a rotation, in whatever unit."""
-    median = float(np.sort(stamps)[len(stamps) // 2])
-    return float(np.mean(np.abs(stamps.astype(np.float64) - median) <= _ROTATION_UNITS)) >= _MOST
 
 
 def may_hide_metadata(columns: int) -> bool:

@@ -221,6 +221,30 @@ def test_a_row_that_lost_its_metadata_keeps_its_power_at_the_right_angle() -> No
     assert rows.faults == {'angle_interpolated': 4, 'stamp_interpolated': 4}
 
 
+@given(
+    wrong=st.integers(1, 190),
+    seed=st.integers(0, 2**32 - 1),
+    columns=st.sampled_from(['stamp', 'count', 'low byte', 'all']),
+)
+@settings(max_examples=100, deadline=None)
+def test_rows_of_damaged_metadata_are_mended_or_refused_and_never_power(wrong: int, seed: int, columns: str) -> None:
+    """Any bytes in the first columns of some rows."""
+    random = np.random.default_rng(seed)
+    image = sound_image(bins=30)
+    at = random.permutation(400)[:wrong]
+    first, end = {'stamp': (0, 8), 'count': (8, 10), 'low byte': (8, 9), 'all': (0, 11)}[columns]
+    image[at, first:end] = random.integers(0, 256, (wrong, end - first))
+    assert has_metadata(image)
+    try:
+        rows = rows_of(image, START_NS)
+    except RefusedInput as refusal:
+        assert wrong > 30
+        assert refusal.cause in ('unsound_rows', 'no_row_angles', 'unknown_turn', 'uneven_rows')
+    else:
+        apart = np.mod(rows.angles_rad - (7 + 14 * np.arange(400)) * 2 * np.pi / 5600 + np.pi, 2 * np.pi) - np.pi
+        assert np.abs(apart).max() <= 1.5 * 14 * 2 * np.pi / 5600
+
+
 @given(data=st.binary(min_size=12 * 16, max_size=12 * 40))
 @settings(max_examples=200, deadline=None)
 def test_any_bytes_give_rows_or_a_refusal(data: bytes) -> None:
