@@ -70,13 +70,13 @@ class EncoderNode(StageNode):
         self._has_b_scans = False
         self._recording = self._encoded_recording = 0
         self._worker: NewestWorker[Received] | None = None
-        self._scans = Ledger('scans', lambda: self._worker.unfinished if self._worker else 0)
+        self._ledger = Ledger('scans', lambda: self._worker.unfinished if self._worker else 0)
         self._embeddings = self.publisher(PointCloud2, 'embedding', qos.RESULTS)
         self._model = self.publisher(DiagnosticStatus, 'embedding/model', qos.LATCHED)
-        self.subscribe(Image, SCANS, qos.SCANS, self._on_image, ledger=self._scans)
+        self.subscribe(Image, SCANS, qos.SCANS, self._on_image, ledger=self._ledger)
         types = navtech.message_types()
         if types:
-            self.subscribe(types[0], B_SCANS, qos.SCANS, self._on_b_scan, ledger=self._scans)
+            self.subscribe(types[0], B_SCANS, qos.SCANS, self._on_b_scan, ledger=self._ledger)
             self.subscribe(types[1], 'radar_data/configuration_data', qos.RESULTS, self._on_configuration)
         self.create_service(Trigger, '~/start_recording', self._start_recording)
 
@@ -116,7 +116,7 @@ class EncoderNode(StageNode):
 
     def _settle(self, forgotten: list[Received]) -> None:
         for _ in forgotten:
-            self._scans.settle('inactive')
+            self._ledger.settle('inactive')
 
     def destroy_node(self) -> None:
         """Also end the worker: a process that composes nodes and only destroys them would never exit otherwise."""
@@ -126,7 +126,7 @@ class EncoderNode(StageNode):
     def _on_image(self, message: Image) -> None:
         # The driver also sends this scan on the other topic, with its angles and a stamp of another clock.
         if self._has_b_scans:
-            self._scans.settle('on_other_topic')
+            self._ledger.settle('on_other_topic')
         else:
             self._receive(SCANS, message.header, functools.partial(scan_from_image, message, self._radar))
 
@@ -138,7 +138,7 @@ class EncoderNode(StageNode):
     def _receive(self, topic: str, header: Any, decode: Callable[[], PolarScan]) -> None:
         scan = Received(topic, header, decode, self._recording, time.monotonic())
         if not (self._worker and self._worker.put(scan)):
-            self._scans.settle('inactive')
+            self._ledger.settle('inactive')
 
     def _on_configuration(self, message: Any) -> None:
         self._radar = navtech.configured(self.config.radar, message)
@@ -160,15 +160,15 @@ class EncoderNode(StageNode):
 
     def _overtaken(self, scan: Received) -> None:
         problem = 'scans arrive faster than they are encoded: the newest go first'
-        self._scans.settle('overtaken')
+        self._ledger.settle('overtaken')
         self.refuse(RefusedInput('overtaken', problem), scan.topic)
 
     def _answer(self, scan: Received) -> None:
         if self.guarded(scan.topic, functools.partial(self._encode, scan)):
-            self._scans.settle('encoded')
+            self._ledger.settle('encoded')
             self.status.handle(scan.received_s)
         else:
-            self._scans.settle('refused')
+            self._ledger.settle('refused')
 
     def _encode(self, scan: Received) -> None:
         if scan.recording != self._encoded_recording:

@@ -43,13 +43,13 @@ class MapServerNode(StageNode):
 
     def __init__(self, **options: Any) -> None:
         super().__init__('map_server', **options)
-        self._received = Ledger('embeddings')
+        self._ledger = Ledger('embeddings')
         self._map_view = self.publisher(PointCloud2, 'map', qos.LATCHED)
         self._rows = self.publisher(PointCloud2, 'map/descriptors', qos.LATCHED)
         self._updates = self.publisher(PointCloud2, 'map/updates', qos.UPDATES)
         self._handled = self.publisher(Header, '~/handled', qos.UPDATES)
         self.subscribe(DiagnosticStatus, 'embedding/model', qos.LATCHED, self._on_model)
-        self.subscribe(PointCloud2, 'embedding', qos.RESULTS, self._on_embedding, ledger=self._received)
+        self.subscribe(PointCloud2, 'embedding', qos.RESULTS, self._on_embedding, ledger=self._ledger)
         if self.config.position.source == 'fix':
             self.subscribe(NavSatFix, 'gps/fix', qos.POSITIONS, self._on_fix)
         else:
@@ -114,7 +114,7 @@ class MapServerNode(StageNode):
             # For a replay in lockstep: it sends the next scan when this one is in the map, or refused.
             if self._handled.get_subscription_count():
                 self._handled.publish(Header(stamp=message.header.stamp))
-        self._received.settle('taken_up')
+        self._ledger.settle('taken_up')
 
     def _on_fix(self, message: NavSatFix) -> None:
         self._publish_updates(self.stage.add_point(stamp_ns(message.header.stamp), point_from_fix(message)))

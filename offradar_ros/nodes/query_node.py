@@ -42,7 +42,7 @@ class QueryNode(StageNode):
     def __init__(self, **options: Any) -> None:
         super().__init__('query', **options)
         self.stage = QueryStage(self.config.query, self.config.localisation)
-        self._received, self._updates = Ledger('embeddings'), Ledger('updates')
+        self._ledger, self._update_ledger = Ledger('embeddings'), Ledger('updates')
         self._matches = self.publisher(PointCloud2, 'matches', qos.RESULTS)
         self._poses = self.publisher(PoseWithCovarianceStamped, 'match_pose', qos.RESULTS)
         self._rejections = self.publisher(DiagnosticArray, 'rejections', qos.RESULTS)
@@ -51,9 +51,9 @@ class QueryNode(StageNode):
         self._p_on_map = self.publisher(Float64, 'p_on_map', qos.RESULTS)
         self.create_service(Trigger, '~/relocalise', self._relocalise)
         self.subscribe(PointCloud2, 'map/descriptors', qos.LATCHED, self._on_map)
-        self.subscribe(PointCloud2, 'map/updates', qos.UPDATES, self._on_update, ledger=self._updates)
+        self.subscribe(PointCloud2, 'map/updates', qos.UPDATES, self._on_update, ledger=self._update_ledger)
         self.subscribe(Odometry, 'odometry', qos.POSITIONS, self._on_odometry)
-        self.subscribe(PointCloud2, 'embedding', qos.RESULTS, self._on_embedding, ledger=self._received)
+        self.subscribe(PointCloud2, 'embedding', qos.RESULTS, self._on_embedding, ledger=self._ledger)
 
     def configure(self) -> None:
         """Start with an empty map, or with the file that `query.map_path` names."""
@@ -94,7 +94,7 @@ class QueryNode(StageNode):
     def _on_update(self, message: PointCloud2) -> None:
         rows = descriptors_record(message, 'map/updates')
         self.stage.update(rows.table, rows.model, committed=rows.committed)
-        self._updates.settle('taken_up')
+        self._update_ledger.settle('taken_up')
 
     def _on_embedding(self, message: PointCloud2) -> None:
         try:
@@ -107,11 +107,11 @@ class QueryNode(StageNode):
             self.status.counts['matched'] += 1
             self._matches.publish(match_message(outcome))
             self._poses.publish(match_pose_message(outcome, self.config.query.position_sigma_m))
-            self._received.settle('matched')
+            self._ledger.settle('matched')
         else:
             self.status.counts[f'rejected.{outcome.reason.value}'] += 1
             self._rejections.publish(rejection_message(outcome))
-            self._received.settle('rejected')
+            self._ledger.settle('rejected')
         self.guarded('localisation', self._localise)
 
     def _outcome(self, embedding: Embedding) -> Outcome:
