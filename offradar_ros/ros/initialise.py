@@ -27,7 +27,6 @@ def initialise(args: Sequence[str] | None, **options: Any) -> None:
     `args` are those of the process, its name first; None or none of them is no argument at all.
     """
     argv = list(args or ())
-    check_parameter_files(argv)
     if options.get('domain_id') is None:
         _check_domain(os.environ.get('ROS_DOMAIN_ID', ''))
     try:
@@ -37,7 +36,11 @@ def initialise(args: Sequence[str] | None, **options: Any) -> None:
 
 
 def own_arguments(argv: Sequence[str]) -> list[str]:
-    """The arguments that are not for ROS, without the name of the program; OffradarError for bad ones for ROS."""
+    """The arguments that are not for ROS, without the name of the program; OffradarError for bad ones for ROS.
+
+    To be called before `initialise`: ROS would wait for a parameter file that is a FIFO.
+    """
+    check_parameter_files(argv)
     try:
         return list(remove_ros_args(list(argv))[1:])
     except Exception as error:
@@ -59,6 +62,10 @@ def refusals_of_ros() -> Iterator[None]:
         if not rclpy.ok():
             raise
         raise OffradarError(_explain(error)) from error
+    except RuntimeError as error:
+        if 'QoS override' not in str(error):
+            raise
+        raise OffradarError(f'parameters qos_overrides: {error}') from error
 
 
 def _check_domain(text: str) -> None:
@@ -80,4 +87,6 @@ def _explain(error: Exception) -> str:
             'ROS_SECURITY_ENABLE is true, and no keys are found: set ROS_SECURITY_KEYSTORE to the keystore, and name '
             'the enclave (--ros-args --enclave /NAME)'
         )
+    if 'Failed to create' in text:
+        text += ': check the qos_overrides parameters'
     return f'ROS: {text}'
