@@ -73,7 +73,9 @@ class EncoderNode(StageNode):
         self._ledger = Ledger('scans', lambda: self._worker.unfinished if self._worker else 0)
         self._embeddings = self.publisher(PointCloud2, 'embedding', qos.RESULTS)
         self._model = self.publisher(DiagnosticStatus, 'embedding/model', qos.LATCHED)
-        self.subscribe(Image, SCANS, qos.SCANS, self._on_image, ledger=self._ledger)
+        self._scans = self.subscribe(
+            Image, SCANS, qos.SCANS, self._on_image, ledger=self._ledger, source="the radar's driver"
+        )
         types = navtech.message_types()
         if types:
             self.subscribe(types[0], B_SCANS, qos.SCANS, self._on_b_scan, ledger=self._ledger)
@@ -132,6 +134,7 @@ class EncoderNode(StageNode):
 
     def _on_b_scan(self, message: Any) -> None:
         self._has_b_scans = True
+        self._scans.watch.received()
         header = message.b_scan_img.header
         self._receive(B_SCANS, header, functools.partial(navtech.scan_from_b_scan, message, self._radar))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import sys
 import traceback
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,10 @@ from std_srvs.srv import Trigger
 from offradar_ros.config import Config
 from offradar_ros.errors import RefusedInput
 from offradar_ros.messages import pose_from_odometry, stamp_ns
+from offradar_ros.radar.seen_stamps import SeenStamps
 from offradar_ros.ros import qos
+from offradar_ros.ros.answer_watch import AnswerWatch
+from offradar_ros.ros.diagnostics import Trouble
 from offradar_ros.ros.embedding_message import embedding_record
 from offradar_ros.ros.ledger import Ledger
 from offradar_ros.ros.localisation_message import localisation_message, localisation_pose_message
@@ -50,10 +54,22 @@ class QueryNode(StageNode):
         self._localisation_poses = self.publisher(PoseWithCovarianceStamped, 'localisation_pose', qos.RESULTS)
         self._p_on_map = self.publisher(Float64, 'p_on_map', qos.RESULTS)
         self.create_service(Trigger, '~/relocalise', self._relocalise)
-        self.subscribe(PointCloud2, 'map/descriptors', qos.LATCHED, self._on_map)
+        self.create_service(Trigger, '~/start_recording', self._start_recording)
+        self._seen = SeenStamps(round(self.config.radar.restart_after_s * 1e9))
+        self._answers = AnswerWatch()
+        self.subscribe(
+            PointCloud2,
+            'map/descriptors',
+            qos.LATCHED,
+            self._on_map,
+            source='map_server_node',
+            is_needed=lambda: not self.stage.places and not self.config.query.map_path,
+        )
         self.subscribe(PointCloud2, 'map/updates', qos.UPDATES, self._on_update, ledger=self._update_ledger)
         self.subscribe(Odometry, 'odometry', qos.POSITIONS, self._on_odometry)
-        self.subscribe(PointCloud2, 'embedding', qos.RESULTS, self._on_embedding, ledger=self._ledger)
+        self.subscribe(
+            PointCloud2, 'embedding', qos.RESULTS, self._on_embedding, ledger=self._ledger, source='encoder_node'
+        )
 
     def configure(self) -> None:
         """Start with an empty map, or with the file that `query.map_path` names."""
@@ -83,6 +99,11 @@ class QueryNode(StageNode):
         if not_localised := self.stage.not_localised:
             self.status.facts['localisation'] = f'off: {not_localised}'
 
+    def troubles(self) -> Iterator[Trouble]:
+        """All scans are rejected."""
+        if trouble := self._answers.trouble(self.status.counts):
+            yield trouble
+
     def _on_map(self, message: PointCloud2) -> None:
         if is_read_the_file(message):
             self.stage.read_file()
@@ -102,6 +123,7 @@ class QueryNode(StageNode):
         except RefusedInput as problem:
             self.refuse(problem, 'embedding')
             embedding = Embedding(stamp_ns(message.header.stamp), np.empty(0, np.float32), np.empty(0, np.float32))
+        self._seen.check(embedding.stamp_ns, embedding.model)
         outcome = self._outcome(embedding)
         if isinstance(outcome, Match):
             self.status.counts['matched'] += 1
@@ -135,6 +157,12 @@ class QueryNode(StageNode):
 
     def _on_odometry(self, message: Odometry) -> None:
         self.stage.add_odometry(stamp_ns(message.header.stamp), pose_from_odometry(message))
+
+    def _start_recording(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Answer every stamp again: a recording that is played again has the same."""
+        self._seen.reset()
+        response.success, response.message = True, 'a recording starts with the next scan'
+        return response
 
     def _relocalise(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if self.active:
