@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 import traceback
 from collections.abc import Callable, Mapping
-from functools import partial
 from typing import Any, TypeVar, cast
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -172,7 +171,7 @@ class StageNode(LifecycleNode):
         latched = profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
         if ledger:
             self.ledgers.append(ledger)
-        lost = LostMessages(partial(self.count_publishers, topic))
+        lost = LostMessages(lambda: self.count_publishers(self.resolve_topic_name(topic)))
 
         # rclpy gives the second argument, with the publisher's number of the message, to callbacks that take two.
         def receive(message: MessageT, info: Mapping[str, Any]) -> None:
