@@ -219,7 +219,7 @@ class StageNode(SteadyLifecycleNode):
         latched = profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
         if ledger:
             self.ledgers.append(ledger)
-        lost = LostMessages(partial(self.count_publishers, topic))
+        lost = LostMessages(lambda: self.count_publishers(self.resolve_topic_name(topic)))
 
         # rclpy gives the second argument, with the publisher's number of the message, to callbacks that take two.
         def receive(message: MessageT, info: Mapping[str, Any]) -> None:
