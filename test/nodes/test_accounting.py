@@ -254,8 +254,8 @@ def test_embeddings_that_are_refused_are_counted(
     node = start_node(kind)
     publish = observer.publisher(PointCloud2, 'embedding', qos.UPDATES)
     sound = embedding_message(Embedding(10**9, np.ones(8, np.float32), np.ones(8, np.float32), 'ab' * 32), 'radar')
-    for _ in range(3):
-        publish(PointCloud2(header=header(10**9, 'radar'), width=3, height=1))
+    for second in range(2, 5):
+        publish(PointCloud2(header=header(second * 10**9, 'radar'), width=3, height=1))
     publish(sound)
     wait_until(lambda: ledgers(node)['embeddings'].received == 4)
     wait_until(lambda: unaccounted(node, 'embeddings') == 0)
