@@ -30,6 +30,10 @@ from offradar_ros.ros.stage_node import StageNode
 from offradar_ros.ros.stamps import header
 from offradar_ros.types import Embedding, PolarScan
 
+# The topics between these nodes and the test lose nothing: only what is tested does.
+DEEP_PUBLISHER = {'qos_overrides./embedding.publisher.depth': 1000}
+DEEP_SUBSCRIPTION = {'qos_overrides./embedding.subscription.depth': 100}
+
 
 def image(second: int, **changes: Any) -> Image:
     power = np.random.default_rng(second).integers(1, 200, (400, 576), np.uint8)
@@ -114,7 +118,7 @@ def test_scans_at_many_times_real_time_are_answered_or_counted(
 ) -> None:
     """At several hundred a second, with refused ones between, through a deactivation and a configuration."""
     reports = observer.collect(DiagnosticArray, '/diagnostics')
-    node = start_node(EncoderNode, {'encoder.backlog': 3})
+    node = start_node(EncoderNode, {'encoder.backlog': 3} | DEEP_PUBLISHER)
     sender = Sender(observer)
     wait_until(lambda: observer.node.count_publishers('embedding') == 1)
     sender.first(node)
@@ -226,7 +230,7 @@ def test_a_scan_that_takes_long_is_reported(
 def test_embeddings_are_answered_or_counted_also_where_the_search_fails(
     observer: Observer, start_node: StartNode, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    node = start_node(QueryNode)
+    node = start_node(QueryNode, DEEP_SUBSCRIPTION)
     rejections = observer.collect(DiagnosticArray, 'rejections', qos.UPDATES)
     publish = observer.publisher(PointCloud2, 'embedding', qos.UPDATES)
     sound = node.stage.query
@@ -251,7 +255,7 @@ def test_embeddings_are_answered_or_counted_also_where_the_search_fails(
 def test_embeddings_that_are_refused_are_counted(
     observer: Observer, start_node: StartNode, kind: type[StageNode]
 ) -> None:
-    node = start_node(kind)
+    node = start_node(kind, DEEP_SUBSCRIPTION)
     publish = observer.publisher(PointCloud2, 'embedding', qos.UPDATES)
     sound = embedding_message(Embedding(10**9, np.ones(8, np.float32), np.ones(8, np.float32), 'ab' * 32), 'radar')
     for second in range(2, 5):
