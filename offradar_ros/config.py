@@ -92,6 +92,11 @@ class RadarConfig:
     encoder_size: int = parameter(
         5600, 'encoder counts in a full rotation, for metadata columns', unit='counts', minimum=8, maximum=65536
     )
+    row_angles: str = parameter(
+        'encoder',
+        'whether the angles of rows with metadata columns are those of their encoder counts, or equal steps from 0',
+        choices=('encoder', 'equal'),
+    )
     azimuth_offset_rad: float = parameter(
         0.0,
         "azimuth of row 0, clockwise from the vehicle's forward axis",

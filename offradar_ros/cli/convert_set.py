@@ -24,6 +24,7 @@ class ConvertOptions(NamedTuple):
     topics: ChosenTopics
     bag: BagOptions
     skip_unreadable: bool
+    radar: RadarConfig
 
 
 def convert_set(
@@ -50,7 +51,7 @@ def convert_set(
 def _converted(source: Path, bag: Path, options: ConvertOptions, shares: Shares) -> Union[Conversion, str]:
     """The report, or the error: a sequence that cannot be converted does not stop the others."""
     try:
-        sequence = open_source(source, options.layout, RadarConfig(), options.topics)
+        sequence = open_source(source, options.layout, options.radar, options.topics)
         return convert_sequence(sequence, bag, options.bag, options.skip_unreadable, share_reporter(shares))
     except OffradarError as error:
         return str(error)

@@ -34,13 +34,15 @@ from offradar_ros.recordings.bags.topics import (
 )
 from offradar_ros.recordings.drive import in_lockstep_order
 from offradar_ros.ros import qos
-from offradar_ros.ros.answer_log import HANDLED, TOPICS, AnswerLog, Answers
+from offradar_ros.ros.answer_log import HANDLED, REPLIES, TOPICS, AnswerLog, Answers
 from offradar_ros.ros.connections import Connections
 from offradar_ros.ros.recorded_outputs import DIAGNOSTICS, is_output, is_own_report
 from offradar_ros.ros.replay_subscribers import ReplaySubscribers
 from offradar_ros.ros.spin import spin_for, spin_until
 from offradar_ros.ros.stamps import time_message
 
+ANNOUNCED_TO = {'embedding': 'encoder', HANDLED: 'map_server', REPLIES[0]: 'query'}
+"""The nodes that want to know where a recording starts, by a topic that each publishes."""
 CLOCK_PERIOD_S = 0.025
 DISCOVERY_S = 4.0
 """A node that starts late, or whose announcement was lost, is announced again within three seconds."""
@@ -106,7 +108,9 @@ class Player:
         self._publishers = dict(self._advertised())
         self._others = [topic for topic in self._publishers if topic != self._scan_topic]
         self._stuck: set[str] = set()
-        self._start_recording = node.create_client(Trigger, 'encoder/start_recording')
+        self._start_recording = {
+            topic: node.create_client(Trigger, f'{server}/start_recording') for topic, server in ANNOUNCED_TO.items()
+        }
         self._connections = Connections(node)
         self._subscribers = ReplaySubscribers(node, self._publishers, bag.topics, self._scan_topic)
         self._sent: list[int] = []
@@ -128,8 +132,9 @@ class Player:
         self._log.awaited = self._log.published()
         if not spin_until(self._node, self._are_connected, max(timeout_s, CONNECT_S)):
             self._node.get_logger().warning('the nodes are not all connected to one another: answers may be lost')
-        if 'embedding' in self._log.awaited:
-            spin_until(self._node, self._start_recording.service_is_ready, QUIET_S)
+        for topic, client in self._start_recording.items():
+            if topic in self._log.awaited:
+                spin_until(self._node, client.service_is_ready, QUIET_S)
         if not spin_until(self._node, lambda: not self._subscribers.unconnected(), timeout_s) and (
             unconnected := self._subscribers.unconnected()
         ):
@@ -172,12 +177,13 @@ class Player:
             self._wait_for_acknowledgement([t for t in self._others if self._subscribers.has_others(t, awaited)])
 
     def _announce(self) -> None:
-        """Announce a recording to the encoder: the stamps of a short one do not show that it is played again."""
-        if not self._start_recording.service_is_ready():
-            return
-        answer = self._start_recording.call_async(Trigger.Request())
-        if not spin_until(self._node, answer.done, self._options.timeout_s):
-            self._node.get_logger().warning(f'{self._start_recording.service_name}: no answer')
+        """Announce a recording to the nodes: the stamps of a short one do not show that it is played again."""
+        for client in self._start_recording.values():
+            if not client.service_is_ready():
+                continue
+            answer = client.call_async(Trigger.Request())
+            if not spin_until(self._node, answer.done, self._options.timeout_s):
+                self._node.get_logger().warning(f'{client.service_name}: no answer')
         # A late answer to the recording before has a stamp of this one.
         self._log.clear()
 

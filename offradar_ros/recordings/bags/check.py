@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -18,8 +19,10 @@ from offradar_ros.recordings.bags.scan_topic import DECODERS, scan_topic
 from offradar_ros.recordings.bags.topics import ChosenTopics
 from offradar_ros.recordings.datasets.check.coverage import coverage
 from offradar_ros.recordings.datasets.check.findings import Finding, Findings, counted, note, ok, problem
+from offradar_ros.recordings.datasets.check.scans import ROW_FAULTS
 from offradar_ros.recordings.datasets.check.sizes import Sizes
 from offradar_ros.recordings.datasets.check.stamps import check_stamps
+from offradar_ros.recordings.row_tally import MENDED
 
 
 def check_bag(
@@ -49,6 +52,7 @@ def _findings(bag: Bag, radar: RadarConfig, max_gap_s: float, chosen: ChosenTopi
     stamps: list[int] = []
     sizes = Sizes()
     refused: dict[str, list[str]] = {}
+    mended: Counter[str] = Counter()
     for raw in bag.messages([topic]):
         message = bag.decode(raw)
         stamps.append(stamp_ns(message.header.stamp))
@@ -58,9 +62,12 @@ def _findings(bag: Bag, radar: RadarConfig, max_gap_s: float, chosen: ChosenTopi
             refused.setdefault(refusal.cause, []).append(str(refusal))
         else:
             sizes.add(scan, f'at {scan.stamp_ns} ns')
+            mended.update(fault for fault in scan.row_faults if fault in MENDED)
     yield from sizes.findings()
     for cause, messages in sorted(refused.items()):
         yield problem(f'{counted(len(messages), "scan")} would be refused ({cause}): {messages[0]}')
+    for fault, count in mended.items():
+        yield problem(f'{ROW_FAULTS[fault]}: {counted(count, "scan")}')
     stamps_ns = np.array(stamps, np.int64)
     yield from check_stamps(stamps_ns)
     topics = position_topics(bag)
