@@ -93,11 +93,13 @@ class QueryNode(StageNode):
         self.stage.update(rows.table, rows.model, committed=rows.committed)
 
     def _on_embedding(self, message: PointCloud2) -> None:
+        # Without a stamp there is nothing to answer.
+        stamp = stamp_ns(message.header.stamp)
         try:
             embedding = embedding_record(message, 'embedding')
         except RefusedInput as problem:
             self.refuse(problem, 'embedding')
-            embedding = Embedding(stamp_ns(message.header.stamp), np.empty(0, np.float32), np.empty(0, np.float32))
+            embedding = Embedding(stamp, np.empty(0, np.float32), np.empty(0, np.float32))
         outcome = self.stage.query(embedding)
         if isinstance(outcome, Match):
             self.status.counts['matched'] += 1

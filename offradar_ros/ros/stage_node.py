@@ -150,12 +150,12 @@ class StageNode(LifecycleNode):
         latched = profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
 
         def receive(message: MessageT) -> None:
-            if latched:
+            received_s, was_active = time.monotonic(), self.active
+            sound = not was_active or self.guarded(topic, lambda: handle(message))
+            if latched and sound:
+                # A message that was refused does not replace a sound one.
                 self._latched[topic] = lambda: receive(message)
-            if not self.active:
-                return
-            received_s = time.monotonic()
-            if self.guarded(topic, lambda: handle(message)) and topic == self.timed_topic:
+            if was_active and sound and topic == self.timed_topic:
                 self.status.handle(received_s)
 
         return self.create_subscription(

@@ -17,7 +17,13 @@ from sensor_msgs.msg import PointCloud2, PointField
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.errors import RefusedInput
 from offradar_ros.ros.clouds import from_cloud
-from offradar_ros.ros.embedding_message import embedding_message, embedding_record, model_message, model_record
+from offradar_ros.ros.embedding_message import (
+    POINT,
+    embedding_message,
+    embedding_record,
+    model_message,
+    model_record,
+)
 from offradar_ros.ros.localisation_message import (
     localisation_message,
     localisation_pose_message,
@@ -31,6 +37,7 @@ from offradar_ros.ros.outcome_message import (
     rejection_record,
 )
 from offradar_ros.ros.place_message import (
+    VIEW,
     PlaceRows,
     descriptors_message,
     descriptors_record,
@@ -129,7 +136,7 @@ def test_places_are_unchanged_to_the_last_bit(count: int, dimension: int, commit
 
 def test_the_map_view_shows_uncertainty_as_intensity() -> None:
     places = table(5, 4)
-    points = from_cloud(transmitted(map_message(places, STAMP_NS)), ['x', 'y', 'z', 'intensity'], 'map')
+    points = from_cloud(transmitted(map_message(places, STAMP_NS)), VIEW, 'map')
     np.testing.assert_array_equal(points['intensity'], places.uncertainties)
     np.testing.assert_allclose(points['x'], places.positions_m[:, 0], rtol=1e-6)
 
@@ -215,10 +222,11 @@ def test_a_cloud_of_another_size_than_stated_is_refused(damage: dict[str, Any]) 
     mean = np.ones(4, np.float32)
     message = embedding_message(Embedding(STAMP_NS, mean, mean, MODEL), 'radar')
     fields = {
-        name: getattr(message, name) for name in ('fields', 'width', 'height', 'point_step', 'data', 'is_bigendian')
+        name: getattr(message, name)
+        for name in ('fields', 'width', 'height', 'point_step', 'row_step', 'data', 'is_bigendian')
     }
     with pytest.raises(RefusedInput):
-        from_cloud(SimpleNamespace(**(fields | damage)), ['mean'], 'embedding')
+        from_cloud(SimpleNamespace(**(fields | damage)), POINT, 'embedding')
 
 
 @settings(max_examples=50, deadline=None)
