@@ -52,7 +52,7 @@ class StageNode(LifecycleNode):
         self.status = NodeStatus(f'{self.get_fully_qualified_name().lstrip("/")}: offradar_ros')
         self.active = False
         self._outputs: list[Publisher] = []
-        self._latched: dict[str, Callable[[], None]] = {}
+        self._latched: dict[str, list[Callable[[], None]]] = {}
         self._failure: OffradarError | None = None
         self._last_logged_s: dict[str, float] = {}
         serve_subscribers(self, self._outputs)
@@ -107,7 +107,7 @@ class StageNode(LifecycleNode):
         self.active = True
         self.activated()
         # These were sent once, maybe while this node was inactive, and are still valid.
-        for handle_again in list(self._latched.values()):
+        for handle_again in [again for kept in self._latched.values() for again in kept]:
             handle_again()
         return result
 
@@ -150,12 +150,13 @@ class StageNode(LifecycleNode):
         latched = profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
 
         def receive(message: MessageT) -> None:
-            received_s, was_active = time.monotonic(), self.active
-            sound = not was_active or self.guarded(topic, lambda: handle(message))
-            if latched and sound:
-                # A message that was refused does not replace a sound one.
-                self._latched[topic] = lambda: receive(message)
-            if was_active and sound and topic == self.timed_topic:
+            received_s = time.monotonic()
+            handled = self.active and self.guarded(topic, lambda: handle(message))
+            if latched:
+                # What was refused does not replace what was handled before it; its time may come, as for a full disk.
+                before = [] if handled else self._latched.get(topic, [])[:1]
+                self._latched[topic] = [*before, lambda: receive(message)]
+            if handled and topic == self.timed_topic:
                 self.status.handle(received_s)
 
         return self.create_subscription(
