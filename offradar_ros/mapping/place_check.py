@@ -20,7 +20,7 @@ MAX_SESSION_ID = 2**31 - 1
 END_NS = 2**31 * 10**9
 """Stamps are from 0 to before this, which is in 2038: messages hold seconds in 32 bits."""
 
-MAX_MEAN_VALUE = 1e35
+MAX_MEAN_VALUE = 2.0**116
 """Largest absolute value of a mean: the distance of two such means, of any dimension, is a finite float32."""
 
 
