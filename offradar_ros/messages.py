@@ -33,8 +33,14 @@ class StampMessage(Protocol):
 
 
 def stamp_ns(stamp: StampMessage) -> int:
-    """Nanoseconds since the Unix epoch."""
-    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+    """Nanoseconds since the Unix epoch; RefusedInput('invalid_stamp') for a stamp before it, or of 10⁹ ns or more."""
+    seconds, nanoseconds = int(stamp.sec), int(stamp.nanosec)
+    if seconds < 0 or not 0 <= nanoseconds < 10**9:
+        raise RefusedInput(
+            'invalid_stamp',
+            f'header stamp of {seconds} s and {nanoseconds} ns: expected 0 s or more, and less than 1000000000 ns',
+        )
+    return seconds * 10**9 + nanoseconds
 
 
 def scan_from_image(message: Any, config: RadarConfig) -> PolarScan:

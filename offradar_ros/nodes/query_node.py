@@ -118,11 +118,13 @@ class QueryNode(StageNode):
         self._update_ledger.settle('taken_up')
 
     def _on_embedding(self, message: PointCloud2) -> None:
+        # Without a stamp there is nothing to answer.
+        stamp = stamp_ns(message.header.stamp)
         try:
             embedding = embedding_record(message, 'embedding')
         except RefusedInput as problem:
             self.refuse(problem, 'embedding')
-            embedding = Embedding(stamp_ns(message.header.stamp), np.empty(0, np.float32), np.empty(0, np.float32))
+            embedding = Embedding(stamp, np.empty(0, np.float32), np.empty(0, np.float32))
         self._seen.check(embedding.stamp_ns, embedding.model)
         outcome = self._outcome(embedding)
         if isinstance(outcome, Match):

@@ -240,6 +240,8 @@ class Player:
         if self._options.restamp and message.topic in self._stamped:
             cdr = with_stamp(cdr, time.time_ns())
         self._tick(message.log_ns)
+        if message.topic == self._scan_topic:
+            self._log.expect(header_stamp_ns(cdr))
         self._publishers[message.topic].publish(cdr)
         if message.topic == self._scan_topic:
             self._sent.append(header_stamp_ns(cdr))

@@ -72,7 +72,7 @@ class StageNode(SteadyLifecycleNode):
         self._outputs: list[Publisher] = []
         self._output_types: dict[str, str] = {}
         self._inputs: list[Input] = []
-        self._latched: dict[str, Callable[[], None]] = {}
+        self._latched: dict[str, list[Callable[[], None]]] = {}
         self.ledgers: list[Ledger] = []
         """What became of the messages of the inputs that are answered."""
         self._starting = False
@@ -139,7 +139,7 @@ class StageNode(SteadyLifecycleNode):
             super().on_deactivate(state)
             return TransitionCallbackReturn.FAILURE
         # These were sent once, maybe while this node was inactive, and are still valid.
-        for handle_again in list(self._latched.values()):
+        for handle_again in [again for kept in self._latched.values() for again in kept]:
             handle_again()
         return result
 
@@ -223,20 +223,19 @@ class StageNode(SteadyLifecycleNode):
 
         # rclpy gives the second argument, with the publisher's number of the message, to callbacks that take two.
         def receive(message: MessageT, info: Mapping[str, Any]) -> None:
-            if latched:
-                self._latched[topic] = lambda: receive(message, info)
+            received_s = time.monotonic()
             if ledger:
                 self._book(ledger, topic, lost.arrived(info, _stamp_of(message)))
-            if not self.active:
-                if ledger:
-                    ledger.settle('inactive')
-                return
-            found.watch.received()
-            received_s = time.monotonic()
-            if not self.guarded(topic, lambda: handle(message)):
-                if ledger:
-                    ledger.settle('refused')
-            elif topic == self.timed_topic:
+            if self.active:
+                found.watch.received()
+            handled = self.active and self.guarded(topic, lambda: handle(message))
+            if latched:
+                # What was refused does not replace what was handled before it; its time may come, as for a full disk.
+                before = [] if handled else self._latched.get(topic, [])[:1]
+                self._latched[topic] = [*before, lambda: receive(message, info)]
+            if ledger and not handled:
+                ledger.settle('refused' if self.active else 'inactive')
+            if handled and topic == self.timed_topic:
                 self.status.handle(received_s)
 
         found = Input(

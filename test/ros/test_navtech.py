@@ -86,3 +86,28 @@ def test_the_package_is_found_when_installed(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setitem(sys.modules, 'navtech_msgs', ModuleType('navtech_msgs'))
     monkeypatch.setitem(sys.modules, 'navtech_msgs.msg', messages)
     assert navtech.message_types() == (int, float)
+
+
+@pytest.mark.parametrize(
+    ('name', 'value'),
+    [
+        ('range_offset', float('nan')),
+        ('range_offset', float('-inf')),
+        ('range_offset', 1e30),
+        ('range_gain', float('nan')),
+        ('bin_size', float('inf')),
+        ('azimuth_samples', 65535),
+        ('encoder_size', 1),
+    ],
+)
+def test_settings_that_would_spoil_every_later_scan_are_refused(name: str, value: float) -> None:
+    with pytest.raises(RefusedInput, match='radar configuration') as refused:
+        navtech.configured(RadarConfig(), configuration(**{name: value}))
+    assert refused.value.cause == 'wrong_configuration'
+
+
+def test_row_stamps_beyond_63_bits_are_left_out() -> None:
+    config = navtech.configured(RadarConfig(), configuration())
+    message = b_scan()
+    message.timestamps = [2**64 - 1] * 400
+    assert navtech.scan_from_b_scan(message, config).azimuth_stamps_ns is None
