@@ -1,7 +1,8 @@
 """Messages that no honest node sends, for every input of the nodes: one seed gives the same messages again.
 
 Each is a sound message with a few values replaced by hostile ones of their type, or its serialised bytes with some of
-them changed. Some of them are still sound.
+them changed. Some of them are still sound. Bytes between the fields of serialised ones are as the middleware leaves
+them, and differ from time to time.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from hostile_messages import Hostile, hostile_messages, inputs
-from live_nodes import Observer, wait_until
+from live_nodes import Observer, StartNode, wait_until
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Image, NavSatFix
 from std_msgs.msg import Header
@@ -21,6 +21,7 @@ from offradar_ros.config import EncoderConfig
 from offradar_ros.encoders.registry import make_encoder
 from offradar_ros.lab.live.node_processes import Stack
 from offradar_ros.mapping.store import MapStore
+from offradar_ros.nodes.map_server_node import MapServerNode
 from offradar_ros.ros import qos
 from offradar_ros.types import Outcome, PlaceTable
 
@@ -124,7 +125,12 @@ def test_a_hundred_hostile_messages_of_each_kind_change_nothing_for_sound_ones(
     observer: Observer, stack: Callable[..., Stack], tmp_path: Path
 ) -> None:
     path, vehicle = tmp_path / 'town.db', Vehicle(observer)
-    parameters = {'map.path': str(path), 'map.autosave_s': 0.0, 'encoder.backlog': 1000} | DEEP
+    parameters = {
+        'map.path': str(path),
+        'map.autosave_s': 0.0,
+        'map.allow_destructive': True,
+        'encoder.backlog': 1000,
+    } | DEEP
     own = {'map_server_node': {'position.source': 'fix'}}
     with stack(parameters, own_parameters=own) as nodes:
         nodes.wait_until_ready()
@@ -165,3 +171,27 @@ def test_a_hundred_hostile_messages_of_each_kind_change_nothing_for_sound_ones(
         assert '4 inserted' in vehicle.drive(range(40_000, 40_080, 20)), vehicle.drops()
         assert vehicle.ask(50_000, shown=120).candidates[0].place_id == before.place_ids[1]
         assert_healthy(nodes)
+
+
+def test_hostile_odometry_does_not_spoil_the_positions_of_later_scans(
+    observer: Observer, start_node: StartNode
+) -> None:
+    node = start_node(MapServerNode, {'position.source': 'odometry'})
+    topic = 'ground_truth/odometry'
+    known = {one.topic: one for one in inputs(MODEL, START_NS)}
+
+    def publisher(name: str) -> Callable[[Any], None]:
+        return observer.publisher(known[name].kind, name, known[name].profile)
+
+    send, embed, tell_model = publisher(topic), publisher('embedding'), publisher('embedding/model')
+    tell_model(known['embedding/model'].make(0))
+    wait_until(lambda: node.stage.map.model == MODEL)
+    for one in itertools.islice((m for m in hostile_messages(SEED, MODEL, START_NS) if m.topic == topic), ROUNDS):
+        send(one.message)
+    for number in range(1000, 1010):
+        send(known[topic].make(number))
+    embed(known['embedding'].make(1005))
+    wait_until(lambda: len(node.stage.map) == 1)
+    assert node.stage.map.places().positions_m[0].tolist() == [1005.0, 0.0, 0.0]
+    drops = node.status.drops
+    assert drops['invalid_position'] and drops['invalid_stamp'] and not drops['internal_error'], drops

