@@ -54,8 +54,8 @@ def export(
         weights = find_weights(str(weights), (SAFETENSORS,))
     require_file(weights)
     if weights.suffix == ONNX:
-        if half or unit_u or int8 or low_rank < 1.0 or calibrate:
-            raise ConfigError(f'{weights}: options are for .safetensors: an ONNX file only gets its digest')
+        if out.suffix == SAFETENSORS or half or unit_u or int8 or low_rank < 1.0 or calibrate:
+            raise ConfigError(f'{weights}: options are for .safetensors: an ONNX file only gets its digest, as ONNX')
         header = add_digest(weights, out)
         typer.echo(f'{out}: {header.fingerprint}, now with a digest of what {weights} holds')
         return

@@ -226,7 +226,7 @@ def test_an_interrupted_run_leaves_nothing_that_looks_complete(
     command = [*hearing, sys.executable, '-m', 'offradar_ros.cli.main', 'convert', str(endless_folder), str(out)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     deadline_s = time.monotonic() + WAIT_S
-    while not any(tmp_path.glob('bag.partial/**/*.mcap')):
+    while not any(tmp_path.glob('bag.*.partial/**/*.mcap')):
         assert process.poll() is None, process.communicate()
         assert time.monotonic() < deadline_s
         time.sleep(0.01)
@@ -235,11 +235,11 @@ def test_an_interrupted_run_leaves_nothing_that_looks_complete(
     assert process.returncode != 0
     assert 'Traceback' not in printed, printed
     left = [path.name for path in tmp_path.iterdir() if path != endless_folder]
-    assert left == ([] if sent == signal.SIGINT else ['bag.partial'])
-    for path in (*tmp_path.glob('bag*'), *tmp_path.glob('bag.partial/*')):
+    assert left == ([] if sent == signal.SIGINT else [path.name for path in tmp_path.glob('bag.*.partial')])
+    for path in (*tmp_path.glob('bag*'), *tmp_path.glob('bag.*.partial/*')):
         assert re.search(r'no metadata\.yaml|no radar scans', refused('check', path))
     # The next run starts over.
     (endless_folder / 'Navtech_Polar' / '000006.png').unlink()
     done('convert', endless_folder, out)
     assert counts(out)['/radar_data/b_scan_image'] == 5
-    assert not (tmp_path / 'bag.partial').exists()
+    assert not any(tmp_path.glob('bag.*.partial'))

@@ -59,7 +59,7 @@ def test_a_finished_bag_is_kept_and_an_unfinished_one_is_made_again(
     done('convert', data_set / 'monday', out / 'monday')
     before = {path: path.stat().st_mtime_ns for path in (out / 'monday').iterdir()}
     # As a run that was killed leaves it.
-    cut = out / 'tuesday.partial' / 'tuesday'
+    cut = out / 'tuesday.0123456789abcdef.partial' / 'tuesday'
     cut.mkdir(parents=True)
     (cut / 'tuesday.mcap').write_bytes(b'\x89MCAP0\r\n')
     printed = done('convert', data_set, out).splitlines()
@@ -138,7 +138,7 @@ def test_ctrl_c_keeps_finished_bags_and_the_next_run_continues(
         text=True,
     )
     deadline_s = time.monotonic() + WAIT_S
-    while not (all((out / name).exists() for name in NAMES) and any(out.glob('zoo.partial/**/*.mcap'))):
+    while not (all((out / name).exists() for name in NAMES) and any(out.glob('zoo.*.partial/**/*.mcap'))):
         assert process.poll() is None, process.communicate()
         assert time.monotonic() < deadline_s
         time.sleep(0.01)

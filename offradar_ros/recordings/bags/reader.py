@@ -13,6 +13,7 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
 from offradar_ros.errors import DataError, RefusedInput
+from offradar_ros.recordings.bags.bag_check import check_bag_files, require_all_read
 from offradar_ros.recordings.bags.topics import IMAGE_TYPE
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
@@ -39,7 +40,9 @@ class Bag:
             raise DataError(f'{self.path}: no metadata.yaml: not a rosbag2 folder, or a recording that was cut off')
         with self._named_errors():
             self._reader = Reader(self.path)
+            self._facts = check_bag_files(self.path)
             self._reader.open()
+            require_all_read(self.path, self._reader)
 
     @contextlib.contextmanager
     def _named_errors(self) -> Iterator[None]:
@@ -73,12 +76,12 @@ class Bag:
     @property
     def start_ns(self) -> int:
         """Log time of the first message."""
-        return int(self._reader.start_time)
+        return self._facts.start_ns
 
     @property
     def end_ns(self) -> int:
         """Log time just after the last message."""
-        return int(self._reader.end_time)
+        return self._facts.end_ns
 
     def topics_of(self, msgtype: str) -> list[str]:
         """Topics of one message type."""
