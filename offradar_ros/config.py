@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 
 from offradar_ros.errors import ConfigError
 from offradar_ros.records import flatten, read_tree, replace, to_yaml
+from offradar_ros.whole_file import write_whole_file
 
 Value = bool | int | float | str
 NODE_PARAMETERS = frozenset({'use_sim_time', 'autostart', 'start_type_description_service'})
@@ -566,7 +567,10 @@ def load_config(path: str | Path | None = None, overrides: Mapping[str, Any] | N
 
 
 def write_parameters(path: str | Path, values: Mapping[str, Value], comment: str = '') -> None:
-    """Write dotted names as a ROS parameter file for every node (``/**``); ConfigError if it cannot be written."""
+    """Write dotted names as a ROS parameter file for every node (``/**``), whole or not at all.
+
+    ConfigError if it cannot be written: then a file at `path` is as it was.
+    """
     tree: dict[str, Any] = {}
     for name, value in values.items():
         *groups, leaf = name.split('.')
@@ -577,6 +581,6 @@ def write_parameters(path: str | Path, values: Mapping[str, Value], comment: str
     text = to_yaml({'/**': {'ros__parameters': tree}})
     header = ''.join(f'# {line}\n' for line in comment.splitlines())
     try:
-        Path(path).write_text(header + text, encoding='utf-8')
+        write_whole_file(path, (header + text).encode())
     except OSError as error:
         raise ConfigError(f'{path}: the parameter file cannot be written ({error.strerror})') from error

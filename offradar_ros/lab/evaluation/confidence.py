@@ -23,6 +23,7 @@ from offradar_ros.lab.evaluation.protocol import VALIDATION, Protocol
 from offradar_ros.lab.evaluation.runner import embedded_worlds
 from offradar_ros.retrieval.confidence import terms_of
 from offradar_ros.retrieval.evidence import EvidenceTable
+from offradar_ros.whole_file import write_whole_file
 
 
 @dataclasses.dataclass(frozen=True)
@@ -105,10 +106,13 @@ def fit(protocol: Protocol, method: str, options: Options) -> ConfidenceConfig:
 
 
 def write_confidence(path: Path, found: ConfidenceConfig, comment: str) -> None:
-    """Write coefficients as the package ships them (``params/confidence``)."""
+    """Write coefficients as the package ships them (``params/confidence``); ConfigError if they cannot be written."""
     lines = [f'# {comment}']
     for field in dataclasses.fields(found):
         value = getattr(found, field.name)
         shown = f'{value!r}' if isinstance(value, float) else f"'{value}'"
         lines += [f'# {field.metadata["bounds"].description}', f'{field.name}: {shown}']
-    path.write_text('\n'.join(lines) + '\n', encoding='utf-8')
+    try:
+        write_whole_file(path, ('\n'.join(lines) + '\n').encode())
+    except OSError as error:
+        raise ConfigError(f'{path}: cannot be written ({error.strerror})') from error

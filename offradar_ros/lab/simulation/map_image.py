@@ -18,10 +18,13 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from offradar_ros.bounded_input import parse_yaml, read_bounded, read_text
 from offradar_ros.errors import DataError
+from offradar_ros.lab.simulation.image_size import image_size
 
 _MODES = ('trinary', 'scale', 'raw')
-_MAX_PIXELS = 2**28
+_MAX_PIXELS = 2**27
+_MAX_BYTES = 4 * _MAX_PIXELS + 2**20
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -73,10 +76,10 @@ def read_map_image(path: str | Path) -> MapImage:
 
 def _read_yaml(path: Path) -> dict[str, Any]:
     try:
-        values = yaml.safe_load(path.read_text(encoding='utf-8'))
+        values = parse_yaml(read_text(path))
     except OSError as error:
         raise DataError(f'{path}: cannot be read ({error.strerror})') from None
-    except (ValueError, RecursionError, yaml.YAMLError) as error:
+    except (ValueError, yaml.YAMLError) as error:
         raise DataError(f'{path}: not a YAML file ({str(error).splitlines()[0]})') from None
     if not isinstance(values, dict) or 'image' not in values:
         raise DataError(f'{path}: expected a nav2 map with image, resolution and origin')
@@ -100,17 +103,22 @@ def _read_pixels(path: Path, name: Any) -> tuple[NDArray[np.float64], NDArray[np
         raise DataError(f'{path}: image: expected the name of a file, got {name!r}')
     file = path.parent / name
     try:
-        data = np.frombuffer(file.read_bytes(), np.uint8)
+        data = read_bounded(file, _MAX_BYTES)
+        width, height = image_size(data)
     except OSError as error:
         raise DataError(f'{file}: cannot be read ({error.strerror}); {path} names it') from None
+    except ValueError as error:
+        raise DataError(
+            f'{file}: expected an image of 8 bits a channel (PNG, PGM, BMP), {error}; {path} names it'
+        ) from None
+    if width * height > _MAX_PIXELS:
+        raise DataError(f'{file}: expected up to {_MAX_PIXELS} pixels, got {width} × {height}')
     try:
-        image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if len(data) else None
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error:
         image = None
-    if image is None or image.dtype != np.uint8:
+    if image is None or image.dtype != np.uint8 or image.shape[:2] != (height, width):
         raise DataError(f'{file}: expected an image of 8 bits a channel (PNG, PGM, BMP); {path} names it')
-    if image.shape[0] * image.shape[1] > _MAX_PIXELS:
-        raise DataError(f'{file}: expected up to {_MAX_PIXELS} pixels, got {image.shape[1]} × {image.shape[0]}')
     channels = np.atleast_3d(image)
     opaque = channels[:, :, -1] > 127 if channels.shape[2] in (2, 4) else np.ones(image.shape[:2], np.bool_)
     colours = channels[:, :, : 3 if channels.shape[2] >= 3 else 1]

@@ -208,8 +208,7 @@ class _Walk:
         said = (start_ns, end_ns, length, compression, compressed_size, size)
         if said != (head.start_ns, head.end_ns, found_length, head.compression, head.compressed_size, head.size):
             raise Damage(f'its index says of the chunk at byte {start} what is not so')
-        # A reader takes the number of messages from where the index of the next channel begins, and leaves the chunk out
-        # where it is 0.
+        # A reader takes the number of messages from where the index of the next channel begins; 0 leaves the chunk out.
         places.sort()
         ends = [offset for offset, _ in places[1:]] + [start + length + index_length]
         indexed = {channel for (at, channel), end in zip(places, ends, strict=False) if end - at >= _INDEX_BYTES}
