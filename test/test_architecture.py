@@ -27,6 +27,7 @@ ORDER = (
     'errors',
     'whole_file',
     'bounded_input',
+    'yaml_digest',
     'types',
     'geometry',
     'sequence',
