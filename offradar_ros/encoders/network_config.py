@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import reprlib
 from typing import Any
 
 from offradar_ros.bounded_input import parse_json
@@ -113,4 +114,4 @@ class NetworkConfig:
 
 def _expect(condition: bool, name: str, expected: str, value: Any) -> None:
     if not condition:
-        raise ConfigError(f'network setting {name}: expected {expected}, got {value!r}')
+        raise ConfigError(f'network setting {name}: expected {expected}, got {reprlib.repr(value)}')

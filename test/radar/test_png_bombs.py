@@ -35,16 +35,16 @@ ROWS[:, 0] = 0
 PIXELS = zlib.compress(ROWS.tobytes())
 
 
-def zeros(megabytes: int) -> bytes:
-    """Compressed zeros: after a full flush the same bytes stand for the same again."""
+def zeros(megabytes: int, before: bytes = b'') -> bytes:
+    """Compressed zeros, `before` before them: after a full flush the same bytes stand for the same again."""
     compressor = zlib.compressobj(9)
-    start = compressor.compress(b'') + compressor.flush(zlib.Z_FULL_FLUSH)
+    start = compressor.compress(before) + compressor.flush(zlib.Z_FULL_FLUSH)
     block = compressor.compress(bytes(2**20)) + compressor.flush(zlib.Z_FULL_FLUSH)
     return start + block * megabytes + compressor.flush()
 
 
 BOMBS: dict[str, Callable[[], bytes]] = {
-    'pixels that inflate to 1.5 GB': lambda: png(zeros(1500)),
+    'pixels that inflate to 1.5 GB': lambda: png(zeros(1500, ROWS.tobytes())),
     'pixels without end': lambda: png(PIXELS[:-9] + bytes(2 * 2**20)),
     'endless small chunks': lambda: png(PIXELS, chunk(b'tEXt', b'') * 140_000),
     'an image of 2 billion pixels': lambda: png(PIXELS, width=2**31 - 1),

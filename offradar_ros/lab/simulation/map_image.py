@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import reprlib
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,7 @@ from offradar_ros.bounded_input import parse_yaml, read_bounded, read_text
 from offradar_ros.errors import DataError
 from offradar_ros.lab.simulation.image_size import image_size
 
+_SHORT = reprlib.Repr()
 _MODES = ('trinary', 'scale', 'raw')
 _MAX_PIXELS = 2**27
 _MAX_BYTES = 4 * _MAX_PIXELS + 2**20
@@ -59,13 +61,13 @@ def read_map_image(path: str | Path) -> MapImage:
         raise DataError(f'{path}: resolution: expected 0.001 to 100 metres per cell, got {resolution:g}')
     origin = values.get('origin')
     if not isinstance(origin, list) or len(origin) < 3 or not all(_finite(v) for v in origin[:3]):
-        raise DataError(f'{path}: origin: expected three numbers, x, y and yaw, got {origin!r}')
+        raise DataError(f'{path}: origin: expected three numbers, x, y and yaw, got {_SHORT.repr(origin)}')
     mode = values.get('mode', 'trinary')
     if mode not in _MODES:
-        raise DataError(f'{path}: mode: expected {", ".join(_MODES)}, got {mode!r}')
+        raise DataError(f'{path}: mode: expected {", ".join(_MODES)}, got {_SHORT.repr(mode)}')
     negate = values.get('negate', 0)
     if negate not in (0, 1):
-        raise DataError(f'{path}: negate: expected 0 or 1, got {negate!r}')
+        raise DataError(f'{path}: negate: expected 0 or 1, got {_SHORT.repr(negate)}')
     threshold = _number(path, values, 'occupied_thresh', 0.65)
     if not 0.0 <= threshold <= 1.0:
         raise DataError(f'{path}: occupied_thresh: expected 0 to 1, got {threshold:g}')
@@ -93,14 +95,14 @@ def _finite(value: Any) -> bool:
 def _number(path: Path, values: dict[str, Any], name: str, default: float | None = None) -> float:
     value: Any = values.get(name, default)
     if not _finite(value):
-        raise DataError(f'{path}: {name}: expected a number, got {value!r}')
+        raise DataError(f'{path}: {name}: expected a number, got {_SHORT.repr(value)}')
     return float(value)
 
 
 def _read_pixels(path: Path, name: Any) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """(H, W) gray values 0 to 255, and (H, W) whether each pixel is opaque (alpha above 127)."""
     if not isinstance(name, str) or not name or '\0' in name:
-        raise DataError(f'{path}: image: expected the name of a file, got {name!r}')
+        raise DataError(f'{path}: image: expected the name of a file, got {_SHORT.repr(name)}')
     file = path.parent / name
     try:
         data = read_bounded(file, _MAX_BYTES)

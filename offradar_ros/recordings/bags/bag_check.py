@@ -28,6 +28,8 @@ MAX_FILE_BYTES = 64 * 1024**3
 """Largest content of a file that was compressed as a whole."""
 _PIECE = 1024**2
 _ZSTD = '.zstd'
+_LONGEST = 300
+"""Most characters of a reason: names within a file may be of any length."""
 
 
 class _Metadata(NamedTuple):
@@ -80,9 +82,10 @@ def _facts(path: Path, file: Path, compression: str) -> BagFacts:
         return _checked(file, _state(file), compression)
     except Damage as damage:
         where = '' if file == path else f'{file.name}: '
+        reason = ' '.join(str(damage).split())[:_LONGEST]
         saved = f', or save what is whole: mcap recover {shlex.quote(str(file))} -o NEW.mcap'
         raise DataError(
-            f'{path}: not a readable rosbag2 recording ({where}{damage}): copy it again'
+            f'{path}: not a readable rosbag2 recording ({where}{reason}): copy it again'
             f'{saved if file.suffix == ".mcap" else ""}'
         ) from None
 
@@ -128,9 +131,9 @@ def _metadata(file: Path, _: tuple[int, int, int]) -> _Metadata:
             told = topic['topic_metadata']
             counts[str(told['name']), str(told['type'])] += int(topic['message_count'])
     except (yaml.YAMLError, ValueError, KeyError, TypeError, AttributeError) as error:
-        reason = (str(error).splitlines() or [''])[0]
+        reason = ' '.join(str(error).split())
         raise DataError(
-            f'{file}: damaged, or not that of a bag ({type(error).__name__}: {reason[:200]}): '
+            f'{file}: damaged, or not that of a bag ({type(error).__name__}: {reason[:_LONGEST]}): '
             f'ros2 bag reindex {shlex.quote(str(file.parent))} writes it again'
         ) from None
     if len(set(files)) < len(files):
@@ -146,7 +149,8 @@ def _require_agreement(path: Path, metadata: _Metadata, facts: BagFacts) -> None
 
 
 def _disagreement(path: Path, what: str) -> DataError:
+    shown = ' '.join(what.split())[:_LONGEST]
     return DataError(
-        f'{path}: metadata.yaml is damaged, or of other files: it {what}: '
+        f'{path}: metadata.yaml is damaged, or of other files: it {shown}: '
         f'ros2 bag reindex {shlex.quote(str(path))} writes it again'
     )

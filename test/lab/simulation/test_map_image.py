@@ -68,6 +68,24 @@ def test_what_claims_too_much_or_is_damaged_is_refused(tmp_path: Path, kind: str
     assert line.startswith(f'{tmp_path / "map.img"}: expected ')
 
 
+def test_an_image_of_too_many_pixels_is_not_decoded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('offradar_ros.lab.simulation.map_image._MAX_PIXELS', 5)
+    monkeypatch.setattr(cv2, 'imdecode', lambda *_: pytest.fail('decoded'))
+    for kind, image in READABLE.items():
+        with pytest.raises(DataError, match='expected up to 5 pixels, got 3 × 2'):
+            read_map_image(map_of(tmp_path, image, f'{kind}.img'))
+
+
+def test_a_value_of_a_map_that_is_long_makes_a_short_line(tmp_path: Path) -> None:
+    path = map_of(tmp_path, READABLE['png'])
+    for name in ('origin', 'mode', 'negate', 'occupied_thresh', 'image'):
+        lines = [line for line in path.read_text().splitlines() if not line.startswith(f'{name}:')]
+        (tmp_path / 'long.yaml').write_text('\n'.join([*lines, f'{name}: [{"x, " * 100_000}x]']))
+        with pytest.raises(DataError, match=f'{name}: expected') as refused:
+            read_map_image(tmp_path / 'long.yaml')
+        assert len(str(refused.value)) < 1000
+
+
 @pytest.mark.parametrize('more', ['a: &a [x]\n' + ''.join(f'b{n}: &b [*a, *a]\n' for n in range(3)), 'x: ' + '[' * 99])
 def test_a_map_file_that_is_no_map_is_refused(tmp_path: Path, more: str) -> None:
     path = map_of(tmp_path, READABLE['png'], more=more if '[' * 99 in more else f'{more}c: [*c]\n')

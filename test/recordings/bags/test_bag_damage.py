@@ -314,12 +314,18 @@ GIANT = 10**10
 
 
 ZEROS = bytes(32 * 2**20)
+TIMES = 64
 
 
 def inflating(compression: str, size: int) -> bytes:
-    """A file whose one chunk inflates to 2 GB and claims `size` bytes."""
-    compress = zstd.compress if compression == 'zstd' else lz4.frame.compress
-    return mcap(chunk(b'', compression, compress(ZEROS) * 64, size))
+    """A file whose one chunk, of one frame, inflates to 2 GB and claims `size` bytes."""
+    if compression == 'zstd':
+        zstd_frame = zstd.ZstdCompressor()
+        parts = [*(zstd_frame.compress(ZEROS) for _ in range(TIMES)), zstd_frame.flush()]
+    else:
+        lz4_frame = lz4.frame.LZ4FrameCompressor()
+        parts = [lz4_frame.begin(), *(lz4_frame.compress(ZEROS) for _ in range(TIMES)), lz4_frame.flush()]
+    return mcap(chunk(b'', compression, b''.join(parts), size))
 
 
 BOMBS: dict[str, Callable[[], bytes]] = {
@@ -327,7 +333,7 @@ BOMBS: dict[str, Callable[[], bytes]] = {
     'a chunk that claims 10 GB': lambda: mcap(chunk(b'', 'zstd', zstd.compress(b'x'), GIANT)),
     'zstd of 2 GB that claims little': lambda: inflating('zstd', 1000),
     'lz4 of 2 GB that claims little': lambda: inflating('lz4', 1000),
-    'zstd of 2 GB that claims it': lambda: inflating('zstd', 64 * len(ZEROS)),
+    'zstd of 2 GB that claims it': lambda: inflating('zstd', TIMES * len(ZEROS)),
     'too many topics': lambda: mcap(schema(1) + b''.join(channel(n, f'/t{n}') for n in range(MAX_CHANNELS + 1))),
     'schemas of 70 MB': lambda: mcap(b''.join(schema(n, definition=ZEROS[: 7 * 2**20]) for n in range(1, 11))),
 }
@@ -380,11 +386,27 @@ def test_a_compressed_file_that_inflates_to_too_much_is_refused(
         Bag(bag)
 
 
+def test_names_of_a_file_stay_on_one_line(lone: Path) -> None:
+    odd = 'two\nlines ' + 'x' * 10_000
+    lone.write_bytes(mcap(schema(1) + channel(1, odd) + chunk(message(1, 101))))
+    with pytest.raises(DataError) as refused:
+        Bag(lone)
+    assert len(str(refused.value).splitlines()) == 1
+    written(lone.with_name('bag'), CompressionMode.NONE, StoragePlugin.MCAP, b'data')
+    metadata = lone.with_name('bag') / 'metadata.yaml'
+    tree = yaml.safe_load(metadata.read_text())
+    tree['rosbag2_bagfile_information']['topics_with_message_count'][0]['topic_metadata']['name'] = odd
+    metadata.write_text(yaml.safe_dump(tree))
+    with pytest.raises(DataError) as refused:
+        Bag(metadata.parent)
+    assert len(str(refused.value).splitlines()) == 1
+    assert len(str(refused.value)) < 1000
+
+
 @pytest.mark.parametrize(
     'bomb',
     [
-        'a: &a [x, x]\n'
-        + ''.join(f'a{n}: &a{n} [{", ".join(["*a" + (str(n - 1) if n else "")] * 9)}]\n' for n in range(12)),
+        'a0: &a0 [x, x]\n' + ''.join(f'a{n}: &a{n} [{", ".join([f"*a{n - 1}"] * 9)}]\n' for n in range(1, 12)),
         '[' * 100_000,
         'x' * 5_000_000,
     ],
@@ -405,6 +427,16 @@ def test_pages_of_sqlite_that_are_not_in_order_are_refused(tmp_path: Path) -> No
     # The pages after the first hold tables, each with its kind in its first byte.
     for page in range(4096, len(content), 4096):
         content[page] ^= 0x40
+    file.write_bytes(content)
+    with pytest.raises(DataError, match='not a readable rosbag2 recording'):
+        Bag(file)
+
+
+def test_pages_of_sqlite_that_are_lost_are_noticed(tmp_path: Path) -> None:
+    file = sqlite(tmp_path / 'bag')
+    content = bytearray(file.read_bytes())
+    # The number of free pages, in the header: no query sees it.
+    content[39] ^= 4
     file.write_bytes(content)
     with pytest.raises(DataError, match='not a readable rosbag2 recording'):
         Bag(file)
