@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import re
 import shutil
 import sqlite3
 import struct
@@ -351,7 +352,10 @@ with Bag(sys.argv[1]) as bag:
 @pytest.mark.parametrize('case', BOMBS)
 def test_a_file_that_asks_for_too_much_is_refused(lone: Path, case: str) -> None:
     lone.write_bytes(BOMBS[case]())
-    assert refusal(READ, READ_ALL, lone).startswith(f'{lone}: not a readable rosbag2 recording (')
+    line = refusal(READ, READ_ALL, lone)
+    assert line.startswith(f'{lone}: not a readable rosbag2 recording (')
+    # It is not the memory that ends it.
+    assert not re.search('memory', line, re.IGNORECASE)
 
 
 def written(path: Path, mode: CompressionMode, storage: StoragePlugin, data: bytes) -> Path:
