@@ -28,6 +28,7 @@ ORDER = (
     'entry_point',
     'whole_file',
     'bounded_input',
+    'yaml_digest',
     'types',
     'geometry',
     'sequence',
