@@ -50,10 +50,25 @@ class WriterLock:
                 time.sleep(0.01)
             os.close(file)
 
+    def keep(self, path: Path) -> None:
+        """Take the lock again if its file was removed; MapError if another process has it now."""
+        if not self._is_in_place():
+            taken = self._acquire(path)
+            os.close(self._file)
+            self._file = taken
+
     def release(self) -> None:
         """Release the lock."""
-        self._path.unlink(missing_ok=True)
+        # A file that somebody else made there, after ours was removed, is theirs.
+        if self._is_in_place():
+            self._path.unlink(missing_ok=True)
         os.close(self._file)
+
+    def _is_in_place(self) -> bool:
+        try:
+            return os.path.samestat(os.fstat(self._file), os.stat(self._path))  # noqa: PTH116
+        except OSError:
+            return False
 
 
 def has_writer(path: Path) -> bool:

@@ -417,7 +417,7 @@ def test_a_failed_write_leaves_file_and_session_unchanged(tmp_path: Path, monkey
     with open_map(path) as session_map:
         drive(session_map, 0.5)
         with monkeypatch.context() as patch:
-            patch.setattr('offradar_ros.mapping.store._write_places', fail)
+            patch.setattr('offradar_ros.mapping.sealed_rows.SealedRows.put_places', fail)
             for call in (session_map.end_session, session_map.save):
                 with pytest.raises(MapError, match='could not be written'):
                     call()
