@@ -233,13 +233,18 @@ def _read(path: Path, mode: str, read: Callable[[MapRows], Content]) -> Content:
     except sqlite3.DatabaseError as error:
         if 'not a database' in str(error):
             raise _DamagedError(f'{path}: not a map: expected a SQLite file written by offradar') from error
-        raise _DamagedError(f'{path}: the map is damaged ({error}); the file is not changed') from error
+        raise _DamagedError(f'{path}: the map is damaged ({_line(error)}); the file is not changed') from error
     except (ValueError, TypeError, KeyError, OverflowError, ConfigError, RefusedInput) as error:
-        raise _DamagedError(f'{path}: the map is damaged ({error}); the file is not changed') from error
+        raise _DamagedError(f'{path}: the map is damaged ({_line(error)}); the file is not changed') from error
     except MemoryError as error:
         raise MapError(f'{path}: the map is too large for the memory of this computer') from error
     except OSError as error:
         raise MapError(f'{path}: the map cannot be read ({error.strerror})') from error
+
+
+def _line(error: Exception) -> str:
+    """An error in one line that can be printed, whatever a damaged file holds."""
+    return str(error).encode('ascii', 'backslashreplace').decode().replace('\n', ' ')
 
 
 def _require_map(path: Path, connection: sqlite3.Connection) -> int:

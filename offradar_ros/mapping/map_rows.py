@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 import sqlite3
@@ -59,7 +60,9 @@ class MapRows:
         self.created = str(meta['created'])
         self.model = structure(ModelInfo, meta['model']) if meta['model'] else None
         if self.model and not (_FINGERPRINT.fullmatch(self.model.fingerprint) and 1 <= self.dimension <= MAX_DIMENSION):
-            raise ValueError(f'its model has the dimension {self.dimension} and the fingerprint {self.model.fingerprint!r:.80}')
+            raise ValueError(
+                f'its model has the dimension {self.dimension} and the fingerprint {self.model.fingerprint!r:.80}'
+            )
         self.origin = structure(GeoPoint, meta['origin']) if meta['origin'] else None
         self.next_place_id = meta['next_place_id']
         if type(self.next_place_id) is not int or not 0 <= self.next_place_id <= MAX_ID:
@@ -92,20 +95,19 @@ class MapRows:
         for rows in _batches(cursor):
             table = rows_to_table(rows, self.dimension)
             anchors_m = np.array([row[9:11] for row in rows], np.float64)
-            found = self._checked('places', rows, place_digests(table, anchors_m), found)
+            if self.seal:
+                found = self._checked('places', rows, place_digests(table, anchors_m), found)
             self._require_possible(table)
             if not (np.abs(anchors_m) <= MAX_COORDINATE_M).all():
                 raise ValueError(f'a place was first mapped farther than {MAX_COORDINATE_M:g} m from the origin')
-            if int(table.place_ids[0]) <= last_id or not (np.diff(table.place_ids) > 0).all():
-                raise ValueError('places are not in the order of their ids')
-            last_id = int(table.place_ids[-1])
+            last_id = _last_in_order('places', [last_id, *table.place_ids.tolist()])
             yield Batch(table, anchors_m)
         self._require_complete('places', found)
 
     def before(self, session_id: int | None = None) -> dict[int, Before]:
         """By session, what its places held before it; only for `session_id` where that is given."""
         before: dict[int, Before] = {}
-        found = RowSum()
+        found, last = RowSum(), (-1, -1)
         cursor = self.connection.execute(
             f'SELECT {CONTENT_COLUMNS}, by_session, existed, {self._digest} FROM undo ORDER BY by_session, place_id'
         )
@@ -118,10 +120,12 @@ class MapRows:
             self._require_possible(table)
             self._require_known_ids(ids)
             self._require_known_sessions(by_sessions)
-            values = np.empty(len(rows), np.int64)
-            values[existed] = undo_digests(table, by_sessions[existed])
-            values[~existed] = inserted_digests(ids[~existed], by_sessions[~existed])
-            found = self._checked('undo', rows, values, found)
+            last = _last_in_order('undo', [last, *zip(by_sessions.tolist(), ids.tolist(), strict=True)])
+            if self.seal:
+                values = np.empty(len(rows), np.int64)
+                values[existed] = undo_digests(table, by_sessions[existed])
+                values[~existed] = inserted_digests(ids[~existed], by_sessions[~existed])
+                found = self._checked('undo', rows, values, found)
             wanted = by_sessions == session_id if session_id is not None else np.ones(len(rows), np.bool_)
             for place_id, by_session in zip(ids[wanted].tolist(), by_sessions[wanted].tolist(), strict=True):
                 before.setdefault(by_session, {})[place_id] = None
@@ -140,8 +144,10 @@ class MapRows:
         rows = [row for row in rows if not is_seal(row[0])]
         if any(type(value) is not str for row in rows for value in row[:2]):
             raise ValueError('its table meta holds something other than text')
-        values = digests('meta', (meta_bytes(key, value) for key, value, _ in rows))
-        self._require_complete('meta', self._checked('meta', rows, values, RowSum()))
+        _last_in_order('meta', ['', *(row[0] for row in rows)])
+        if self.seal:
+            values = digests('meta', (meta_bytes(key, value) for key, value, _ in rows))
+            self._require_complete('meta', self._checked('meta', rows, values, RowSum()))
         return {key: parse_json(value) for key, value, _ in rows}
 
     def _sessions(self) -> tuple[StoredSession, ...]:
@@ -151,14 +157,14 @@ class MapRows:
         for row in rows:
             if tuple(map(type, row)) != (int, str, int, str, str, int):
                 raise ValueError('a session holds a value of another type')
-        values = digests('sessions', (session_bytes(row[:5]) for row in rows))
-        self._require_complete('sessions', self._checked('sessions', rows, values, RowSum()))
+        _last_in_order('sessions', [0, *(row[0] for row in rows)])
+        if self.seal:
+            values = digests('sessions', (session_bytes(row[:5]) for row in rows))
+            self._require_complete('sessions', self._checked('sessions', rows, values, RowSum()))
         return tuple(_session(*row[:5]) for row in rows)
 
     def _checked(self, name: str, rows: list[Any], values: NDArray[np.int64], found: RowSum) -> RowSum:
         """`found` with these rows; ValueError for a row whose digest is not that of its content."""
-        if self.seal is None:
-            return found
         wrong = np.flatnonzero(_whole_numbers([row[-1] for row in rows]) != values)
         if len(wrong):
             raise ValueError(f'{len(wrong)} rows of {name} are not as written, the first is {rows[wrong[0]][0]}')
@@ -198,6 +204,13 @@ def _session(session_id: int, name: str, stamp_ns: int, state: str, text: str) -
     return StoredSession(session_id, name, stamp_ns, state, report)
 
 
+def _last_in_order(name: str, keys: list[Any]) -> Any:
+    """The last of some keys; ValueError unless they ascend, as a table that is searched must."""
+    if not all(key < following for key, following in itertools.pairwise(keys)):
+        raise ValueError(f'the rows of {name} are not in the order of their keys')
+    return keys[-1]
+
+
 def _whole_numbers(values: list[Any]) -> NDArray[np.int64]:
     if not all(type(value) is int for value in values):
         raise ValueError('a value is not a whole number')
@@ -214,5 +227,3 @@ def require_undoable(before: dict[int, Before], place_ids: NDArray[np.int64]) ->
     changed = np.array(sorted({place_id for of_session in before.values() for place_id in of_session}), np.int64)
     if not np.isin(changed, place_ids).all():
         raise ValueError('a session changed a place that is not in the map')
-
-

@@ -52,7 +52,8 @@ CREATE = f"""{_tables(', digest INTEGER NOT NULL', ' WITHOUT ROWID')}
 PRAGMA application_id = {APPLICATION_ID};
 PRAGMA user_version = {VERSION};
 """
-_OF_VERSION = {1: _tables('', ''), 2: CREATE}
+OF_VERSION = {1: _tables('', ''), 2: CREATE}
+"""The statements that make the tables of each version."""
 
 Objects = frozenset[tuple[object, ...]]
 
@@ -66,5 +67,5 @@ def objects(connection: sqlite3.Connection) -> Objects:
 def expected_objects(version: int) -> Objects:
     """`objects` of a map of this version; a file from elsewhere could hold more, such as triggers."""
     with contextlib.closing(sqlite3.connect(':memory:')) as connection:
-        connection.executescript(_OF_VERSION[version])
+        connection.executescript(OF_VERSION[version])
         return objects(connection)

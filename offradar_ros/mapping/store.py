@@ -341,4 +341,6 @@ def _resolved(path: Path) -> Path:
     # RuntimeError: a loop of links, in Python before 3.13.
     except (OSError, ValueError, RuntimeError) as error:
         why = getattr(error, 'strerror', None) or str(error)
-        raise MapError(f'{path}: cannot be opened ({why}): check the path, and the permissions of its folder') from error
+        raise MapError(
+            f'{path}: cannot be opened ({why}): check the path, and the permissions of its folder'
+        ) from error

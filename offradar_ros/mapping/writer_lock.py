@@ -77,7 +77,8 @@ def has_writer(path: Path) -> bool:
         file = os.open(_lock_file(path.resolve()), os.O_RDONLY | os.O_CLOEXEC)
     except FileNotFoundError:
         return False
-    except OSError:
+    # RuntimeError: a loop of links, in Python before 3.13.
+    except (OSError, RuntimeError):
         return True
     try:
         fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)

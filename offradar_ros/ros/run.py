@@ -79,5 +79,11 @@ def _close(node: StageNode) -> int:
         node.close()
     except OffradarError as error:
         print(f'error: {error}', file=sys.stderr)
+        try:
+            rescued = node.rescue()
+        except OffradarError as failed:
+            rescued = f'error: {failed}'
+        if rescued:
+            print(rescued, file=sys.stderr)
         return 1
     return 0

@@ -211,8 +211,11 @@ class MapStage:
         return self.map.clear()
 
     def save(self) -> None:
-        """Write the changes of the running session to disk; MapError if that fails or the map has no file."""
-        self.map.save()
+        """Write the changes of the running session to disk, and the whole map where its file was removed.
+
+        MapError if that fails or the map has no file.
+        """
+        self.map.save(again=True)
         self._saved_s = self._clock()
 
     def autosave(self) -> None:
@@ -224,10 +227,11 @@ class MapStage:
             return
         if self._clock() - self._saved_s < self._autosave_s:
             return
+        self._saved_s = self._clock()
         try:
-            self.save()
+            # Where the file was removed, whoever did so decides: they may want an empty map.
+            self.map.save()
         except MapError as error:
-            self._saved_s = self._clock()
             raise RefusedInput('not_saved', str(error)) from error
 
     def committed(self) -> CommittedMap | None:
