@@ -140,7 +140,7 @@ def test_what_can_differ_is_seen_as_a_difference(sound: Path, tmp_path: Path) ->
         'UPDATE places SET place_id = -1 WHERE place_id = 2',
         'UPDATE undo SET uncertainty = 0.75 WHERE existed = 1',
         'UPDATE undo SET existed = 0 WHERE existed = 1',
-        'UPDATE undo SET by_session = 4 WHERE by_session = 3',
+        'UPDATE undo SET by_session = 1 WHERE by_session = 3',
         'DELETE FROM undo WHERE by_session = 3',
         "UPDATE sessions SET state = 'undone' WHERE session_id = 2",
         "UPDATE sessions SET name = 'another' WHERE session_id = 2",
