@@ -49,8 +49,8 @@ class HeldFile:
         self._state = file_state(self._path)
 
     def is_changed(self) -> bool:
-        """Whether somebody has written the file since `note_state`, as a copy over it does."""
-        return self._state is not None and file_state(self._path).file != self._state.file
+        """Whether somebody has written the file or its log since `note_state`, as a copy over it does."""
+        return self._state is not None and file_state(self._path) != self._state
 
     def release(self) -> None:
         """Let go of the file."""

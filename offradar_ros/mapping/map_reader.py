@@ -71,10 +71,10 @@ def read_committed(path: Path, start: Callable[[int, int], SinkT]) -> tuple[str,
     return consistently(path, stream)[0]
 
 
-def check_map(path: Path) -> Seal | None:
-    """Read every row of the map at `path`, without the log beside it, and keep none; its seal, None in version 1.
+def check_map(path: Path, *, with_log: bool = True) -> tuple[Seal | None, bool]:
+    """Read every row of the map at `path` and keep none. MapError as `read_map`.
 
-    MapError as `read_map`.
+    Returns its seal, None in version 1, and whether there was a log beside it that was read.
     """
 
     def check(rows: MapRows) -> Seal | None:
@@ -84,7 +84,8 @@ def check_map(path: Path) -> Seal | None:
         return rows.seal
 
     _require_file(path)
-    return _read(path, ALONE, check)
+    is_with_log = with_log and file_state(path).log is not None
+    return _read(path, WITH_LOG if is_with_log else ALONE, check), is_with_log
 
 
 def _content(rows: MapRows) -> StoredMap:

@@ -78,7 +78,7 @@ class MapStore:
             file = HeldFile(path)
             if rollback_log_of(path).exists():
                 # No map has such a log, and SQLite would apply it. First see that the file is a map.
-                check_map(path)
+                check_map(path, with_log=False)
                 notices.append(set_aside(path, rollback_log_of(path)))
             stored = read_map(path)
             if stored.is_log_foreign:
@@ -169,20 +169,30 @@ class MapStore:
         """LostMapError unless the path leads to the file that was opened, with the content that was written last."""
         if not self._file.is_in_place():
             raise self._lost('removed' if self._file.is_missing() else 'replaced')
-        if self._file.is_changed():
+        is_changed = self._file.is_changed()
+        if is_changed:
             # Somebody has only touched it, or has copied another file over it.
             try:
-                found = check_map(self.path)
+                found, is_with_log = check_map(self.path)
             except MapError as error:
                 raise self._lost('overwritten') from error
-            if found is None or not any(self._is_state_of(found, seal) for seal in self._seals):
+            if found is None or not any(self._is_state_of(found, seal, is_with_log) for seal in self._seals):
                 raise self._lost('overwritten')
-            # The same rows may be on other pages than those that SQLite remembers.
-            self._close_connection()
-            self._file.note_state()
+        is_beside = self._beside == self._files_beside()
+        if self._connection is not None and (is_changed or not is_beside):
+            # SQLite would go on with pages that it remembers, or with files that no other process can see.
+            self._fold_log(self._connection)
+            if self.is_folded:
+                self._close_connection()
+            elif not is_beside:
+                raise MapError(
+                    f'{self.path}: its log was removed while another process reads the map, so nothing was written: '
+                    'end that process and try again'
+                )
+        self._file.note_state()
 
-    def _is_state_of(self, found: Seal, seal: Seal) -> bool:
-        return found.mark == seal.mark if self.is_folded else seal.follows(found)
+    def _is_state_of(self, found: Seal, seal: Seal, is_with_log: bool) -> bool:
+        return found.mark == seal.mark if is_with_log or self.is_folded else seal.follows(found)
 
     def write_again(self, content: StoredMap) -> None:
         """Write the whole map, `content`, where its file was removed.
@@ -216,9 +226,10 @@ class MapStore:
 
     def close(self) -> None:
         """Close the file, without a further write."""
-        if self._connection is not None and self._file.is_in_place():
-            with contextlib.suppress(sqlite3.Error):
-                self._fold_log(self._connection)
+        if self._connection is not None:
+            with contextlib.suppress(MapError):
+                self.require_ours()
+                self._fold_log(self._open_connection())
         self._close_files()
         self._lock.release()
 
@@ -246,15 +257,6 @@ class MapStore:
         )
 
     def _open_connection(self) -> sqlite3.Connection:
-        if self._connection is not None and self._beside != self._files_beside():
-            # SQLite would go on with files that no other process can see.
-            self._fold_log(self._connection)
-            if not self.is_folded:
-                raise MapError(
-                    f'{self.path}: its log was removed while another process reads the map, so nothing was written: '
-                    'end that process and try again'
-                )
-            self._close_connection()
         if self._connection is None:
             connection = open_sqlite(self.path, 'mode=rw')
             try:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from offradar_ros.errors import MapError
 from offradar_ros.mapping import schema
-from offradar_ros.mapping.map_reader import check_map, consistently, log_of, rollback_log_of
+from offradar_ros.mapping.map_reader import check_map, consistently, log_of, rollback_log_of, status_of
 from offradar_ros.mapping.map_rows import MapRows
 from offradar_ros.mapping.seal import Seal
 from offradar_ros.mapping.sealed_rows import SealedRows
@@ -40,8 +40,11 @@ def back_up(path: Path, copy: Path, *, overwrite: bool = False) -> None:
 
     MapError if that fails, and if there is a file at `copy` already and `overwrite` is false.
     """
-    if copy.resolve() == path.resolve() or (copy.exists() and path.exists() and copy.samefile(path)):
+    status, present = status_of(path), status_of(copy)
+    if status and present and os.path.samestat(status, present):
         raise MapError(f'{copy}: is the map itself: give the copy another name')
+    if os.path.lexists(copy) and not overwrite:
+        raise MapError(f'{copy}: is there already and is not overwritten: --overwrite replaces it')
     if has_writer(copy):
         raise MapError(f'{copy}: is in use by another process that writes it: give the copy another name')
     with _placed(copy, overwrite) as draft:
@@ -151,7 +154,7 @@ def _sync(path: Path) -> None:
 
 
 def _require_same(path: Path, draft: Path, seal: Seal | None) -> None:
-    written = check_map(draft)
+    written, _ = check_map(draft)
     if (written.mark if written else None) != (seal.mark if seal else None):
         raise MapError(f'{path}: what was written there is not what was read: is the disk damaged?')
 

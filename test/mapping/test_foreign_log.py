@@ -252,7 +252,9 @@ def test_a_log_needed_by_a_half_written_file_is_applied(tmp_path: Path) -> None:
         session_map.save()
         session_map.adopt_model(content.model)
     complete, half = moved.read_bytes(), bytearray(path.read_bytes())
-    pages = [start for start in range(0, len(half), 4096) if half[start : start + 4096] != complete[start : start + 4096]]
+    pages = [
+        start for start in range(0, len(half), 4096) if half[start : start + 4096] != complete[start : start + 4096]
+    ]
     assert len(pages) > 1
     half[pages[0] : pages[0] + 4096] = complete[pages[0] : pages[0] + 4096]
     half[pages[1] + 512 : pages[1] + 4096] = bytes(4096 - 512)

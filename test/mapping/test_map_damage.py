@@ -241,7 +241,7 @@ IMPOSSIBLE = [
     "UPDATE meta SET value = replace(value, '3', '1000000000000') WHERE key = 'model'",
     "UPDATE meta SET value = replace(value, 'aaaa', 'xyz') WHERE key = 'model'",
     "UPDATE meta SET value = '" + '[' * 10000 + ']' * 10000 + "' WHERE key = 'origin'",
-    "UPDATE meta SET value = '{\"latitude_deg\": 1e999, \"longitude_deg\": 0}' WHERE key = 'origin'",
+    'UPDATE meta SET value = \'{"latitude_deg": 1e999, "longitude_deg": 0}\' WHERE key = \'origin\'',
 ]
 
 
