@@ -7,6 +7,7 @@ import dataclasses
 import os
 import sqlite3
 import stat
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple, Protocol, TypeVar
@@ -173,7 +174,7 @@ def open_sqlite(path: Path, mode: str) -> sqlite3.Connection:
         check_same_thread=False,
         timeout=BUSY_TIMEOUT_S,
     )
-    if hasattr(connection, 'setlimit'):  # Python 3.11
+    if sys.version_info >= (3, 11):
         connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_TEXT_BYTES)
     # Damaged text has a wrong digest; an error of SQLite's would not say that it is the content.
     connection.text_factory = _decoded

@@ -14,14 +14,20 @@ from offradar_ros.types import PlaceTable
 CONTENT_COLUMNS = 'place_id, session_id, stamp_ns, x_m, y_m, z_m, yaw_rad, uncertainty, mean'
 """Columns of `places` and `undo`, in the order in which they are read and written."""
 
-_TYPES = (int, int, int, float, float, float, (float, type(None)), float, bytes)
+_TYPES: tuple[set[object], ...] = (
+    *({int},) * 3,
+    *({float},) * 3,
+    {float, type(None)},
+    {float},
+    {bytes},
+)
 
 
 def rows_to_table(rows: Sequence[Sequence[Any]], dimension: int) -> PlaceTable:
     """Rows that begin with `CONTENT_COLUMNS`, as a table of places; ValueError for an invalid value."""
     columns = list(zip(*rows, strict=True))[:9] if rows else [()] * 9
-    for name, column, kind in zip(CONTENT_COLUMNS.split(', '), columns, _TYPES, strict=True):
-        if not all(issubclass(found, kind) for found in set(map(type, column))):
+    for name, column, types in zip(CONTENT_COLUMNS.split(', '), columns, _TYPES, strict=True):
+        if not types.issuperset(map(type, column)):
             raise ValueError(f'a place holds a {name} of another type')
     ids, sessions, stamps, x_m, y_m, z_m, yaws, uncertainties, means = columns
     if set(map(len, means)) - {4 * dimension}:
@@ -67,7 +73,7 @@ def inserted_digests(place_ids: NDArray[np.int64], by_sessions: NDArray[np.int64
     return digests('undo', (row.tobytes() for row in rows))
 
 
-def _packed(table: PlaceTable, beside: NDArray[np.generic]) -> Iterator[memoryview]:
+def _packed(table: PlaceTable, beside: NDArray[Any]) -> Iterator[memoryview]:
     """The bytes of each row, and of its row in `beside`."""
     count = len(table)
     fields: tuple[tuple[str, NDArray[Any]], ...] = (

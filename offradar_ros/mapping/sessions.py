@@ -12,8 +12,8 @@ from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.errors import MapError, RefusedInput
 from offradar_ros.geometry import GeoPoint
 from offradar_ros.mapping.parent_map import Merge, MergeKind, ParentMap
-from offradar_ros.mapping.session_report import SessionReport, UndoReport, session_label
 from offradar_ros.mapping.place_columns import PlaceColumns
+from offradar_ros.mapping.session_report import SessionReport, UndoReport, session_label
 from offradar_ros.mapping.store import LostMapError, MapStore
 from offradar_ros.mapping.stored_map import Before, StoredMap, StoredSession, revert
 from offradar_ros.types import Embedding, PlaceTable, Pose

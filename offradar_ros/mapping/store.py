@@ -7,7 +7,6 @@ each transaction the log is moved into the file, which alone then holds all that
 from __future__ import annotations
 
 import contextlib
-import os
 import sqlite3
 import tempfile
 from collections.abc import Iterator

@@ -76,18 +76,19 @@ def difference(one: StoredMap, other: StoredMap) -> str:
         return 'places'
     if not np.array_equal(one.anchors_m, other.anchors_m):
         return 'anchors'
-    if {session: list(before) for session, before in one.before.items()} != {
-        session: list(before) for session, before in other.before.items()
-    }:
+    if one.before.keys() != other.before.keys():
         return 'undo'
     for session, before in one.before.items():
-        pairs = [(place, other.before[session][place_id]) for place_id, place in before.items()]
-        if any((a is None) != (b is None) for a, b in pairs):
+        changed = [(place_id, place is None) for place_id, place in before.items()]
+        if changed != [(place_id, place is None) for place_id, place in other.before[session].items()]:
             return f'undo of session {session}'
-        tables = [PlaceTable.from_places([p for p in side if p], one.columns.dimension) for side in zip(*pairs)]
-        if tables and not _are_equal(*tables):
+        if not _are_equal(*(_table_of(stored.before[session], stored.columns.dimension) for stored in (one, other))):
             return f'undo of session {session}'
     return ''
+
+
+def _table_of(before: Before, dimension: int) -> PlaceTable:
+    return PlaceTable.from_places([place for place in before.values() if place], dimension)
 
 
 def _are_equal(one: PlaceTable, other: PlaceTable) -> bool:

@@ -81,7 +81,7 @@ class StageNode(LifecycleNode):
         """Release the core objects; OffradarError, with nothing released, if that would lose something."""
 
     def rescue(self) -> str:
-        """Called at exit when `close` has failed: keep what would be lost; says how in one line. May raise OffradarError."""
+        """Called at exit when `close` has failed: keep what would be lost; says how in one line, or OffradarError."""
         return ''
 
     def apply(self, config: Config) -> None:

@@ -17,7 +17,6 @@ import pytest
 from small_maps import (
     MODEL,
     add_session,
-    assert_holds,
     assert_tables_equal,
     drive,
     folder_state,
@@ -163,7 +162,7 @@ def files_of(folder: Path) -> dict[str, str]:
 @pytest.mark.parametrize('call', ['end_session', 'save', 'undo_session', 'clear', 'require_file', 'start_session'])
 def test_nothing_succeeds_without_the_file(opened: SessionMap, take: Callable[[Path], None], call: str) -> None:
     path = Path(opened.config.path)
-    arguments = ()
+    arguments: tuple[object, ...] = ()
     if call == 'start_session':
         opened.end_session()
         arguments = ('next', 1)
@@ -313,13 +312,12 @@ def test_a_second_writer_of_a_new_map_at_the_path_keeps_its_map_and_lock(opened:
     assert sessions_of(path) == [(1, 'ended')]
 
 
-def test_a_writer_that_did_not_keep_the_locks_is_noticed(opened: SessionMap, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_writer_that_did_not_keep_the_locks_is_noticed(opened: SessionMap) -> None:
     """As on a file system without locks."""
     path = Path(opened.config.path)
     content = held(opened)
     path.with_name('a.map.lock').unlink()
     no_lock = 'import fcntl; fcntl.flock = lambda *_: None\n'
-    del monkeypatch
     assert run(no_lock + textwrap.dedent(SECOND_WRITER), path).stdout == ''
     others = sessions_of(path)
     with pytest.raises(MapError, match='another program has written the map file'):

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from small_maps import (
+    MODEL,
     add_session,
     as_version_1,
     assert_holds,
@@ -71,7 +72,7 @@ def test_a_writer_upgrades_it_and_keeps_the_file_as_it_was(old: Path) -> None:
     assert sorted(path.name for path in old.parent.iterdir()) == ['a.map', 'a.map.v1.bak']
     with open_map(old) as session_map:
         assert session_map.notices == ()
-        session_map.adopt_model(session_map.model)
+        session_map.adopt_model(MODEL)
         assert [session_map.undo_session().session_id for _ in range(3)] == [3, 2, 1]
     assert kept.read_bytes() == file
 
@@ -101,7 +102,7 @@ def test_an_upgrade_that_fails_leaves_the_map_as_it_was(old: Path, monkeypatch: 
 
     with monkeypatch.context() as patch:
         patch.setattr('offradar_ros.mapping.whole_map._sync', fail)
-        with pytest.raises(MapError, match='cannot be written there .No space left'):
+        with pytest.raises(MapError, match=r'cannot be written there \(No space left'):
             open_map(old)
     assert old.read_bytes() == file
     assert {path.name for path in old.parent.iterdir()} <= {'a.map', 'a.map.v1.bak'}

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import shutil
 import sqlite3
 import stat
@@ -167,7 +166,7 @@ def test_a_copy_that_is_not_what_was_read_is_not_kept(tmp_path: Path, monkeypatc
     with pytest.raises(MapError, match='is not what was read'):
         write_map(copy, stored)
     with open_map(path) as session_map:
-        with pytest.raises(MapError, match='is not what was read.*so it was not cleared'):
+        with pytest.raises(MapError, match=r'is not what was read.*so it was not cleared'):
             session_map.clear()
         assert len(session_map) == 6
     assert_holds(path, stored)
@@ -239,4 +238,4 @@ def test_nothing_is_left_of_a_copy_that_fails(tmp_path: Path) -> None:
         connection.execute('CREATE TABLE diary (day)')
     with pytest.raises(MapError, match='not a map'):
         back_up(tmp_path / 'diary.db', tmp_path / 'b.map')
-    assert sorted(os.listdir(tmp_path)) == ['a.map', 'diary.db']
+    assert sorted(file.name for file in tmp_path.iterdir()) == ['a.map', 'diary.db']
