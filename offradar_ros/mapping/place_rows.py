@@ -14,7 +14,7 @@ from offradar_ros.types import PlaceTable
 CONTENT_COLUMNS = 'place_id, session_id, stamp_ns, x_m, y_m, z_m, yaw_rad, uncertainty, mean'
 """Columns of `places` and `undo`, in the order in which they are read and written."""
 
-_TYPES: tuple[set[object], ...] = (
+_TYPES: tuple[Any, ...] = (
     *({int},) * 3,
     *({float},) * 3,
     {float, type(None)},

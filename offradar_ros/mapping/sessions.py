@@ -223,11 +223,11 @@ class SessionMap:
         self._undoable, self._running = undoable, None
         return report
 
-    def save(self, *, again: bool = False) -> None:
+    def save(self, *, again: bool = False) -> bool:
         """Write the changes of the running session to disk, in case the process ends before the session does.
 
         A stored session without an end is interrupted: its changes stay and can be undone. Where the file was removed,
-        `again` writes the whole map there; otherwise that is an error, as is a file that was replaced.
+        `again` writes the whole map there and returns true; otherwise that is an error, as is a file that was replaced.
         """
         if not self._store:
             raise MapError('map.path is empty: this map is kept in memory only and cannot be saved')
@@ -240,13 +240,14 @@ class SessionMap:
             if self._running and not self.is_session_empty:
                 self._running.unsaved.clear()
                 self._running.saved = True
-            return
+            return True
         running = self._running
         if running and not self.is_session_empty:
             report = self._report(running).as_dict()
             session = StoredSession(running.session_id, running.name, running.stamp_ns, 'running', report)
             self._write(session, running, [*self._undoable, (session, running.before)])
             running.saved = True
+        return False
 
     def undo_session(self) -> UndoReport:
         """Discard the running session, or else undo the one that ended last; MapError if there is none."""

@@ -206,8 +206,8 @@ class MapServerNode(StageNode):
         return str(undone)
 
     def _save(self) -> str:
-        self.stage.save()
-        return f'saved {len(self.stage.map)} places'
+        again = ', the whole map, where its file was removed' if self.stage.save() else ''
+        return f'saved {len(self.stage.map)} places{again}'
 
     def _clear(self) -> str:
         backup = self.stage.clear()

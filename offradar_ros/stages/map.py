@@ -210,13 +210,14 @@ class MapStage:
         self._forget_waiting()
         return self.map.clear()
 
-    def save(self) -> None:
+    def save(self) -> bool:
         """Write the changes of the running session to disk, and the whole map where its file was removed.
 
-        MapError if that fails or the map has no file.
+        Returns whether it was. MapError if that fails or the map has no file.
         """
-        self.map.save(again=True)
+        is_whole = self.map.save(again=True)
         self._saved_s = self._clock()
+        return is_whole
 
     def autosave(self) -> None:
         """Save the running session if the last save is `map.autosave_s` ago; call it often.

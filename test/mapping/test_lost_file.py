@@ -11,7 +11,7 @@ import sys
 import textwrap
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import pytest
 from small_maps import (
@@ -29,9 +29,11 @@ from small_maps import (
 )
 
 from offradar_ros.errors import MapError
+from offradar_ros.mapping.held_file import HeldFile
 from offradar_ros.mapping.map_reader import log_of, read_map
+from offradar_ros.mapping.sealed_rows import SealedRows
 from offradar_ros.mapping.sessions import SessionMap
-from offradar_ros.mapping.stored_map import StoredMap, difference
+from offradar_ros.mapping.stored_map import StoredMap, StoredSession, difference
 from offradar_ros.mapping.whole_map import back_up
 from offradar_ros.types import Pose
 
@@ -490,3 +492,67 @@ def test_a_killed_writer_behind_a_reader_loses_nothing(tmp_path: Path) -> None:
     assert [state for _, state in sessions_of(path)] == ['ended'] * 4
     add_session(path, 0.5)
     assert [state for _, state in sessions_of(path)] == ['ended'] * 5
+
+
+def test_a_file_that_is_removed_during_the_write_is_an_error(
+    opened: SessionMap, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = Path(opened.config.path)
+    put = SealedRows.put_session
+
+    def remove_and_put(rows: SealedRows, session: StoredSession) -> None:
+        path.unlink()
+        put(rows, session)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(SealedRows, 'put_session', remove_and_put)
+        with pytest.raises(MapError, match='was removed'):
+            opened.end_session()
+    assert opened.running_session_id == 3
+    opened.save(again=True)
+    opened.end_session()
+    assert sessions_of(path) == [(1, 'ended'), (2, 'ended'), (3, 'ended')]
+    assert_tables_equal(read_map(path).places, opened.places())
+
+
+def test_another_writer_is_noticed_though_the_times_of_the_file_do_not_tell(
+    opened: SessionMap, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = Path(opened.config.path)
+    path.with_name('a.map.lock').unlink()
+    no_lock = 'import fcntl; fcntl.flock = lambda *_: None\n'
+    assert run(no_lock + textwrap.dedent(SECOND_WRITER), path).stdout == ''
+    others = sessions_of(path)
+    monkeypatch.setattr(HeldFile, 'is_changed', lambda _: False)
+    with pytest.raises(MapError, match='another program has written the map file'):
+        opened.end_session()
+    assert sessions_of(path) == others
+
+
+class CutOff:
+    """A connection that is interrupted after it has committed."""
+
+    def __init__(self, connection: sqlite3.Connection) -> None:
+        self._connection = connection
+        self.in_transaction = False
+
+    def execute(self, statement: str, *values: Any) -> Any:
+        done = self._connection.execute(statement, *values)
+        if statement == 'COMMIT':
+            raise KeyboardInterrupt
+        return done
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._connection, name)
+
+
+def test_a_commit_whose_outcome_is_not_known_is_done_again(opened: SessionMap) -> None:
+    store = opened._store
+    assert store is not None and store._connection is not None
+    connection = store._connection
+    store._connection = CutOff(connection)  # type: ignore[assignment]
+    with pytest.raises(KeyboardInterrupt):
+        opened.end_session()
+    store._connection = connection
+    opened.end_session()
+    assert sessions_of(Path(opened.config.path))[-1] == (3, 'ended')

@@ -6,6 +6,7 @@ import collections
 import random
 import shutil
 import sqlite3
+import sys
 from collections.abc import Callable
 from pathlib import Path
 
@@ -260,6 +261,16 @@ def test_values_that_no_map_holds_are_refused_without_digests_too(tmp_path: Path
             opener(path)
         assert '\n' not in str(refused.value)
     assert folder_state(tmp_path) == before
+
+
+@pytest.mark.skipif(sys.version_info < (3, 11), reason='sqlite3 has no limits before Python 3.11')
+def test_text_of_any_length_is_not_read(tmp_path: Path) -> None:
+    path = tmp_path / 'a.map'
+    make_map(path, 1.0)
+    as_version_1(path)
+    change(path, 'UPDATE sessions SET name = hex(zeroblob(10000000))')
+    with pytest.raises(MapError, match=r'damaged .*too big'):
+        read_map(path)
 
 
 def test_a_map_whose_ids_reach_far_takes_no_memory_for_those_between(tmp_path: Path) -> None:

@@ -116,7 +116,9 @@ def test_without_the_file_no_service_succeeds_until_the_whole_map_is_written_aga
         driver.drive(1)
         if replaced:
             path.rename(path.with_name('aside.db'))
-        assert trigger(observer, 'save').success
+        saved = trigger(observer, 'save')
+        assert saved.success and saved.message == 'saved 6 places, the whole map, where its file was removed'
+        assert trigger(observer, 'save').message == 'saved 6 places'
         assert len(read_map(path).places) == 6
         assert [stored.state for stored in read_map(path).sessions] == ['ended', 'running']
         driver.drive(1)
