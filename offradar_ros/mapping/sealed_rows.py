@@ -80,7 +80,9 @@ class SealedRows:
 
     def keep_undo(self, of_sessions: Sequence[int]) -> None:
         """Remove what places held before all other sessions."""
-        condition = f'by_session NOT IN ({",".join(str(int(session)) for session in of_sessions)})'
+        kept = ','.join(str(int(session)) for session in of_sessions)
+        # By session, not by row: each save would read all that can be undone.
+        condition = f'by_session IN (SELECT session_id FROM sessions WHERE session_id NOT IN ({kept}))'
         self._forget('undo', condition, [], remove=True)
 
     def remove_undo(self, by_session: int) -> None:

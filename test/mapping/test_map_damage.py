@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from small_maps import as_version_1, assert_tables_equal, change, drive, folder_state, make_map, open_map
+from small_maps import MODEL, as_version_1, assert_tables_equal, change, drive, folder_state, make_map, open_map
 
 from offradar_ros.errors import MapError
 from offradar_ros.mapping.map_reader import read_committed, read_map
@@ -84,6 +84,39 @@ def test_damage_is_refused_or_changes_nothing(
         outcomes[outcome(path, written)] += 1
     assert set(outcomes) <= {'refused', 'same'}
     assert outcomes['refused'] or damage is longer
+
+
+def test_neighbouring_pages_that_are_exchanged_are_noticed(sound: Path, tmp_path: Path) -> None:
+    """Leaves of one table: each row is as it was written, and none is missing, but searches go wrong."""
+    written, path = read_map(sound), tmp_path / 'a.map'
+    outcomes = []
+    for start in range(0, sound.stat().st_size - PAGE, PAGE):
+        content = bytearray(sound.read_bytes())
+        middle, end = start + PAGE, start + 2 * PAGE
+        content[start:end] = content[middle:end] + content[start:middle]
+        path.write_bytes(content)
+        outcomes.append(outcome(path, written))
+    assert set(outcomes) == {'refused'}
+
+
+def test_free_pages_that_are_in_use_are_noticed(tmp_path: Path) -> None:
+    """The next write would go into a page of the map."""
+    path = tmp_path / 'a.map'
+    with open_map(path) as session_map:
+        session_map.adopt_model(MODEL)
+        for start_m in range(0, 3000, 30):
+            drive(session_map, 1.0, float(start_m))
+            session_map.end_session()
+        session_map.clear()
+        drive(session_map, 1.0)
+        session_map.end_session()
+    content = bytearray(path.read_bytes())
+    first_free = PAGE * (int.from_bytes(content[32:36], 'big') - 1)
+    assert int.from_bytes(content[36:40], 'big') > 1
+    content[first_free + 8 : first_free + 12] = (2).to_bytes(4, 'big')
+    path.write_bytes(content)
+    with pytest.raises(MapError, match='damaged'):
+        open_map(path)
 
 
 def outcome(path: Path, written: StoredMap) -> str:
