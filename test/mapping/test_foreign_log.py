@@ -141,7 +141,11 @@ LOG_OF_VERSION_1 = """
     import sqlite3, sys
     connection = sqlite3.connect(sys.argv[1], isolation_level=None)
     connection.execute('PRAGMA wal_autocheckpoint = 0')
+    connection.execute('BEGIN')
     connection.execute("UPDATE sessions SET name = 'in the log'")
+    # Written with each session.
+    connection.execute("REPLACE INTO meta VALUES ('next_place_id', '6')")
+    connection.execute('COMMIT')
     die()
 """
 
