@@ -68,7 +68,7 @@ class Seal:
     Attributes:
         identity: 32 random hex digits of the file, made when it was created.
         generation: how many transactions have changed the file.
-        folded_generation: the generation that the file alone, without the log beside it, held before this transaction.
+        folded_generation: the generation that the file alone, without the log beside it, last held for sure.
         folded_mark: the mark of that generation.
         sums: by table, over all rows but this one.
     """
@@ -89,15 +89,12 @@ class Seal:
         """Digest of the seal, thus of all rows."""
         return digest('meta', meta_bytes(_KEY, self._text()))
 
-    def next(self, sums: Mapping[str, RowSum], folded: Seal) -> Seal:
-        """The seal after a transaction that led to `sums`, while the file alone holds what `folded` seals."""
-        return dataclasses.replace(
-            self,
-            generation=self.generation + 1,
-            folded_generation=folded.generation,
-            folded_mark=folded.mark,
-            sums=dict(sums),
-        )
+    def next(self, sums: Mapping[str, RowSum], *, is_folded: bool) -> Seal:
+        """The seal after a transaction that led to `sums`; `is_folded` if the file alone holds what this one seals."""
+        following = dataclasses.replace(self, generation=self.generation + 1, sums=dict(sums))
+        if not is_folded:
+            return following
+        return dataclasses.replace(following, folded_generation=self.generation, folded_mark=self.mark)
 
     def follows(self, alone: Seal) -> bool:
         """Whether a file that holds `alone` without its log holds this content with it: the log belongs to the file."""

@@ -52,7 +52,6 @@ class MapStore:
         self._lock = lock
         self._file = file
         self._seals = [seal]
-        self._folded = seal
         self._connection: sqlite3.Connection | None = None
         self._beside: list[tuple[int, int] | None] = []
 
@@ -157,7 +156,8 @@ class MapStore:
         copy = self.path.with_name(f'{self.path.name}.{utc_stamp()}.bak')
         self.require_ours()
         try:
-            copy_open(self._open_connection(), copy, self._seals[-1])
+            connection = self._open_connection()
+            copy_open(connection, copy, self._require_last_written(connection))
         except (sqlite3.Error, MapError) as error:
             raise MapError(f'{copy}: the map could not be copied there ({error}), so it was not cleared') from error
         with self._transaction() as rows:
@@ -202,10 +202,11 @@ class MapStore:
             raise self._lost('replaced')
         self._lock.keep(self.path)
         seal = write_map(self.path, content)
+        file = HeldFile(self.path)
         self._close_files()
-        self._file = HeldFile(self.path)
+        self._file = file
         self._file.note_state()
-        self._seals, self._folded, self.is_folded = [seal], seal, True
+        self._seals, self.is_folded = [seal], True
 
     def rescue(self, content: StoredMap) -> Path:
         """Write the whole map, `content`, as a new file beside the map, or else where that is possible; its path.
@@ -251,9 +252,7 @@ class MapStore:
             'replaced': 'another file is in the place of the map',
             'overwritten': 'another program has written the map file',
         }[how]
-        return LostMapError(
-            f'{self.path}: {what}, so nothing was written; the map is kept in memory: {remedy}',
-        )
+        return LostMapError(f'{self.path}: {what}, so nothing was written; the map is kept in memory: {remedy}')
 
     def _open_connection(self) -> sqlite3.Connection:
         if self._connection is None:
@@ -287,8 +286,6 @@ class MapStore:
         except sqlite3.Error:
             # What was committed is in the log: a full disk, most likely.
             self.is_folded = False
-        if self.is_folded:
-            self._folded = self._seals[-1]
         self._file.note_state()
 
     @contextlib.contextmanager
@@ -302,7 +299,7 @@ class MapStore:
                 seal = self._require_last_written(connection)
                 rows = SealedRows(connection, seal.sums)
                 yield rows
-                sealed = seal.next(rows.sums, self._folded)
+                sealed = seal.next(rows.sums, is_folded=self.is_folded)
                 sealed.write(connection)
                 # Both count until the commit has returned: an error or a signal does not say whether it took place.
                 self._seals = [seal, sealed]

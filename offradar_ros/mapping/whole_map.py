@@ -176,7 +176,7 @@ def _write(draft: Path, content: StoredMap) -> Seal:
         rows.put_places(content.places, content.anchors_m)
         for session_id, before in content.before.items():
             rows.put_undo(session_id, before, content.columns.dimension)
-        seal = empty.next(rows.sums, empty)
+        seal = empty.next(rows.sums, is_folded=True)
         seal.write(connection)
         connection.execute('COMMIT')
         connection.execute('PRAGMA journal_mode = WAL')

@@ -269,3 +269,30 @@ def test_a_log_needed_by_a_half_written_file_is_applied(tmp_path: Path) -> None:
     add_session(path, 0.4, 200.0)
     assert [state for _, state in sessions_of(path)] == ['ended'] * 4
     assert stale_logs(tmp_path) == []
+
+
+def test_a_log_that_could_not_be_moved_by_the_next_writer_either_is_still_applied(tmp_path: Path) -> None:
+    """A reader keeps two writers, one after the other, from moving the log into the file; both are killed."""
+    path = tmp_path / 'a.map'
+    make_map(path, 1.0)
+    leave_a_log(path, 0.5, 100.0)
+    code = """
+        import sqlite3, sys
+        from small_maps import *
+        reader = sqlite3.connect(f'file:{sys.argv[1]}?mode=ro', uri=True, isolation_level=None)
+        reader.execute('BEGIN')
+        reader.execute('SELECT count(*) FROM places').fetchone()
+        session_map = open_map(Path(sys.argv[1]))
+        for start_m in (200.0, 300.0):
+            drive(session_map, 0.4, start_m)
+            session_map.end_session()
+        die()
+    """
+    for _ in range(2):
+        killed(code, path)
+    stored = read_map(path)
+    assert not stored.is_log_foreign
+    assert [session.state for session in stored.sessions] == ['ended'] * 6
+    add_session(path, 0.3)
+    assert len(sessions_of(path)) == 7
+    assert stale_logs(tmp_path) == []

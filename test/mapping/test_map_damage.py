@@ -12,12 +12,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from small_maps import MODEL, as_version_1, assert_tables_equal, change, drive, folder_state, make_map, open_map
+from small_maps import MODEL, as_version_1, assert_tables_equal, change, drive, folder_state, make_map, open_map, scan
 
 from offradar_ros.errors import MapError
 from offradar_ros.mapping.map_reader import read_committed, read_map
 from offradar_ros.mapping.place_columns import PlaceColumns
 from offradar_ros.mapping.stored_map import StoredMap, difference
+from offradar_ros.types import Pose
 
 PAGE = 4096
 
@@ -28,8 +29,10 @@ def sound(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp('sound') / 'a.map'
     make_map(path, 1.0, 0.5)
     with open_map(path) as session_map:
-        for start_m in range(0, 2000, 60):
-            drive(session_map, 0.4, float(start_m))
+        for uncertainty in (0.4, 0.3):
+            session_map.start_session('long', 1)
+            for metre in range(0, 2400, 6):
+                session_map.merge(scan(metre, uncertainty), Pose(float(metre), 0.0))
             session_map.end_session()
         drive(session_map, 0.2, 15.0)
         session_map.save()
