@@ -32,15 +32,17 @@ def rows_to_table(rows: Sequence[Sequence[Any]], dimension: int) -> PlaceTable:
     ids, sessions, stamps, x_m, y_m, z_m, yaws, uncertainties, means = columns
     if set(map(len, means)) - {4 * dimension}:
         raise ValueError(f'a place holds a mean that is not of dimension {dimension}')
-    return PlaceTable(
-        place_ids=np.array(ids, np.int64),
-        session_ids=_narrowed(np.array(sessions, np.int64)),
-        stamps_ns=np.array(stamps, np.int64),
-        positions_m=np.array([x_m, y_m, z_m], np.float64).T,
-        yaws_rad=np.array(yaws, np.float64),
-        uncertainties=np.array(uncertainties, np.float32),
-        means=np.frombuffer(b''.join(means), '<f4').reshape(len(ids), dimension),
-    )
+    # What is too large for a float32 becomes infinite, which no place may be.
+    with np.errstate(over='ignore'):
+        return PlaceTable(
+            place_ids=np.array(ids, np.int64),
+            session_ids=_narrowed(np.array(sessions, np.int64)),
+            stamps_ns=np.array(stamps, np.int64),
+            positions_m=np.array([x_m, y_m, z_m], np.float64).T,
+            yaws_rad=np.array(yaws, np.float64),
+            uncertainties=np.array(uncertainties, np.float32),
+            means=np.frombuffer(b''.join(means), '<f4').reshape(len(ids), dimension),
+        )
 
 
 def _narrowed(session_ids: NDArray[np.int64]) -> NDArray[np.int32]:
