@@ -108,6 +108,8 @@ class MapServerNode(StageNode):
     def configure(self) -> None:
         """Open the map."""
         self._map = SessionMap(self.config.map)
+        for notice in self._map.notices:
+            self.get_logger().warning(notice)
         self.stage = MapStage(self.config, self._map)
 
     def activated(self) -> None:
@@ -124,8 +126,14 @@ class MapServerNode(StageNode):
         if self._map.running_session_id is not None:
             _, report = self.stage.end_session()
             self.log_info(f'session ended at exit: {self._summary(report)}')
+        self._map.require_file()
         self._map.close()
         self._map = None
+
+    def rescue(self) -> str:
+        """Write the map that `close` could not write as a new file; MapError if that fails too."""
+        rescued = self._map.rescue() if self._map is not None else None
+        return f'the whole map was written to {rescued}' if rescued else ''
 
     def periodic(self) -> None:
         """Refresh the view and save the running session."""
@@ -134,6 +142,9 @@ class MapServerNode(StageNode):
             'places': str(len(session_map)),
             'mean_uncertainty': f'{session_map.mean_uncertainty:.4f}' if len(session_map) else '',
             'session': '' if session_map.running_session_id is None else str(session_map.running_session_id),
+            'file': 'complete'
+            if session_map.is_file_complete
+            else 'copy it with offradar map --backup: it is being read',
         }
         view = self.stage.changed_view()
         if view is not None:
@@ -285,8 +296,8 @@ class MapServerNode(StageNode):
         return str(undone)
 
     def _save(self) -> str:
-        self.stage.save()
-        return f'saved {len(self.stage.map)} places'
+        again = ', the whole map, where its file was removed' if self.stage.save() else ''
+        return f'saved {len(self.stage.map)} places{again}'
 
     def _clear(self) -> str:
         backup = self.stage.clear()

@@ -109,6 +109,10 @@ class StageNode(SteadyLifecycleNode):
     def close(self) -> None:
         """Release the core objects; OffradarError, with nothing released, if that would lose something."""
 
+    def rescue(self) -> str:
+        """Called at exit when `close` has failed: keep what would be lost; says how in one line, or OffradarError."""
+        return ''
+
     def apply(self, config: Config) -> None:
         """Take over parameters that were changed at run time."""
         self.config = config
