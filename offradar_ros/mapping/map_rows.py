@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from offradar_ros.bounded_input import parse_json
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.geometry import GeoPoint
-from offradar_ros.mapping.parent_map import MAX_COORDINATE_M
+from offradar_ros.mapping.place_check import MAX_COORDINATE_M
 from offradar_ros.mapping.place_columns import capacity_for, place_of
 from offradar_ros.mapping.place_rows import (
     CONTENT_COLUMNS,

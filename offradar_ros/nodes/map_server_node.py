@@ -36,6 +36,8 @@ from offradar_ros.ros.stage_node import StageNode
 from offradar_ros.stages.map import Form, MapStage, MapUpdate
 from offradar_ros.types import PlaceTable
 
+DESTRUCTIVE = ('undo_session', 'clear')
+"""The services that take mapped drives away; `map.allow_destructive` allows them."""
 POLL_S = 0.02
 """Time between two checks, at the end of a session, whether positions still arrive."""
 RECENT_S = 10.0
@@ -99,7 +101,7 @@ class MapServerNode(StageNode):
         }.items():
             # In a separate callback group: positions arrive while the end of a session waits for the last of them.
             self.create_service(
-                Trigger, f'~/{name}', self._service_callback(serve), callback_group=ReentrantCallbackGroup()
+                Trigger, f'~/{name}', self._service_callback(name, serve), callback_group=ReentrantCallbackGroup()
             )
         self._last_stamp_ns = self._last_position_ns = 0
         self._refused_model = ''
@@ -237,10 +239,15 @@ class MapServerNode(StageNode):
         model = self.stage.map.model
         return descriptors_message(PlaceRows(table, model.fingerprint if model else '', committed), stamp)
 
-    def _service_callback(self, serve: Callable[[], str]) -> Callable[..., Awaitable[Trigger.Response]]:
+    def _service_callback(self, name: str, serve: Callable[[], str]) -> Callable[..., Awaitable[Trigger.Response]]:
         async def answer(_request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-            await self._wait_for_positions()
             try:
+                if name in DESTRUCTIVE and not self.config.map.allow_destructive:
+                    raise MapError(
+                        f'{name} takes mapped drives away, for any caller, so it is off: start the map server '
+                        'with map.allow_destructive:=true to allow it'
+                    )
+                await self._wait_for_positions()
                 if self._map is None:
                     raise MapError('the map is not open: configure the node first')
                 response.message = serve()
