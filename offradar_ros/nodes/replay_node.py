@@ -27,6 +27,7 @@ from offradar_ros.ros.answer_log import Answers
 from offradar_ros.ros.initialise import initialise, own_arguments, refusals_of_ros
 from offradar_ros.ros.player import Player, PlayOptions
 from offradar_ros.ros.session_client import SessionClient
+from offradar_ros.ros.topic_hints import publishers
 
 
 def _arguments(argv: Sequence[str]) -> argparse.Namespace:
@@ -80,6 +81,12 @@ def _play(node: Node, argv: Sequence[str], arguments: argparse.Namespace) -> int
                 session = _end_session(node, argv, arguments.timeout)
                 print(session, flush=True)
         print(answers.summary(seconds), flush=True)
+        if answers.answered_twice and rclpy.ok():
+            counted = 'matches' if answers.matches else 'rejections'
+            node.get_logger().warning(
+                f'{answers.answered_twice} scans were answered twice: {counted} is published by '
+                f'{publishers(node, counted)}: launched twice?'
+            )
     if arguments.report:
         report = dataclasses.asdict(answers) | {'session': session, 'seconds': seconds}
         arguments.report.write_text(json.dumps(report), encoding='utf-8')
