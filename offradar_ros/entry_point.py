@@ -9,10 +9,11 @@ import os
 import stat
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import TextIO
 
-from offradar_ros.errors import OffradarError
+from offradar_ros.errors import DataError, OffradarError
 
 DEFECT = 'a defect in offradar_ros, and not in what it was given: please report it with the lines above'
 REMEDIES = {
@@ -80,6 +81,28 @@ def special_file(path: str | os.PathLike[str]) -> str:
         return _KINDS.get(stat.S_IFMT(os.stat(path).st_mode), '')  # noqa: PTH116 - also for str
     except (OSError, ValueError):
         return ''
+
+
+def require_ordinary_files(path: Path) -> None:
+    """DataError for a FIFO, socket or device at a path, or anywhere in the folder that it is.
+
+    Libraries that read recordings open whatever has the right name. Folders that may not be read are left to them.
+    """
+    for each in [path, *_below(path)]:
+        if kind := special_file(each):
+            raise DataError(f'{each}: is {kind}: expected a file or a folder')
+
+
+def _below(folder: Path) -> Iterator[Path]:
+    """What is below a folder and neither a file nor a folder by its entry there."""
+    waiting = [folder]
+    while waiting:
+        with contextlib.suppress(OSError), os.scandir(waiting.pop()) as entries:
+            for entry in entries:
+                if entry.is_dir(follow_symlinks=False):
+                    waiting.append(Path(entry.path))
+                elif not entry.is_file():
+                    yield Path(entry.path)
 
 
 def run_guarded(program: Callable[[], int]) -> int:

@@ -13,7 +13,7 @@ from typing import IO
 import pytest
 from unprivileged import obey_permissions
 
-from offradar_ros.entry_point import REMEDIES, explain, run_guarded, special_file
+from offradar_ros.entry_point import REMEDIES, explain, require_ordinary_files, run_guarded, special_file
 from offradar_ros.errors import DataError, RefusedInput
 
 PROJECT = Path(__file__).resolve().parent.parent
@@ -185,6 +185,33 @@ def test_a_fifo_is_refused_and_not_waited_for(
     os.mkfifo(tmp_path / 'pipe')
     printed = refused(*(str(each).format(tmp_path / 'pipe') for each in arguments))
     assert f'{tmp_path / "pipe"}: is a FIFO: expected a file or a folder' in printed
+
+
+@pytest.mark.parametrize('command', [('check',), ('convert', 'out'), ('drive',), ('calibrate', '--out', 'car.yaml')])
+@pytest.mark.parametrize('name', ['metadata.yaml', 'a.mcap', 'radar/1547131046353776.png', 'gps/gps.csv', 'link'])
+def test_a_fifo_in_a_recording_is_refused_and_not_waited_for(
+    refused: Callable[..., str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    command: tuple[str, ...],
+    name: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / 'drive' / name
+    path.parent.mkdir(parents=True)
+    os.mkfifo(tmp_path / 'pipe')
+    path.symlink_to(tmp_path / 'pipe')
+    assert f'{path}: is a FIFO' in refused(command[0], tmp_path / 'drive', *command[1:])
+    path.unlink()
+    os.mkfifo(path)
+    assert f'{path}: is a FIFO' in refused(command[0], tmp_path / 'drive', *command[1:])
+
+
+def test_a_folder_without_special_files_is_accepted(tmp_path: Path) -> None:
+    (tmp_path / 'a').mkdir()
+    (tmp_path / 'a' / 'loop').symlink_to(tmp_path)
+    (tmp_path / 'a' / 'dangling').symlink_to(tmp_path / 'nothing')
+    require_ordinary_files(tmp_path)
 
 
 def test_a_working_folder_that_was_removed_is_one_line(tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ import rclpy
 import rclpy.signals
 from rclpy.node import Node
 
-from offradar_ros.entry_point import run_guarded
+from offradar_ros.entry_point import require_ordinary_files, run_guarded
 from offradar_ros.errors import OffradarError
 from offradar_ros.recordings.bags.reader import Bag
 from offradar_ros.ros.answer_log import Answers
@@ -120,6 +120,7 @@ def main(args: list[str] | None = None) -> int:
 def _main(argv: list[str]) -> int:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     arguments = _arguments(own_arguments(argv))
+    require_ordinary_files(arguments.bag)
     node: Node | None = None
     try:
         initialise(argv)

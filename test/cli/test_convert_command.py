@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import os
 import re
 import shutil
 import signal
@@ -204,15 +203,19 @@ def test_a_missing_source_is_refused(refused: Callable[..., str], tmp_path: Path
     assert 'no such folder' in refused('convert', tmp_path / 'nothing', tmp_path / 'bag')
 
 
+MANY = 20_000
+
+
 @pytest.fixture
 def endless_folder(radiate_folder: Path) -> Path:
-    """The sixth scan is a pipe that nobody writes to: the conversion waits there until it is interrupted."""
+    """Five scans, and after them so many that the conversion is not at its end when it is interrupted."""
     listing = radiate_folder / 'Navtech_Polar.txt'
     frame, stamp_s = listing.read_text().split()[-3::2]
     assert frame == '000005'
     with listing.open('a') as file:
-        file.write(f'Frame: 000006 Time: {float(stamp_s) + 1.0:.9f}\n')
-    os.mkfifo(radiate_folder / 'Navtech_Polar' / '000006.png')
+        for number in range(6, MANY):
+            file.write(f'Frame: {number:06d} Time: {float(stamp_s) + number:.9f}\n')
+            (radiate_folder / 'Navtech_Polar' / f'{number:06d}.png').symlink_to('000005.png')
     return radiate_folder
 
 
@@ -235,11 +238,12 @@ def test_an_interrupted_run_leaves_nothing_that_looks_complete(
     assert process.returncode != 0
     assert 'Traceback' not in printed, printed
     left = [path.name for path in tmp_path.iterdir() if path != endless_folder]
-    assert left == ([] if sent == signal.SIGINT else ['bag.partial'])
+    assert left == ([] if sent == signal.SIGINT else [path.name for path in tmp_path.glob('bag.partial')])
     for path in (*tmp_path.glob('bag*'), *tmp_path.glob('bag.partial/*')):
         assert re.search(r'no metadata\.yaml|no radar scans', refused('check', path))
     # The next run starts over.
-    (endless_folder / 'Navtech_Polar' / '000006.png').unlink()
+    for number in range(6, MANY):
+        (endless_folder / 'Navtech_Polar' / f'{number:06d}.png').unlink()
     done('convert', endless_folder, out)
     assert counts(out)['/radar_data/b_scan_image'] == 5
-    assert not (tmp_path / 'bag.partial').exists()
+    assert not any(tmp_path.glob('bag.partial'))

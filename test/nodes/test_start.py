@@ -93,6 +93,22 @@ def test_a_parameter_file_that_is_none_is_refused_and_not_waited_for(
         assert path in refused(program, isolated_environment(domain_id), '--ros-args', '--params-file', path)
 
 
+def test_a_fifo_in_a_bag_is_refused_and_not_waited_for(domain_id: int, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / 'metadata.yaml')
+    ran = subprocess.run(
+        [sys.executable, '-m', 'offradar_ros.nodes.replay_node', str(tmp_path)],
+        env=isolated_environment(domain_id),
+        capture_output=True,
+        text=True,
+        timeout=WAIT_S,
+        check=False,
+    )
+    assert (ran.returncode, ran.stderr) == (
+        1,
+        f'error: {tmp_path / "metadata.yaml"}: is a FIFO: expected a file or a folder\n',
+    )
+
+
 @pytest.mark.parametrize(
     ('name', 'value'),
     [('autostart', '1'), ('qos_overrides./embedding.subscription.reliability', 'often')],
