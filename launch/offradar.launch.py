@@ -33,6 +33,8 @@ def generate_launch_description() -> LaunchDescription:
     map_file = ParameterValue(LaunchConfiguration('map'), value_type=str)
     namespace = LaunchConfiguration('namespace')
     scans = ('radar_data/b_scan_image', LaunchConfiguration('scans'))
+    # As image_transport names it; remapping the one does not remap the other.
+    compressed = ('radar_data/b_scan_image/compressed', [LaunchConfiguration('scans'), '/compressed'])
     fixes = ('gps/fix', LaunchConfiguration('fixes'))
     odometry = ('ground_truth/odometry', LaunchConfiguration('odometry'))
     vehicle_odometry = ('odometry', LaunchConfiguration('vehicle_odometry'))
@@ -90,7 +92,7 @@ def generate_launch_description() -> LaunchDescription:
                 description='true starts a node again, 2 s after it has ended, whatever the reason',
             ),
             OpaqueFunction(function=require_parameter_file),
-            node('encoder_node', 'encoder', remappings=[scans]),
+            node('encoder_node', 'encoder', remappings=[scans, compressed]),
             node('map_server_node', 'map_server', {'map.path': map_file}, remappings=[fixes, odometry]),
             node('query_node', 'query', {'query.map_path': map_file}, remappings=[vehicle_odometry]),
         ]

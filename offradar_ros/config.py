@@ -104,6 +104,12 @@ class RadarConfig:
         'direction in which azimuths increase with rows, seen from above',
         choices=('clockwise', 'counterclockwise'),
     )
+    transport: str = parameter(
+        'raw',
+        'what the encoder node reads: the Image on radar_data/b_scan_image, or the CompressedImage, a PNG, on '
+        'radar_data/b_scan_image/compressed',
+        choices=('raw', 'compressed'),
+    )
     max_image_bytes: int = parameter(
         64 * 2**20, 'larger images are refused', unit='bytes', minimum=1024, maximum=2**31 - 1
     )

@@ -11,7 +11,6 @@ import sys
 import traceback
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TextIO
 
 from offradar_ros.errors import DataError, OffradarError
 
@@ -152,14 +151,4 @@ def _flush() -> None:
     for stream in (sys.stdout, sys.stderr):
         # None: it was closed before the program started.
         if stream is not None and not stream.closed:
-            try:
-                stream.flush()
-            except OSError:
-                _abandon(stream)
-                raise
-
-
-def _abandon(stream: TextIO) -> None:
-    """Write the rest to nowhere: it would fail again when the interpreter ends, and change the exit status."""
-    with contextlib.suppress(OSError, ValueError), open(os.devnull, 'wb') as nowhere:  # noqa: PTH123 - a device
-        os.dup2(nowhere.fileno(), stream.fileno())
+            stream.flush()

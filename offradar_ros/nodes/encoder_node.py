@@ -14,12 +14,12 @@ from collections.abc import Callable
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from sensor_msgs.msg import Image, PointCloud2
+from sensor_msgs.msg import CompressedImage, Image, PointCloud2
 from std_srvs.srv import Trigger
 
 from offradar_ros.encoders.registry import make_encoder
 from offradar_ros.errors import RefusedInput
-from offradar_ros.messages import scan_from_image, stamp_ns
+from offradar_ros.messages import scan_from_compressed, scan_from_image, stamp_ns
 from offradar_ros.ros import navtech, qos
 from offradar_ros.ros.embedding_message import embedding_message, model_message
 from offradar_ros.ros.newest_worker import NewestWorker
@@ -29,6 +29,7 @@ from offradar_ros.stages.encode import EncodeStage
 from offradar_ros.types import PolarScan
 
 SCANS = 'radar_data/b_scan_image'
+COMPRESSED_SCANS = f'{SCANS}/compressed'
 B_SCANS = 'radar_data/b_scan_msg'
 
 
@@ -68,7 +69,19 @@ class EncoderNode(StageNode):
         self._worker: NewestWorker[Received] | None = None
         self._embeddings = self.publisher(PointCloud2, 'embedding', qos.RESULTS)
         self._model = self.publisher(DiagnosticStatus, 'embedding/model', qos.LATCHED)
-        self._scans = self.subscribe(Image, SCANS, qos.SCANS, self._on_image, source="the radar's driver")
+        driver = "the radar's driver"
+        if self.config.radar.transport == 'raw':
+            self._input = SCANS
+            remedy = {
+                'sensor_msgs/msg/CompressedImage': f'set radar.transport: compressed, and remap {COMPRESSED_SCANS}'
+            }
+            self._scans = self.subscribe(Image, SCANS, qos.SCANS, self._on_image, source=driver, instead=remedy)
+        else:
+            self._input = COMPRESSED_SCANS
+            remedy = {'sensor_msgs/msg/Image': f'set radar.transport: raw, and remap {SCANS}'}
+            self._scans = self.subscribe(
+                CompressedImage, COMPRESSED_SCANS, qos.SCANS, self._on_compressed, source=driver, instead=remedy
+            )
         types = navtech.message_types()
         if types:
             self.subscribe(types[0], B_SCANS, qos.SCANS, self._on_b_scan)
@@ -89,7 +102,7 @@ class EncoderNode(StageNode):
         self.status.facts |= {'model': info.name, 'fingerprint': info.fingerprint, 'dimension': str(info.dimension)}
         self.status.facts['device'] = device
         self.get_logger().info(
-            f'active: {info.name}, d = {info.dimension}, {info.fingerprint[:12]}, on {device}, reads {SCANS}'
+            f'active: {info.name}, d = {info.dimension}, {info.fingerprint[:12]}, on {device}, reads {self._input}'
         )
 
     def deactivating(self) -> None:
@@ -111,6 +124,11 @@ class EncoderNode(StageNode):
         # The driver also sends this scan on the other topic, with its angles and a stamp of another clock.
         if not self._has_b_scans:
             self._receive(SCANS, message.header, functools.partial(scan_from_image, message, self._radar))
+
+    def _on_compressed(self, message: CompressedImage) -> None:
+        if not self._has_b_scans:
+            decode = functools.partial(scan_from_compressed, message, self._radar)
+            self._receive(COMPRESSED_SCANS, message.header, decode)
 
     def _on_b_scan(self, message: Any) -> None:
         self._has_b_scans = True

@@ -23,6 +23,7 @@ from rclpy.node import Node
 from offradar_ros.entry_point import require_ordinary_files, run_guarded
 from offradar_ros.errors import OffradarError
 from offradar_ros.recordings.bags.reader import Bag
+from offradar_ros.recordings.bags.topics import ChosenTopics
 from offradar_ros.ros.answer_log import Answers
 from offradar_ros.ros.initialise import initialise, own_arguments, refusals_of_ros
 from offradar_ros.ros.player import Player, PlayOptions
@@ -32,7 +33,19 @@ from offradar_ros.ros.topic_hints import publishers
 
 def _arguments(argv: Sequence[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog='replay_node', description='Play a bag into the offradar_ros nodes.')
-    parser.add_argument('bag', type=Path, help='rosbag2 folder')
+    parser.add_argument('bag', type=Path, help='rosbag2 folder or file')
+    parser.add_argument(
+        '--topic',
+        default='',
+        metavar='NAME',
+        help='topic of the polar scans, which is played on the input of the encoder',
+    )
+    parser.add_argument(
+        '--positions',
+        default='',
+        metavar='NAME',
+        help='topic of the positions, which is played on the input of the map server',
+    )
     parser.add_argument('--rate', type=float, help='times real time (default 1)')
     parser.add_argument('--lockstep', action='store_true', help='send each scan when the one before it is answered')
     parser.add_argument('--loop', type=int, default=1, metavar='N', help='play N times; 0 plays until stopped')
@@ -57,7 +70,13 @@ def _arguments(argv: Sequence[str]) -> argparse.Namespace:
 
 
 def _play(node: Node, argv: Sequence[str], arguments: argparse.Namespace) -> int:
-    options = PlayOptions(arguments.rate or 1.0, arguments.lockstep, arguments.restamp, arguments.timeout)
+    options = PlayOptions(
+        arguments.rate or 1.0,
+        arguments.lockstep,
+        arguments.restamp,
+        arguments.timeout,
+        ChosenTopics(arguments.topic, arguments.positions),
+    )
     answers, session = Answers(), ''
     with Bag(arguments.bag) as bag:
         player = Player(node, bag, options)

@@ -21,7 +21,8 @@ from offradar_ros.lab.demo.drives import DemoDrive, ProgressBars
 from offradar_ros.lab.live.node_processes import Stack
 from offradar_ros.lab.live.spin_thread import SpinThread
 from offradar_ros.mapping.store import MapStore
-from offradar_ros.recordings.bags.reader import Bag, scan_topic
+from offradar_ros.recordings.bags.reader import Bag
+from offradar_ros.recordings.bags.scan_topic import scan_topic
 from offradar_ros.ros import qos
 from offradar_ros.ros.answer_log import REPLIES
 from offradar_ros.ros.connections import Connections
