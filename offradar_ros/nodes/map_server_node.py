@@ -163,13 +163,16 @@ class MapServerNode(StageNode):
         elif self.config.map.path and (trouble := disk_trouble(Path(self.config.map.path))):
             yield trouble
         if self.status.recent_reason('no_position', RECENT_S) and not self._positions.watch.is_silent:
-            apart_s = (self._last_position_ns - self._last_stamp_ns) / 1e9
-            yield Trouble(
-                'positions_apart',
-                f'scans have no position, though positions come: the last one is {abs(apart_s):.1f} s '
-                f'{"before" if apart_s < 0 else "after"} the last scan by their stamps: set both clocks by one '
-                'source, or raise position.wait_s or position.max_gap_s',
-            )
+            yield Trouble('positions_apart', f'scans have no position, though positions come: {self._why_apart()}')
+
+    def _why_apart(self) -> str:
+        apart_s, gap_s = (self._last_position_ns - self._last_stamp_ns) / 1e9, self.config.position.max_gap_s
+        if abs(apart_s) <= gap_s:
+            return f'more than position.max_gap_s = {gap_s:g} s lies between two of them: send more, or raise it'
+        return (
+            f'the last one is {abs(apart_s):.1f} s {"before" if apart_s < 0 else "after"} the last scan by their '
+            'stamps: set both clocks by one source, or raise position.wait_s if positions are late'
+        )
 
     def _maps_scans(self) -> bool:
         """Whether a session runs and scans come, so that the map lacks what does not."""
@@ -293,8 +296,9 @@ class MapServerNode(StageNode):
         text = report.summary()
         if report.dropped.get('no_position') and not self._positions.watch.ever:
             name = self._positions.subscription.topic_name
-            why = self._positions.why_silent() if self.context.ok() else 'see the diagnostics'
-            text += f'; no position ever came on {name}: {why}'
+            # What was the matter during the drive: afterwards the receiver may be off.
+            why = self._positions.last_why or (self._positions.why_silent() if self.context.ok() else '')
+            text += f'; no position ever came on {name}{f": {why}" if why else ""}'
         return text
 
     def _undo_session(self) -> str:

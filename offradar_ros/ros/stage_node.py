@@ -126,7 +126,7 @@ class StageNode(SteadyLifecycleNode):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lifecycle transition."""
-        if not self._attempt(self.configure):
+        if not (self._attempt(partial(parameters.require_files, self.config)) and self._attempt(self.configure)):
             # What it had made before it failed.
             self._attempt(self.close)
             return TransitionCallbackReturn.FAILURE
@@ -324,9 +324,9 @@ class StageNode(SteadyLifecycleNode):
         for each in self._inputs:
             if trouble := each.trouble():
                 yield trouble
-        for topic, others in rivals(self, (output.topic_name for output in self._outputs)).items():
-            text = f'{topic} is also published by {others}: launched twice? Stop one (one that died is listed for 20 s)'
-            yield Trouble(f'rival.{topic.lstrip("/")}', text)
+        for other, topics in rivals(self, (output.topic_name for output in self._outputs)).items():
+            text = f'{other} publishes {topics} too: launched twice? Stop one (one that died is listed for 20 s)'
+            yield Trouble(f'rival.{other.rpartition(" ")[2]}', text)
         for topic, types in foreign_types(self, self._output_types).items():
             text = f'{topic} also carries {types}, of somebody else: remap ours (-r {full_name(self)}:{topic}:=NAME)'
             yield Trouble(f'foreign_type.{topic.lstrip("/")}', text)
