@@ -16,6 +16,7 @@ from offradar_ros.config import RadarConfig
 from offradar_ros.errors import ConfigError, RefusedInput
 from offradar_ros.messages import scan_from_image
 from offradar_ros.radar.image import scan_from_rows
+from offradar_ros.radar.navtech_rows import measured_rows
 from offradar_ros.records import replace
 from offradar_ros.types import PolarScan
 
@@ -62,15 +63,17 @@ def configured(config: RadarConfig, message: Any) -> RadarConfig:
 def scan_from_b_scan(message: Any, config: RadarConfig) -> PolarScan:
     """The scan in a RadarBScanMsg, its rows at their encoder angles."""
     scan = scan_from_image(message.b_scan_img, dataclasses.replace(config, azimuth_axis='rows', metadata_columns='0'))
-    encoder = np.asarray(message.encoder_values, np.float64)
-    if len(encoder) != len(scan.power):
+    counts = np.asarray(message.encoder_values, np.int64)
+    if len(counts) != len(scan.power):
         raise RefusedInput(
             'wrong_size',
-            f'RadarBScanMsg has {len(scan.power)} rows but {len(encoder)} encoder values: expected as many',
+            f'RadarBScanMsg has {len(scan.power)} rows but {len(counts)} encoder values: expected as many',
         )
-    angles_rad = encoder / config.encoder_size * 2 * np.pi
     # Unsigned, as in the message: as signed numbers the largest would be negative.
-    stamps_ns = np.asarray(message.timestamps, np.uint64)
-    known = len(stamps_ns) == len(encoder) and bool((stamps_ns < 2**63).all())
-    row_stamps_ns = stamps_ns.astype(np.int64) if known else None
-    return scan_from_rows(scan.power, angles_rad, row_stamps_ns, scan.stamp_ns, config)
+    given = np.asarray(message.timestamps, np.uint64)
+    known = len(given) == len(counts) and bool((given < 2**63).all())
+    stamps = given.astype(np.int64) if known else None
+    # Without stamps, a count of 0 is that of the row at the encoder's zero.
+    written = (counts != 0) | (scan.power.any(axis=1) if stamps is None else stamps != 0)
+    rows = measured_rows(counts, stamps, written, scan.power, config, scan.stamp_ns)
+    return scan_from_rows(scan.power, rows, scan.stamp_ns, config)

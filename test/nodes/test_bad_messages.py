@@ -80,7 +80,7 @@ def test_an_image_without_the_configured_metadata_columns_is_refused(observer: O
     node = start_node(EncoderNode, {'radar.metadata_columns': '11'})
     send = observer.publisher(Image, 'radar_data/b_scan_image', qos.SCANS)
     send(image(width=8))
-    wait_until(lambda: node.status.drops['wrong_size'] == 1)
+    wait_until(lambda: node.status.drops['no_metadata'] == 1)
 
 
 def test_repeated_and_backward_stamps_are_dropped_and_a_restart_is_not(
