@@ -95,6 +95,11 @@ class RadarConfig:
     encoder_size: int = parameter(
         5600, 'encoder counts in a full rotation, for metadata columns', unit='counts', minimum=8, maximum=65536
     )
+    row_angles: str = parameter(
+        'encoder',
+        'whether the angles of rows with metadata columns are those of their encoder counts, or equal steps from 0',
+        choices=('encoder', 'equal'),
+    )
     azimuth_offset_rad: float = parameter(
         0.0,
         "azimuth of row 0, clockwise from the vehicle's forward axis",
@@ -106,6 +111,12 @@ class RadarConfig:
         'clockwise',
         'direction in which azimuths increase with rows, seen from above',
         choices=('clockwise', 'counterclockwise'),
+    )
+    transport: str = parameter(
+        'raw',
+        'what the encoder node reads: the Image on radar_data/b_scan_image, or the CompressedImage, a PNG, on '
+        'radar_data/b_scan_image/compressed',
+        choices=('raw', 'compressed'),
     )
     max_image_bytes: int = parameter(
         64 * 2**20, 'larger images are refused', unit='bytes', minimum=1024, maximum=2**31 - 1

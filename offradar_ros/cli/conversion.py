@@ -7,11 +7,12 @@ from typing import NamedTuple, Optional
 import numpy as np
 from numpy.typing import NDArray
 
-from offradar_ros.config import PositionConfig
+from offradar_ros.config import PositionConfig, RadarConfig
 from offradar_ros.errors import DataError, OffradarError
 from offradar_ros.processes import Progress
 from offradar_ros.recordings.bags.writer import BagOptions, write_bag
 from offradar_ros.recordings.datasets.check.coverage import coverage
+from offradar_ros.recordings.row_tally import TalliedSequence
 from offradar_ros.sequence import RadarSequence
 
 
@@ -22,11 +23,21 @@ class Conversion(NamedTuple):
         scans: number of scans of the sequence.
         skipped: for each scan that was left out, why it cannot be read.
         position_problem: how many scans have no position, and why; empty if every scan has one.
+        row_faults: number of scans by what was wrong with some of their rows and has been mended.
     """
 
     scans: int
     skipped: list[str]
     position_problem: str
+    row_faults: dict[str, int]
+
+
+def as_recorded(radar: RadarConfig) -> RadarConfig:
+    """How a source is read that is written again: angles from the sensor's own zero, in its own sense.
+
+    Both belong to the mounting, and are applied when the bag is read.
+    """
+    return dataclasses.replace(radar, azimuth_offset_rad=0.0, azimuth_direction='clockwise')
 
 
 def convert_sequence(
@@ -40,10 +51,11 @@ def convert_sequence(
             raise DataError(f'{error} (--skip-unreadable leaves such scans out)') from error
         skipped[index] = error
 
-    write_bag(sequence, out, options, progress, skip)
+    tallied = TalliedSequence(sequence)
+    write_bag(tallied, out, options, progress, skip)
     written_ns = np.delete(sequence.stamps_ns, list(skipped))
     position_problem = _position_problem(sequence, written_ns, options.position_offset_ns)
-    return Conversion(len(sequence), list(map(str, skipped.values())), position_problem)
+    return Conversion(len(sequence), list(map(str, skipped.values())), position_problem, dict(tallied.faults))
 
 
 def _position_problem(sequence: RadarSequence, scans_ns: NDArray[np.int64], offset_ns: int) -> str:

@@ -34,7 +34,8 @@ class ImageEncoder(abc.ABC):
                 'created_by': header.created_by,
                 'description': header.description,
                 'stored': header.stored,
-                'file': Path(path).name,
+                # A name that is not UTF-8 is no text for a message or a map.
+                'file': Path(path).name.encode(errors='replace').decode(),
             },
         )
 

@@ -48,8 +48,8 @@ class SessionMap:
         self.config = config
         self._store: MapStore | None = None
         self._model: ModelInfo | None = None
-        # None until this process writes it; that write also ends sessions that another process left running.
-        self._model_on_disk: ModelInfo | None = None
+        # None until this process has one; its first write also ends sessions that another process left running.
+        self._adopted: ModelInfo | None = None
         self._origin: GeoPoint | None = None
         self._parent = ParentMap(config, 0)
         self._running: _Running | None = None
@@ -93,16 +93,24 @@ class SessionMap:
         return self._model
 
     def adopt_model(self, info: ModelInfo) -> None:
-        """Accept embeddings of this model from now on; MapError if the map holds embeddings of another model."""
-        if self._model and self._model.fingerprint != info.fingerprint and (len(self) or self._undoable):
+        """Accept embeddings of this model from now on; MapError if the map holds embeddings of another model.
+
+        One of the same fingerprint and another dimension is another model too: the file could not be read any more.
+        """
+        is_other = self._model is not None and not self._model.is_same_model(info)
+        if self._model and is_other and (len(self) or self._undoable):
             raise MapError(
                 f'{self._where}: holds embeddings of {self._model.name} {self._model.fingerprint[:12]}, '
-                f'not of {info.name} {info.fingerprint[:12]}: use that model, or another map.path'
+                f'not of {info.name} {info.fingerprint[:12]} (d = {self._model.dimension}, not {info.dimension}): '
+                'use that model, or another map.path'
             )
-        if self._store and self._model_on_disk != info:
+        if self._adopted and self._adopted.is_same_model(info):
+            # Another name or other metadata is for people, and not worth a write for each message.
+            return
+        if self._store:
             self._store.write_model(info, except_session=self.running_session_id)
-            self._model_on_disk = info
-        if not self._model or self._model.fingerprint != info.fingerprint:
+        self._adopted = info
+        if not self._model or is_other:
             next_place_id = self._parent.next_place_id
             self._parent = ParentMap(self.config, info.dimension)
             self._parent.next_place_id = next_place_id
@@ -144,17 +152,8 @@ class SessionMap:
         self._running = _Running(session_id, name, stamp_ns, len(self), self._parent.mean_uncertainty)
         return session_id
 
-    def merge(self, embedding: Embedding, pose: Pose) -> Merge:
-        """Merge one scan of the running session into the map, by Algorithm 1.
-
-        Raises RefusedInput: `no_session`, `no_model`, `wrong_model`, and those of `ParentMap.merge`. The caller counts
-        refusals with `count_dropped`, together with scans that were dropped before.
-        """
-        running = self._running
-        if not running:
-            raise RefusedInput(
-                'no_session', f'embedding at {embedding.stamp_ns} ns: no session runs, nothing is mapped'
-            )
+    def check(self, embedding: Embedding) -> None:
+        """RefusedInput (`no_model`, `wrong_model`, `invalid_embedding`) if `merge` would refuse it at any position."""
         if not self._model:
             raise RefusedInput('no_model', f'embedding at {embedding.stamp_ns} ns: the map has no model yet')
         if embedding.model != self._model.fingerprint:
@@ -163,6 +162,20 @@ class SessionMap:
                 f'embedding at {embedding.stamp_ns} ns: made by model {embedding.model[:12] or "(none)"}, '
                 f'the map holds {self._model.name} {self._model.fingerprint[:12]}',
             )
+        self._parent.check(embedding)
+
+    def merge(self, embedding: Embedding, pose: Pose) -> Merge:
+        """Merge one scan of the running session into the map, by Algorithm 1.
+
+        Raises RefusedInput: `no_session`, and those of `check` and `ParentMap.merge`. The caller counts refusals with
+        `count_dropped`, together with scans that were dropped before.
+        """
+        running = self._running
+        if not running:
+            raise RefusedInput(
+                'no_session', f'embedding at {embedding.stamp_ns} ns: no session runs, nothing is mapped'
+            )
+        self.check(embedding)
         merge = self._parent.merge(embedding, pose, running.session_id)
         running.merges[merge.kind] += 1
         if merge.kind is MergeKind.INSERTED:

@@ -13,13 +13,18 @@ from offradar_ros.encoders.protocol import Encoder
 from offradar_ros.errors import RefusedInput
 from offradar_ros.mapping.session_report import SessionReport
 from offradar_ros.mapping.sessions import SessionMap
-from offradar_ros.messages import point_from_fix, pose_from_odometry, scan_from_image, stamp_ns
-from offradar_ros.recordings.bags.reader import Bag, RawMessage, scan_topic
-from offradar_ros.recordings.bags.topics import FIX, FIX_TYPE, ODOMETRY, ODOMETRY_TYPE, VEHICLE_ODOMETRY
+from offradar_ros.messages import point_from_fix, pose_from_odometry, stamp_ns
+from offradar_ros.recordings.bags.position_topic import position_topic
+from offradar_ros.recordings.bags.reader import Bag, RawMessage
+from offradar_ros.recordings.bags.scan_topic import DECODERS, scan_topic
+from offradar_ros.recordings.bags.topics import FIX_TYPE, ODOMETRY_TYPE, VEHICLE_ODOMETRY, ChosenTopics
 from offradar_ros.stages.encode import EncodeStage
 from offradar_ros.stages.map import MapStage, MapUpdate
 from offradar_ros.stages.query import QueryStage
 from offradar_ros.types import Localisation, Outcome, PlaceTable
+
+POSITION_TYPES = {'fix': FIX_TYPE, 'odometry': ODOMETRY_TYPE}
+"""Message type of the positions, by position.source."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -46,23 +51,41 @@ def drive(
     session_map: SessionMap | PlaceTable,
     *,
     session: str | None = None,
+    topics: ChosenTopics | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> DriveResult:
     """Encode, map (if `session` names one) and query every scan of a bag, as the nodes do on the vehicle.
 
+    DataError, before anything is mapped, for a bag without scans, or where it does not show which of several topics is
+    meant and `topics` does not say so. Where `topics` chooses the positions, their type decides, not position.source.
+
     Queries search the map as of the last ended session; without query.exclude_current_session, the running one too.
     A drive that maps nothing may search a table of places instead, made with the encoder's model.
     """
-    return _Drive(bag, config, encoder, session_map, session).run(progress or (lambda _done, _total: None))
+    chosen = topics or ChosenTopics()
+    scans = scan_topic(bag, config.radar, chosen.scans)
+    positions = None
+    if session is not None:
+        positions = position_topic(bag, scans, chosen.positions, POSITION_TYPES[config.position.source])
+    whole = _Drive(bag, config, encoder, session_map, session, scans, positions)
+    return whole.run(progress or (lambda _done, _total: None))
 
 
 class _Drive:
     """The three stages on one recording."""
 
     def __init__(
-        self, bag: Bag, config: Config, encoder: Encoder, session_map: SessionMap | PlaceTable, session: str | None
+        self,
+        bag: Bag,
+        config: Config,
+        encoder: Encoder,
+        session_map: SessionMap | PlaceTable,
+        session: str | None,
+        scans: str,
+        positions: str | None,
     ) -> None:
         self._bag, self._config = bag, config
+        self._scans, self._positions = scans, positions
         self._fingerprint = encoder.info.fingerprint
         self._encode = EncodeStage(encoder, config.radar.restart_after_s)
         self._query = QueryStage(config.query, config.localisation)
@@ -80,16 +103,16 @@ class _Drive:
             session_map.start_session(session, bag.start_ns)
 
     def run(self, progress: Callable[[int, int], None]) -> DriveResult:
-        scans = scan_topic(self._bag)
+        scans = self._scans
         total = self._bag.counts[scans]
-        positions = _position_topics(self._bag, self._config) if self._mapping else []
+        positions = [self._positions] if self._positions else []
         odometry = [topic for topic in self._bag.topics_of(ODOMETRY_TYPE) if topic == VEHICLE_ODOMETRY]
         others = sorted({*positions, *odometry})
         for raw in in_lockstep_order(self._bag, scans, others, self._config.position.max_gap_s):
             message = self._bag.decode(raw)
             try:
                 if raw.topic == scans:
-                    self._handle_scan(message)
+                    self._handle_scan(raw.msgtype, message)
                     progress(len(self._outcomes), total)
                     continue
                 if raw.topic in odometry:
@@ -104,8 +127,8 @@ class _Drive:
             self._apply(updates)
         return DriveResult(tuple(self._outcomes), tuple(self._localisations), report, self._refused)
 
-    def _handle_scan(self, message: Any) -> None:
-        decode = functools.partial(scan_from_image, message, self._config.radar)
+    def _handle_scan(self, msgtype: str, message: Any) -> None:
+        decode = functools.partial(DECODERS[msgtype], message, self._config.radar)
         encoded = self._encode.encode(stamp_ns(message.header.stamp), decode)
         if encoded.problem:
             self._refused[encoded.problem.cause] += 1
@@ -128,13 +151,6 @@ class _Drive:
                 self._refused[update.problem.cause] += 1
             elif len(update.changed):
                 self._query.update(update.changed, self._fingerprint, committed=False)
-
-
-def _position_topics(bag: Bag, config: Config) -> list[str]:
-    """The topic that the map server would listen to, or else the only one of its type."""
-    msgtype, name = (FIX_TYPE, FIX) if config.position.source == 'fix' else (ODOMETRY_TYPE, ODOMETRY)
-    topics = bag.topics_of(msgtype)
-    return [name] if name in topics else topics if len(topics) == 1 else []
 
 
 def _added_position(mapping: MapStage, msgtype: str, message: Any) -> list[MapUpdate]:

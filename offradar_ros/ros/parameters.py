@@ -13,6 +13,10 @@ from rclpy.parameter import Parameter as RosParameter
 from offradar_ros.config import Bounds, Config, parameters, replace_values
 from offradar_ros.errors import ConfigError
 
+MAX_NAMED = 5
+"""Most names that a warning shows."""
+_OF_ROS = {'autostart', 'qos_overrides', 'start_type_description_service', 'use_sim_time'}
+
 
 def descriptor(bounds: Bounds, value: bool | int | float | str) -> ParameterDescriptor:
     """What `ros2 param describe` shows."""
@@ -60,6 +64,21 @@ def declare(node: Node, config: Config, groups: Sequence[str], overrides: Sequen
                 reason = problem or str(error).splitlines()[0]
                 raise ConfigError(f'parameter {leaf.name}: {reason}') from error
     return replace_values(config, values)
+
+
+def names_given(node: Node, overrides: Sequence[RosParameter] = ()) -> set[str]:
+    """Names of the parameters that files, arguments or the constructor (`overrides`) set."""
+    return set(_given(node, overrides))
+
+
+def not_ours(names: Iterable[str]) -> list[str]:
+    """One line for names that no node of ours has, which may be misspelt; files for several packages have such."""
+    groups = {leaf.name.split('.')[0] for leaf in parameters(Config())}
+    others = sorted(name for name in names if name.split('.')[0] not in groups | _OF_ROS)
+    if not others:
+        return []
+    shown = ', '.join(others[:MAX_NAMED]) + (f' and {len(others) - MAX_NAMED} more' if len(others) > MAX_NAMED else '')
+    return [f'parameters that no node of offradar_ros has, and that are not used: {shown}']
 
 
 def _given(node: Node, overrides: Sequence[RosParameter]) -> dict[str, Any]:

@@ -103,7 +103,7 @@ class MapStage:
         try:
             self.map.adopt_model(info)
         except MapError as error:
-            other = known is not None and known.fingerprint != info.fingerprint
+            other = known is not None and not known.is_same_model(info)
             raise RefusedInput('wrong_model' if other else 'not_saved', str(error)) from error
         waiting = list(self._waiting_for_model)
         self._waiting_for_model.clear()
@@ -163,6 +163,11 @@ class MapStage:
         if self.map.model is None:
             self._waiting_for_model.append(embedding)
             return self._drop_waiting_for_model(MAX_WAITING_FOR_MODEL)
+        try:
+            self.map.check(embedding)
+        except RefusedInput as refused:
+            # Before it takes a place in the queue, or its stamp counts as that of a scan.
+            return [self._refused(embedding, refused)]
         updates: list[MapUpdate] = []
         if embedding.stamp_ns < self._last_scan_ns:
             # The recording starts again: the waiting embeddings will get no position.
@@ -269,9 +274,8 @@ class MapStage:
     def _merge(self, resolved: Resolved) -> MapUpdate:
         embedding = resolved.embedding
         if resolved.pose is None:
-            problem = RefusedInput(
-                resolved.cause, f'no position at the stamp of scan {embedding.stamp_ns} ns: not mapped'
-            )
+            waits = 'no position at the stamp of' if resolved.cause == 'no_position' else 'too many scans wait with'
+            problem = RefusedInput(resolved.cause, f'{waits} scan {embedding.stamp_ns} ns: not mapped')
             return self._refused(embedding, problem)
         try:
             if self.map.origin is None and self._frame is not None and self.map.running_session_id is not None:

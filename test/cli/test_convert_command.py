@@ -12,6 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from offradar_ros.recordings.bags.reader import Bag
 from offradar_ros.recordings.bags.sequence import BagSequence
@@ -247,3 +248,40 @@ def test_an_interrupted_run_leaves_nothing_that_looks_complete(
     done('convert', endless_folder, out)
     assert counts(out)['/radar_data/b_scan_image'] == 5
     assert not any(tmp_path.glob('bag.*.partial'))
+
+
+def stored_scans(folder: Path, counts: NDArray[np.int64], stamps_ns: NDArray[np.int64] | None = None) -> Path:
+    """Two scans in MulRan's form with metadata columns."""
+    folder.mkdir(parents=True)
+    for start_ns in (1_767_225_600_000_000_000, 1_767_225_600_250_000_000):
+        image = np.random.default_rng(0).integers(1, 200, (400, 11 + 3360), np.uint8)
+        stamps = start_ns + 625_000 * np.arange(400) if stamps_ns is None else stamps_ns
+        image[:, :8] = stamps.astype('<i8').reshape(-1, 1).view(np.uint8)
+        image[:, 8:10] = counts.astype('<u2').reshape(-1, 1).view(np.uint8)
+        cv2.imwrite(str(folder / f'{start_ns}.png'), image)
+    return folder.parent
+
+
+def test_the_parameters_that_a_refusal_names_are_taken(
+    done: Callable[..., str], refused: Callable[..., str], tmp_path: Path
+) -> None:
+    source = stored_scans(tmp_path / 'drive' / 'polar_oxford_form', np.zeros(400, np.int64))
+    assert 'radar.row_angles to equal' in refused('convert', source, tmp_path / 'bag')
+    params = tmp_path / 'equal.yaml'
+    radar = '{row_angles: equal, azimuth_offset_rad: 0.5, azimuth_direction: counterclockwise}'
+    params.write_text(f'/**:\n  ros__parameters:\n    radar: {radar}\n')
+    done('convert', source, tmp_path / 'bag', '--params', params)
+    azimuths = BagSequence(tmp_path / 'bag').scan(0).azimuths_rad
+    # Where the sensor is mounted is no part of a recording: it would be applied once more when the bag is read.
+    assert azimuths == pytest.approx(np.radians(0.9 * np.arange(400)))
+    done('convert', tmp_path / 'drive', tmp_path / 'again', '--params', params)
+
+
+def test_mended_rows_are_reported(done: Callable[..., str], tmp_path: Path) -> None:
+    counts = 7 + 14 * np.arange(400)
+    counts[100] = 5600
+    unset = stored_scans(tmp_path / 'drive' / 'polar_oxford_form', counts, 900 * 10**9 + 625_000 * np.arange(400))
+    printed = done('convert', unset, tmp_path / 'bag')
+    assert 'warning: encoder counts that contradict the others, their azimuths are interpolated: 2 scans\n' in printed
+    assert "warning: row stamps of a clock that was never set, or in no order: the scan's stamp is taken" in printed
+    assert 'problem' not in done('check', tmp_path / 'bag')

@@ -293,3 +293,8 @@ def test_an_operator_that_opencv_does_not_support_is_reported(tmp_path: Path, sm
     with pytest.raises(ModelError, match=expected) as refused:
         OpencvEncoder(tmp_path / 'odd.onnx')
     assert '\n' not in str(refused.value)
+
+
+def test_a_file_whose_name_is_not_text_gives_a_model_that_is(small_weights: Path) -> None:
+    odd = small_weights.rename(small_weights.parent / os.fsdecode(b'\xff.safetensors'))
+    assert TorchEncoder(odd).info.metadata['file'] == '?.safetensors'
