@@ -272,6 +272,13 @@ def test_a_file_made_by_hand_is_read(lone: Path) -> None:
         assert len(list(bag.messages())) == 2
 
 
+def test_counts_are_those_of_the_messages(lone: Path) -> None:
+    statistics = struct.pack('<QHIIIIQQ', 9, 1, 1, 0, 0, 0, 1, 99) + text(struct.pack('<HQ', 1, 9))
+    lone.write_bytes(mcap(SMALL, DESCRIBED + record(0x0B, statistics)))
+    with Bag(lone) as bag:
+        assert (bag.counts, bag.start_ns, bag.end_ns) == ({FIX: 2}, 5, 7)
+
+
 def lost() -> dict[str, bytes]:
     """Files of which a reader would leave messages out without a word."""
     content, at = chunk(SMALL), len(START)
