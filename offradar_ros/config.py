@@ -256,6 +256,9 @@ class MapConfig:
     insert_unmatched: bool = parameter(True, 'whether a scan that matches no place becomes one (false: constant size)')
     undo_depth: int = parameter(3, 'ended sessions that can be undone', minimum=0, maximum=1000)
     start_session: bool = parameter(True, 'whether a session starts with the node')
+    allow_destructive: bool = parameter(
+        False, 'whether the services undo_session and clear, which take mapped drives away, do so for any caller'
+    )
     autosave_s: float = parameter(
         10.0,
         'how often the running session is saved to disk; 0 turns this off',

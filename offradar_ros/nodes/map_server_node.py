@@ -36,6 +36,8 @@ from offradar_ros.ros.stage_node import StageNode
 from offradar_ros.stages.map import Form, MapStage, MapUpdate
 from offradar_ros.types import PlaceTable
 
+DESTRUCTIVE = ('undo_session', 'clear')
+"""The services that take mapped drives away; `map.allow_destructive` allows them."""
 POLL_S = 0.02
 """Time between two checks, at the end of a session, whether positions still arrive."""
 RECENT_S = 10.0
@@ -99,7 +101,7 @@ class MapServerNode(StageNode):
         }.items():
             # In a separate callback group: positions arrive while the end of a session waits for the last of them.
             self.create_service(
-                Trigger, f'~/{name}', self._service_callback(serve), callback_group=ReentrantCallbackGroup()
+                Trigger, f'~/{name}', self._service_callback(name, serve), callback_group=ReentrantCallbackGroup()
             )
         self._last_stamp_ns = self._last_position_ns = 0
         self._refused_model = ''
@@ -108,6 +110,8 @@ class MapServerNode(StageNode):
     def configure(self) -> None:
         """Open the map."""
         self._map = SessionMap(self.config.map)
+        for notice in self._map.notices:
+            self.get_logger().warning(notice)
         self.stage = MapStage(self.config, self._map)
 
     def activated(self) -> None:
@@ -124,8 +128,14 @@ class MapServerNode(StageNode):
         if self._map.running_session_id is not None:
             _, report = self.stage.end_session()
             self.log_info(f'session ended at exit: {self._summary(report)}')
+        self._map.require_file()
         self._map.close()
         self._map = None
+
+    def rescue(self) -> str:
+        """Write the map that `close` could not write as a new file; MapError if that fails too."""
+        rescued = self._map.rescue() if self._map is not None else None
+        return f'the whole map was written to {rescued}' if rescued else ''
 
     def periodic(self) -> None:
         """Refresh the view and save the running session."""
@@ -134,6 +144,9 @@ class MapServerNode(StageNode):
             'places': str(len(session_map)),
             'mean_uncertainty': f'{session_map.mean_uncertainty:.4f}' if len(session_map) else '',
             'session': '' if session_map.running_session_id is None else str(session_map.running_session_id),
+            'file': 'complete'
+            if session_map.is_file_complete
+            else 'copy it with offradar map --backup: it is being read',
         }
         view = self.stage.changed_view()
         if view is not None:
@@ -150,13 +163,16 @@ class MapServerNode(StageNode):
         elif self.config.map.path and (trouble := disk_trouble(Path(self.config.map.path))):
             yield trouble
         if self.status.recent_reason('no_position', RECENT_S) and not self._positions.watch.is_silent:
-            apart_s = (self._last_position_ns - self._last_stamp_ns) / 1e9
-            yield Trouble(
-                'positions_apart',
-                f'scans have no position, though positions come: the last one is {abs(apart_s):.1f} s '
-                f'{"before" if apart_s < 0 else "after"} the last scan by their stamps: set both clocks by one '
-                'source, or raise position.wait_s or position.max_gap_s',
-            )
+            yield Trouble('positions_apart', f'scans have no position, though positions come: {self._why_apart()}')
+
+    def _why_apart(self) -> str:
+        apart_s, gap_s = (self._last_position_ns - self._last_stamp_ns) / 1e9, self.config.position.max_gap_s
+        if abs(apart_s) <= gap_s:
+            return f'more than position.max_gap_s = {gap_s:g} s lies between two of them: send more, or raise it'
+        return (
+            f'the last one is {abs(apart_s):.1f} s {"before" if apart_s < 0 else "after"} the last scan by their '
+            'stamps: set both clocks by one source, or raise position.wait_s if positions are late'
+        )
 
     def _maps_scans(self) -> bool:
         """Whether a session runs and scans come, so that the map lacks what does not."""
@@ -226,10 +242,15 @@ class MapServerNode(StageNode):
         model = self.stage.map.model
         return descriptors_message(PlaceRows(table, model.fingerprint if model else '', committed), stamp)
 
-    def _service_callback(self, serve: Callable[[], str]) -> Callable[..., Awaitable[Trigger.Response]]:
+    def _service_callback(self, name: str, serve: Callable[[], str]) -> Callable[..., Awaitable[Trigger.Response]]:
         async def answer(_request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-            await self._wait_for_positions()
             try:
+                if name in DESTRUCTIVE and not self.config.map.allow_destructive:
+                    raise MapError(
+                        f'{name} takes mapped drives away, for any caller, so it is off: start the map server '
+                        'with map.allow_destructive:=true to allow it'
+                    )
+                await self._wait_for_positions()
                 if self._map is None:
                     raise MapError('the map is not open: configure the node first')
                 response.message = serve()
@@ -275,8 +296,9 @@ class MapServerNode(StageNode):
         text = report.summary()
         if report.dropped.get('no_position') and not self._positions.watch.ever:
             name = self._positions.subscription.topic_name
-            why = self._positions.why_silent() if self.context.ok() else 'see the diagnostics'
-            text += f'; no position ever came on {name}: {why}'
+            # What was the matter during the drive: afterwards the receiver may be off.
+            why = self._positions.last_why or (self._positions.why_silent() if self.context.ok() else '')
+            text += f'; no position ever came on {name}{f": {why}" if why else ""}'
         return text
 
     def _undo_session(self) -> str:
@@ -285,8 +307,8 @@ class MapServerNode(StageNode):
         return str(undone)
 
     def _save(self) -> str:
-        self.stage.save()
-        return f'saved {len(self.stage.map)} places'
+        again = ', the whole map, where its file was removed' if self.stage.save() else ''
+        return f'saved {len(self.stage.map)} places{again}'
 
     def _clear(self) -> str:
         backup = self.stage.clear()

@@ -215,10 +215,14 @@ class MapStage:
         self._forget_waiting()
         return self.map.clear()
 
-    def save(self) -> None:
-        """Write the changes of the running session to disk; MapError if that fails or the map has no file."""
-        self.map.save()
+    def save(self) -> bool:
+        """Write the changes of the running session to disk, and the whole map where its file was removed.
+
+        Returns whether it was. MapError if that fails or the map has no file.
+        """
+        is_whole = self.map.save(again=True)
         self._saved_s = self._clock()
+        return is_whole
 
     def autosave(self) -> None:
         """Save the running session if the last save is `map.autosave_s` ago; call it often.
@@ -229,10 +233,11 @@ class MapStage:
             return
         if self._clock() - self._saved_s < self._autosave_s:
             return
+        self._saved_s = self._clock()
         try:
-            self.save()
+            # Where the file was removed, whoever did so decides: they may want an empty map.
+            self.map.save()
         except MapError as error:
-            self._saved_s = self._clock()
             raise RefusedInput('not_saved', str(error)) from error
 
     def committed(self) -> CommittedMap | None:

@@ -125,7 +125,12 @@ def test_a_hundred_hostile_messages_of_each_kind_change_nothing_for_sound_ones(
     observer: Observer, stack: Callable[..., Stack], tmp_path: Path
 ) -> None:
     path, vehicle = tmp_path / 'town.db', Vehicle(observer)
-    parameters = {'map.path': str(path), 'map.autosave_s': 0.0, 'encoder.backlog': 1000} | DEEP
+    parameters = {
+        'map.path': str(path),
+        'map.autosave_s': 0.0,
+        'map.allow_destructive': True,
+        'encoder.backlog': 1000,
+    } | DEEP
     own = {'map_server_node': {'position.source': 'fix'}}
     with stack(parameters, own_parameters=own) as nodes:
         nodes.wait_until_ready()
