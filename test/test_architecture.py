@@ -29,6 +29,7 @@ ORDER = (
     'bounded_input',
     'types',
     'geometry',
+    'positions',
     'sequence',
     'records',
     'config',
