@@ -11,7 +11,9 @@ from offradar_ros.config import PositionConfig
 from offradar_ros.errors import DataError, OffradarError
 from offradar_ros.processes import Progress
 from offradar_ros.recordings.bags.writer import BagOptions, write_bag
+from offradar_ros.recordings.datasets.check.clocks import ScanClock
 from offradar_ros.recordings.datasets.check.coverage import coverage
+from offradar_ros.recordings.left_out import left_out_text
 from offradar_ros.sequence import RadarSequence
 
 
@@ -22,11 +24,13 @@ class Conversion(NamedTuple):
         scans: number of scans of the sequence.
         skipped: for each scan that was left out, why it cannot be read.
         position_problem: how many scans have no position, and why; empty if every scan has one.
+        warnings: what else is wrong with positions or stamps, one line each.
     """
 
     scans: int
     skipped: list[str]
     position_problem: str
+    warnings: tuple[str, ...] = ()
 
 
 def convert_sequence(
@@ -40,10 +44,22 @@ def convert_sequence(
             raise DataError(f'{error} (--skip-unreadable leaves such scans out)') from error
         skipped[index] = error
 
-    write_bag(sequence, out, options, progress, skip)
+    clock = ScanClock()
+    write_bag(sequence, out, options, progress, skip, clock.add)
     written_ns = np.delete(sequence.stamps_ns, list(skipped))
     position_problem = _position_problem(sequence, written_ns, options.position_offset_ns)
-    return Conversion(len(sequence), list(map(str, skipped.values())), position_problem)
+    warnings = _warnings(sequence, clock, options.position_offset_ns)
+    return Conversion(len(sequence), list(map(str, skipped.values())), position_problem, warnings)
+
+
+def _warnings(sequence: RadarSequence, clock: ScanClock, offset_ns: int) -> tuple[str, ...]:
+    trajectory = sequence.trajectory
+    if trajectory is None:
+        return ()
+    moved = dataclasses.replace(trajectory, stamps_ns=trajectory.stamps_ns + offset_ns)
+    by_motion = clock.problem(moved, PositionConfig().max_gap_s, offset_ns / 1e9)
+    left_out = tuple(left_out_text('positions', found) for found in trajectory.left_out)
+    return (*left_out, by_motion) if by_motion else left_out
 
 
 def _position_problem(sequence: RadarSequence, scans_ns: NDArray[np.int64], offset_ns: int) -> str:
@@ -52,5 +68,5 @@ def _position_problem(sequence: RadarSequence, scans_ns: NDArray[np.int64], offs
     if trajectory is None:
         return 'no positions: the source has none; this bag can be queried with, not mapped'
     moved = dataclasses.replace(trajectory, stamps_ns=trajectory.stamps_ns + offset_ns)
-    found = coverage('positions', scans_ns, moved, PositionConfig().max_gap_s, offset_ns / 1e9)
+    found = coverage('positions', scans_ns, moved, PositionConfig(), offset_ns / 1e9)
     return found.text if found.level == 'problem' else ''

@@ -88,5 +88,6 @@ def _report(made: Conversion) -> None:
         typer.echo(f'skipped {len(made.skipped)} of {counted(made.scans, "scan")} that cannot be read:')
         for error in made.skipped:
             typer.echo(f'  {error}')
-    if made.position_problem:
-        typer.echo(f'warning: {made.position_problem}')
+    for warning in (*made.warnings, made.position_problem):
+        if warning:
+            typer.echo(f'warning: {warning}')

@@ -60,6 +60,8 @@ def drive(
             result, origin, places = _mapped(opened, config, encoder, session)
         positions = _truth(opened, config, result, origin)
         _print(result)
+        for warning in result.warnings:
+            typer.echo(f'warning: {warning}')
         if session is not None:
             _print_session(opened, config, result)
     errors = errors_m(result.outcomes, positions)

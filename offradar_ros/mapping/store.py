@@ -73,8 +73,8 @@ class MapStore:
             _mark_interrupted(connection, -1 if except_session is None else except_session)
             _set_meta(connection, 'model', unstructure(model))
 
-    def write_origin(self, origin: GeoPoint) -> None:
-        """Store the origin of the local frame."""
+    def write_origin(self, origin: GeoPoint | None) -> None:
+        """Store the origin of the local frame, or that there is none."""
         with self._transaction() as connection:
             _set_meta(connection, 'origin', unstructure(origin))
 

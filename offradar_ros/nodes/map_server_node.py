@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 import traceback
 from collections.abc import Awaitable, Callable, Iterable
 from functools import partial
@@ -21,6 +22,7 @@ from std_srvs.srv import Trigger
 from offradar_ros.errors import MapError
 from offradar_ros.mapping.sessions import SessionMap
 from offradar_ros.messages import point_from_fix, pose_from_odometry, stamp_ns
+from offradar_ros.positions.clocks import ArrivalClocks, clock_problem
 from offradar_ros.ros import qos
 from offradar_ros.ros.embedding_message import embedding_record, model_record
 from offradar_ros.ros.place_message import PlaceRows, descriptors_message, map_message, read_the_file_message
@@ -29,6 +31,8 @@ from offradar_ros.ros.stage_node import StageNode
 from offradar_ros.stages.map import Form, MapStage, MapUpdate
 from offradar_ros.types import PlaceTable
 
+CLOCK_OFFSET_S = 2.0
+"""A larger difference between the latencies of embeddings and positions is one between their clocks."""
 POLL_S = 0.02
 """Time between two checks, at the end of a session, whether positions still arrive."""
 
@@ -64,6 +68,7 @@ class MapServerNode(StageNode):
                 Trigger, f'~/{name}', self._service_callback(serve), callback_group=ReentrantCallbackGroup()
             )
         self._last_stamp_ns = 0
+        self._clocks = ArrivalClocks()
         self._map: SessionMap | None = None
 
     def configure(self) -> None:
@@ -96,6 +101,9 @@ class MapServerNode(StageNode):
             'mean_uncertainty': f'{session_map.mean_uncertainty:.4f}' if len(session_map) else '',
             'session': '' if session_map.running_session_id is None else str(session_map.running_session_id),
         }
+        # An embedding arrives later than its scan by what the encoder takes.
+        by_arrival = clock_problem(self._clocks.offset_s(), CLOCK_OFFSET_S)
+        self.status.warning = self.stage.problem() or by_arrival
         view = self.stage.changed_view()
         if view is not None:
             self._map_view.publish(map_message(view, self._last_stamp_ns))
@@ -106,6 +114,7 @@ class MapServerNode(StageNode):
 
     def _on_embedding(self, message: PointCloud2) -> None:
         self._last_stamp_ns = stamp_ns(message.header.stamp)
+        self._clocks.add_scan(time.monotonic_ns(), self._last_stamp_ns)
         try:
             self._publish_updates(self.stage.add_embedding(embedding_record(message, 'embedding')))
         finally:
@@ -114,12 +123,19 @@ class MapServerNode(StageNode):
                 self._handled.publish(Header(stamp=message.header.stamp))
 
     def _on_fix(self, message: NavSatFix) -> None:
+        self._clocks.add_position(time.monotonic_ns(), stamp_ns(message.header.stamp))
         self._publish_updates(self.stage.add_point(stamp_ns(message.header.stamp), point_from_fix(message)))
 
     def _on_odometry(self, message: Odometry) -> None:
+        self._clocks.add_position(time.monotonic_ns(), stamp_ns(message.header.stamp))
         self._publish_updates(self.stage.add_pose(stamp_ns(message.header.stamp), pose_from_odometry(message)))
 
     def _publish_updates(self, updates: Iterable[MapUpdate]) -> None:
+        for left_out in self.stage.take_left_out():
+            self.refuse(left_out, 'position')
+        if self.stage.take_discarded():
+            self.get_logger().warning('what was mapped of this session lay around a wrong fix: discarded')
+            self._publish_committed()
         for update in updates:
             if update.problem:
                 self.refuse(update.problem, 'embedding')

@@ -92,7 +92,9 @@ class PositionTrack:
                 kept.append(stretch)
                 continue
             for stamp_ns, _ in stretch:
-                first = f'position stamp {stamp_ns} ns is {away_ns / 86400e9:.0f} days from those of the others: dropped'
+                first = (
+                    f'position stamp {stamp_ns} ns is {away_ns / 86400e9:.0f} days from those of the others: dropped'
+                )
                 self.leave_out('position_stamp_jump', first)
         return kept
 

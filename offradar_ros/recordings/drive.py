@@ -14,6 +14,7 @@ from offradar_ros.errors import RefusedInput
 from offradar_ros.mapping.session_report import SessionReport
 from offradar_ros.mapping.sessions import SessionMap
 from offradar_ros.messages import point_from_fix, pose_from_odometry, scan_from_image, stamp_ns
+from offradar_ros.positions.clocks import ArrivalClocks, clock_problem
 from offradar_ros.recordings.bags.reader import Bag, RawMessage, scan_topic
 from offradar_ros.recordings.bags.topics import FIX, FIX_TYPE, ODOMETRY, ODOMETRY_TYPE, VEHICLE_ODOMETRY
 from offradar_ros.stages.encode import EncodeStage
@@ -31,12 +32,14 @@ class DriveResult:
         localisations: where the vehicle is after each embedding; None where that is not known.
         report: of the session that the drive was mapped as; None if it was not mapped.
         refused: dropped scans and positions by cause.
+        warnings: what keeps positions out of the map, or spoils them, one line each.
     """
 
     outcomes: tuple[Outcome, ...]
     localisations: tuple[Localisation | None, ...]
     report: SessionReport | None
     refused: Counter[str]
+    warnings: tuple[str, ...] = ()
 
 
 def drive(
@@ -70,6 +73,7 @@ class _Drive:
         self._outcomes: list[Outcome] = []
         self._localisations: list[Localisation | None] = []
         self._refused: Counter[str] = Counter()
+        self._clocks = ArrivalClocks()
         if isinstance(session_map, PlaceTable):
             self._query.load(session_map, self._fingerprint)
             return
@@ -89,20 +93,25 @@ class _Drive:
             message = self._bag.decode(raw)
             try:
                 if raw.topic == scans:
+                    self._clocks.add_scan(raw.log_ns, stamp_ns(message.header.stamp))
                     self._handle_scan(message)
                     progress(len(self._outcomes), total)
                     continue
                 if raw.topic in odometry:
                     self._query.add_odometry(stamp_ns(message.header.stamp), pose_from_odometry(message))
                 if self._mapping and raw.topic in positions:
+                    self._clocks.add_position(raw.log_ns, stamp_ns(message.header.stamp))
                     self._apply(_added_position(self._mapping, raw.msgtype, message))
             except RefusedInput as problem:
                 self._refused[problem.cause] += 1
         report = None
+        warnings = [clock_problem(self._clocks.offset_s())]
         if self._mapping:
             updates, report = self._mapping.end_session()
             self._apply(updates)
-        return DriveResult(tuple(self._outcomes), tuple(self._localisations), report, self._refused)
+            warnings.append(self._mapping.problem())
+        told = tuple(warning for warning in warnings if warning)
+        return DriveResult(tuple(self._outcomes), tuple(self._localisations), report, self._refused, told)
 
     def _handle_scan(self, message: Any) -> None:
         decode = functools.partial(scan_from_image, message, self._config.radar)
@@ -123,6 +132,10 @@ class _Drive:
             return None
 
     def _apply(self, updates: Iterable[MapUpdate]) -> None:
+        if self._mapping:
+            self._refused.update(left_out.cause for left_out in self._mapping.take_left_out())
+            if self._mapping.take_discarded():
+                self._query.load(self._mapping.map.committed(), self._fingerprint)
         for update in updates:
             if update.problem:
                 self._refused[update.problem.cause] += 1

@@ -2,61 +2,96 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from offradar_ros.config import PositionConfig, RadarConfig
 from offradar_ros.errors import RefusedInput
 from offradar_ros.messages import scan_from_image, stamp_ns
-from offradar_ros.recordings.bags.positions import position_topics, read_positions
+from offradar_ros.positions.clocks import ArrivalClocks, clock_problem
+from offradar_ros.recordings.bags.positions import Arrival, arrivals, position_topics, trajectory_of
 from offradar_ros.recordings.bags.reader import Bag, scan_topic
+from offradar_ros.recordings.bags.topics import FIX_TYPE
+from offradar_ros.recordings.datasets.check.clocks import ScanClock
 from offradar_ros.recordings.datasets.check.coverage import coverage
 from offradar_ros.recordings.datasets.check.findings import Finding, Findings, counted, note, ok, problem
 from offradar_ros.recordings.datasets.check.sizes import Sizes
 from offradar_ros.recordings.datasets.check.stamps import check_stamps
+from offradar_ros.recordings.left_out import left_out_text
+from offradar_ros.recordings.replayed_positions import count_positioned
+
+
+class _Scans(NamedTuple):
+    """When the scans were recorded and their headers' stamps, in that order, and how the radar moved."""
+
+    logs_ns: list[int]
+    stamps_ns: list[int]
+    clock: ScanClock
 
 
 def check_bag(path: str | Path, radar: RadarConfig | None = None, position: PositionConfig | None = None) -> Findings:
     """Read every message of a bag; DataError where it cannot be read at all."""
     with Bag(path) as bag:
-        found = tuple(_findings(bag, radar or RadarConfig(), (position or PositionConfig()).max_gap_s))
+        found = tuple(_findings(bag, radar or RadarConfig(), position or PositionConfig()))
     return Findings(Path(path), 'bag', found)
 
 
-def _findings(bag: Bag, radar: RadarConfig, max_gap_s: float) -> Iterator[Finding]:
+def _findings(bag: Bag, radar: RadarConfig, position: PositionConfig) -> Iterator[Finding]:
     for topic, count in bag.counts.items():
         yield ok(f'topic {topic}: {counted(count, "message")} of {bag.topics[topic]}')
     topic = scan_topic(bag)
-    stamps: list[int] = []
+    scans = _Scans([], [], ScanClock())
     sizes = Sizes()
     refused: dict[str, list[str]] = {}
     for raw in bag.messages([topic]):
         message = bag.decode(raw)
-        stamps.append(stamp_ns(message.header.stamp))
+        scans.logs_ns.append(raw.log_ns)
+        scans.stamps_ns.append(stamp_ns(message.header.stamp))
         try:
             scan = scan_from_image(message, radar)
         except RefusedInput as refusal:
             refused.setdefault(refusal.cause, []).append(str(refusal))
         else:
             sizes.add(scan, f'at {scan.stamp_ns} ns')
+            scans.clock.add(scan)
     yield from sizes.findings()
     for cause, messages in sorted(refused.items()):
         yield problem(f'{counted(len(messages), "scan")} would be refused ({cause}): {messages[0]}')
-    stamps_ns = np.array(stamps, np.int64)
-    yield from check_stamps(stamps_ns)
-    yield from _positions(bag, stamps_ns, max_gap_s)
+    yield from check_stamps(np.array(scans.stamps_ns, np.int64))
+    yield from _positions(bag, scans, position)
 
 
-def _positions(bag: Bag, stamps_ns: NDArray[np.int64], max_gap_s: float) -> Iterator[Finding]:
+def _positions(bag: Bag, scans: _Scans, position: PositionConfig) -> Iterator[Finding]:
     topics = position_topics(bag)
     if not topics:
         yield note('no positions: this bag can be queried with, not mapped')
     for topic in topics:
-        trajectory, refused = read_positions(bag, topic)
-        for cause, count in sorted(refused.items()):
-            yield problem(f'{topic}: {counted(count, "position")} would be refused ({cause})')
-        if len(stamps_ns):
-            yield coverage(topic, stamps_ns, trajectory, max_gap_s)
+        found = list(arrivals(bag, topic))
+        trajectory = trajectory_of(found, geodetic=bag.topics[topic] == FIX_TYPE)
+        for left_out in trajectory.left_out:
+            yield problem(left_out_text(topic, left_out))
+        if not scans.stamps_ns:
+            continue
+        in_time = count_positioned(list(zip(scans.logs_ns, scans.stamps_ns, strict=True)), found, position)
+        yield coverage(topic, np.array(scans.stamps_ns, np.int64), trajectory, position, in_time=in_time)
+        by_arrival = clock_problem(_offset_s(scans, found))
+        if by_arrival:
+            yield problem(f'{topic}: {by_arrival}')
+        else:
+            yield from scans.clock.findings(topic, trajectory, position.max_gap_s)
+
+
+def _offset_s(scans: _Scans, found: Sequence[Arrival]) -> float | None:
+    """What the log times of both topics say of their clocks."""
+    clocks = ArrivalClocks()
+    waiting = iter(found)
+    following = next(waiting, None)
+    for log_ns, stamp in zip(scans.logs_ns, scans.stamps_ns, strict=True):
+        while following is not None and following.log_ns <= log_ns:
+            clocks.add_position(following.log_ns, following.stamp_ns)
+            following = next(waiting, None)
+        clocks.add_scan(log_ns, stamp)
+    return clocks.offset_s()

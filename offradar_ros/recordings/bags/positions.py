@@ -4,13 +4,30 @@ from __future__ import annotations
 
 import dataclasses
 from collections import Counter
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
 
 from offradar_ros.errors import RefusedInput
-from offradar_ros.geometry import Trajectory
+from offradar_ros.geometry import GeoPoint, Trajectory
 from offradar_ros.messages import point_from_fix, pose_from_odometry, stamp_ns
 from offradar_ros.positions.track import PositionTrack
 from offradar_ros.recordings.bags.reader import Bag
 from offradar_ros.recordings.bags.topics import FIX_TYPE, ODOMETRY_TYPE
+from offradar_ros.types import Pose
+
+
+class Arrival(NamedTuple):
+    """One recorded position message.
+
+    Attributes:
+        log_ns: when it was recorded.
+        stamp_ns: its header's stamp.
+        position: what it holds, or why that is no position.
+    """
+
+    log_ns: int
+    stamp_ns: int
+    position: GeoPoint | Pose | RefusedInput
 
 
 def position_topics(bag: Bag) -> list[str]:
@@ -20,15 +37,33 @@ def position_topics(bag: Bag) -> list[str]:
 
 def read_positions(bag: Bag, topic: str) -> tuple[Trajectory, Counter[str]]:
     """The usable positions of a topic, and how many were left out by cause."""
-    track = PositionTrack(geodetic=bag.topics[topic] == FIX_TYPE)
+    trajectory = trajectory_of(arrivals(bag, topic), geodetic=bag.topics[topic] == FIX_TYPE)
+    return trajectory, Counter({left_out.cause: left_out.count for left_out in trajectory.left_out})
+
+
+def arrivals(bag: Bag, topic: str) -> Iterator[Arrival]:
+    """Every message of a topic of positions, in the order in which it was recorded."""
     for raw in bag.messages([topic]):
         message = bag.decode(raw)
+        position: GeoPoint | Pose | RefusedInput
         try:
-            if raw.msgtype == FIX_TYPE:
-                point = point_from_fix(message)
-                track.add_point(stamp_ns(message.header.stamp), dataclasses.astuple(point))
+            position = point_from_fix(message) if raw.msgtype == FIX_TYPE else pose_from_odometry(message)
+        except RefusedInput as refusal:
+            position = refusal
+        yield Arrival(raw.log_ns, stamp_ns(message.header.stamp), position)
+
+
+def trajectory_of(found: Iterable[Arrival], *, geodetic: bool) -> Trajectory:
+    """The positions that are used, in the order of their stamps."""
+    track = PositionTrack(geodetic=geodetic)
+    for _, stamp, position in found:
+        try:
+            if isinstance(position, RefusedInput):
+                raise position
+            if isinstance(position, Pose):
+                track.add_pose(stamp, position)
             else:
-                track.add_pose(stamp_ns(message.header.stamp), pose_from_odometry(message))
+                track.add_point(stamp, dataclasses.astuple(position))
         except RefusedInput as refusal:
             track.leave_out(refusal.cause, str(refusal))
-    return track.trajectory(), track.tally
+    return track.trajectory()

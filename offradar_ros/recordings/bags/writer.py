@@ -12,7 +12,7 @@ import heapq
 import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
@@ -30,6 +30,14 @@ POSITION_MARGIN_NS = 5 * 10**9
 Progress = Callable[[int, int], None]
 Unreadable = Callable[[int, DataError | RefusedInput], None]
 _Stamped = tuple[int, int, str, Any]
+
+
+class _Told(NamedTuple):
+    """Who is told of progress, of scans that cannot be read and of those that are written."""
+
+    progress: Progress
+    unreadable: Unreadable
+    written: Callable[[PolarScan], None]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -56,11 +64,13 @@ def write_bag(
     options: BagOptions | None = None,
     progress: Progress | None = None,
     unreadable: Unreadable | None = None,
+    written: Callable[[PolarScan], None] | None = None,
 ) -> Path:
     """Write scans, ``gps/fix`` and ``ground_truth/odometry`` in order of time; returns the folder.
 
     Positions are those of the drive and of the few seconds around it, so that its ends can be interpolated. A scan that
     cannot be read is an error, unless `unreadable(index, error)` is given and returns: then the scan is left out.
+    `written` gets each scan that is written.
     Raises DataError if the sequence is empty, no scan can be read, or `out` exists, is not a bag that may be replaced,
     or cannot be written.
     """
@@ -69,7 +79,8 @@ def write_bag(
     if not len(sequence):
         raise DataError(f'{sequence.name}: holds no scans: nothing to convert')
     with new_folder(out, overwrite=options.overwrite) as draft:
-        _write(sequence, draft, options, progress or (lambda _done, _total: None), unreadable or _stop)
+        told = _Told(progress or (lambda _done, _total: None), unreadable or _stop, written or (lambda _scan: None))
+        _write(sequence, draft, options, told)
     return out
 
 
@@ -77,15 +88,13 @@ def _stop(_index: int, error: DataError | RefusedInput) -> None:
     raise error
 
 
-def _write(
-    sequence: RadarSequence, path: Path, options: BagOptions, progress: Progress, unreadable: Unreadable
-) -> None:
+def _write(sequence: RadarSequence, path: Path, options: BagOptions, told: _Told) -> None:
     writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
     writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
     trajectory = _covering(sequence, options.position_offset_ns)
     with writer:
         connections = {SCANS: writer.add_connection(SCANS, IMAGE_TYPE, typestore=TYPES)}
-        streams: list[Iterator[_Stamped]] = [_scans(sequence, options, progress, unreadable)]
+        streams: list[Iterator[_Stamped]] = [_scans(sequence, options, told)]
         if trajectory is not None:
             if trajectory.geodetic:
                 connections[FIX] = writer.add_connection(FIX, FIX_TYPE, typestore=TYPES)
@@ -134,20 +143,19 @@ def image_message(scan: PolarScan, *, plain: bool, encoder_size: int = 5600) -> 
     )
 
 
-def _scans(
-    sequence: RadarSequence, options: BagOptions, progress: Progress, unreadable: Unreadable
-) -> Iterator[_Stamped]:
+def _scans(sequence: RadarSequence, options: BagOptions, told: _Told) -> Iterator[_Stamped]:
     errors: list[DataError | RefusedInput] = []
     for index in range(len(sequence)):
         try:
             scan = sequence.scan(index)
         except (DataError, RefusedInput) as error:
-            unreadable(index, error)
+            told.unreadable(index, error)
             errors.append(error)
         else:
             message = image_message(scan, plain=options.plain, encoder_size=options.encoder_size)
+            told.written(scan)
             yield scan.stamp_ns, 1, SCANS, message
-        progress(index + 1, len(sequence))
+        told.progress(index + 1, len(sequence))
     if len(errors) == len(sequence):
         raise DataError(f'{sequence.name}: none of its {len(sequence)} scans can be read: {errors[0]}')
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +11,12 @@ from offradar_ros.recordings.datasets.check.findings import Finding, counted, no
 
 # A scan that comes later than this many typical periods after the one before leaves a gap.
 _GAP_PERIODS = 1.5
+# No radar turns again within this part of a period: such a scan is there twice, under two stamps.
+_TWIN_PERIODS = 0.25
 
 
-def check_stamps(stamps_ns: NDArray[np.int64]) -> Iterator[Finding]:
-    """Findings about (N,) int64 scan stamps in the order of the sequence."""
+def check_stamps(stamps_ns: NDArray[np.int64], names: Sequence[str] = ()) -> Iterator[Finding]:
+    """Findings about (N,) int64 scan stamps in the order of the sequence; `names` are the scans', if they have any."""
     count = len(stamps_ns)
     if count < 2:
         yield note('a single scan: no rate')
@@ -31,6 +33,15 @@ def check_stamps(stamps_ns: NDArray[np.int64]) -> Iterator[Finding]:
             yield problem(
                 f'{counted(len(late), "gap")} between scans, the longest {steps[worst] / 1e9:.2f} s after scan {worst} '
                 f'(stamp {stamps_ns[worst]} ns)'
+            )
+        twins = np.flatnonzero((steps > 0) & (steps < _TWIN_PERIODS * period_s * 1e9))
+        if len(twins):
+            first = int(twins[0])
+            which = names[first + 1] if names else f'stamp {stamps_ns[first + 1]} ns'
+            yield problem(
+                f'{counted(len(twins), "scan")} less than a quarter of a period after the one before, which no radar '
+                f'measures: there twice? First {which}, {steps[first] / 1e6:.3f} ms after'
+                + (f' {names[first]}' if names else f' stamp {stamps_ns[first]} ns')
             )
     repeated = np.flatnonzero(steps == 0)
     if len(repeated):

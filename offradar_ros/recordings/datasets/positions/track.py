@@ -80,9 +80,7 @@ class Track:
         """Append x, y, z in metres."""
         self._track.add_pose(stamp_ns, Pose(*position, yaw_rad))
 
-    def add_utm(
-        self, row: Row, stamp_ns: int, position: tuple[float, float, float], yaw_rad: float = math.nan
-    ) -> None:
+    def add_utm(self, row: Row, stamp_ns: int, position: tuple[float, float, float], yaw_rad: float = math.nan) -> None:
         """Append UTM easting, northing, altitude in metres, and yaw from grid east, for `from_utm`."""
         if math.isnan(position[0]) or math.isnan(position[1]) or position[:2] == (0.0, 0.0):
             raise RefusedInput('no_fix', 'easting and northing stand for no fix')
@@ -112,9 +110,7 @@ class Track:
         for (row, stamp_ns, _, yaw_rad), (latitude, longitude, altitude) in zip(self._utm, points, strict=True):
             with self._leaving_out(row):
                 if not math.isfinite(latitude + longitude):
-                    raise RefusedInput(
-                        'invalid_position', f'expected UTM easting and northing in metres (EPSG {epsg})'
-                    )
+                    raise RefusedInput('invalid_position', f'expected UTM easting and northing in metres (EPSG {epsg})')
                 self.add_geodetic(stamp_ns, (latitude, longitude, altitude), yaw_rad)
         self._utm.clear()
         found = self.trajectory()
@@ -126,8 +122,10 @@ class Track:
     def _refuse_rounded(self) -> None:
         """DataError where stamps repeat because digits are missing, as a spreadsheet or a %g leaves them."""
         total, distinct = self._stamps.total(), len(self._stamps)
-        if total < _FEWEST_ROUNDED or total < _FEWEST_ROUNDED * distinct and not (
-            self._digits_missing and 4 * (total - distinct) >= total
+        if (
+            total < _FEWEST_ROUNDED
+            or (total < _FEWEST_ROUNDED * distinct
+            and not (self._digits_missing and 4 * (total - distinct) >= total))
         ):
             return
         step_ns = math.gcd(*self._stamps)
