@@ -55,7 +55,7 @@ def point_from_fix(message: Any) -> GeoPoint:
 
 
 def pose_from_odometry(message: Any) -> Pose:
-    """The pose in a nav_msgs/Odometry, yaw about z; RefusedInput('invalid_position') if it is not finite or impossible."""
+    """The pose in a nav_msgs/Odometry, yaw about z; RefusedInput('invalid_position') if it is none."""
     position, q = message.pose.pose.position, message.pose.pose.orientation
     yaw_rad = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
     pose = Pose(position.x, position.y, position.z, yaw_rad)

@@ -10,11 +10,14 @@ from numpy.typing import NDArray
 from offradar_ros.config import PositionConfig
 from offradar_ros.errors import DataError, OffradarError
 from offradar_ros.processes import Progress
+from offradar_ros.radar.row_stamps import has_unset_rows
 from offradar_ros.recordings.bags.writer import BagOptions, write_bag
 from offradar_ros.recordings.datasets.check.clocks import ScanClock
 from offradar_ros.recordings.datasets.check.coverage import coverage
+from offradar_ros.recordings.datasets.check.findings import counted
 from offradar_ros.recordings.left_out import left_out_text
 from offradar_ros.sequence import RadarSequence
+from offradar_ros.types import PolarScan
 
 
 class Conversion(NamedTuple):
@@ -45,20 +48,33 @@ def convert_sequence(
         skipped[index] = error
 
     clock = ScanClock()
-    write_bag(sequence, out, options, progress, skip, clock.add)
+    unset: list[int] = []
+
+    def written(scan: PolarScan) -> None:
+        clock.add(scan)
+        if has_unset_rows(scan):
+            unset.append(scan.stamp_ns)
+
+    write_bag(sequence, out, options, progress, skip, written)
     written_ns = np.delete(sequence.stamps_ns, list(skipped))
     position_problem = _position_problem(sequence, written_ns, options.position_offset_ns)
-    warnings = _warnings(sequence, clock, options.position_offset_ns)
+    warnings = _position_warnings(sequence, clock, options.position_offset_ns)
+    if unset:
+        scans = counted(len(unset), 'scan')
+        text = f"{scans} with row stamps that are no time, as of a clock never set: the scan's stamp is taken instead"
+        warnings = (text, *warnings)
     return Conversion(len(sequence), list(map(str, skipped.values())), position_problem, warnings)
 
 
-def _warnings(sequence: RadarSequence, clock: ScanClock, offset_ns: int) -> tuple[str, ...]:
+def _position_warnings(sequence: RadarSequence, clock: ScanClock, offset_ns: int) -> tuple[str, ...]:
     trajectory = sequence.trajectory
     if trajectory is None:
         return ()
     moved = dataclasses.replace(trajectory, stamps_ns=trajectory.stamps_ns + offset_ns)
     by_motion = clock.problem(moved, PositionConfig().max_gap_s, offset_ns / 1e9)
-    left_out = tuple(left_out_text('positions', found) for found in trajectory.left_out)
+    left_out = tuple(
+        left_out_text('positions', found) for found in trajectory.left_out if found.cause != 'repeated_position_stamp'
+    )
     return (*left_out, by_motion) if by_motion else left_out
 
 

@@ -1,7 +1,7 @@
 """Whether the clocks of radar and positions agree, from when their messages arrive.
 
-A stamp that is right lies a little before the arrival, by the latency. Where the two kinds of stamps lie differently far
-before it, by more than latencies differ, one clock is wrong.
+A stamp that is right lies a little before the arrival, by the latency. Where the two kinds of stamps lie differently
+far before it, by more than latencies differ, one clock is wrong.
 """
 
 from __future__ import annotations

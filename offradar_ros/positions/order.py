@@ -70,7 +70,7 @@ class PositionOrder(Generic[T]):
         return self._last_ns
 
     def expect_restart(self) -> Admitted[T]:
-        """Believe the next jump back at once: the scans have jumped back. What is held since a jump back is accepted."""
+        """Believe a jump back at once, the next one or the one that is held: the scans have jumped back too."""
         if self._held and self._last_ns is not None and self._held[0][0] < self._last_ns:
             return self._confirmed()
         self._restart_until_ns = None if self._last_ns is None else self._last_ns + CONFIRM_NS
@@ -141,7 +141,7 @@ class PositionOrder(Generic[T]):
         if stamp_ns < last_ns:
             raise RefusedInput(
                 'position_stamp_backwards',
-                f'position stamp {stamp_ns} ns goes back by {(last_ns - stamp_ns) / 1e9:.6g} s: expected stamps that grow',
+                f'position stamp {stamp_ns} ns goes back by {(last_ns - stamp_ns) / 1e9:g} s: expected growing stamps',
             )
 
     def _is_confirmed(self) -> bool:

@@ -101,7 +101,8 @@ class PositionTrack:
     def _without_overlaps(self, stretches: list[_Stretch]) -> list[_Stretch]:
         kept: list[_Stretch] = []
         # Of two that are as long, the later one counts, as on the vehicle, where the earlier one is forgotten.
-        for stretch in sorted(reversed(stretches), key=len, reverse=True):
+        numbered = sorted(enumerate(stretches), key=lambda item: (len(item[1]), item[0]), reverse=True)
+        for _, stretch in numbered:
             spans = [(other[0][0], other[-1][0]) for other in kept]
             alone = []
             for stamp_ns, row in stretch:

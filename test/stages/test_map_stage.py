@@ -98,10 +98,20 @@ def test_a_small_jump_back_of_positions_is_refused(stage: MapStage) -> None:
 def test_a_jump_back_of_positions_starts_again(stage: MapStage) -> None:
     stage.add_pose(*at(100.0))
     stage.add_embedding(embedding(100.25))
+    # One position may be wrong: the recording starts again when the scans do, too.
+    assert brief(stage.add_pose(*at(50.0))) == []
     # The waiting scan gets no position, and nothing is interpolated between the two recordings.
-    assert brief(stage.add_pose(*at(50.0))) == [(100.25, 'no_position')]
-    assert brief(stage.add_embedding(embedding(50.25))) == []
+    assert brief(stage.add_embedding(embedding(50.25))) == [(100.25, 'no_position')]
     assert brief(stage.add_pose(*at(50.5))) == [(50.25, 502.5)]
+
+
+def test_positions_that_stay_back_start_again_without_scans(stage: MapStage) -> None:
+    for tenths in range(20):
+        stage.add_pose(*at(100.0 + tenths / 10))
+    for tenths in range(21):
+        stage.add_pose(*at(50.0 + tenths / 10))
+    assert stage.take_left_out() == []
+    assert brief(stage.add_embedding(embedding(51.25))) == [(51.25, 512.5)]
 
 
 def test_a_jump_back_of_scans_drops_waiting_ones(stage: MapStage) -> None:
@@ -193,7 +203,9 @@ def test_the_origin_is_that_of_the_first_mapped_drive() -> None:
     stage = MapStage(Config(), SessionMap(MapConfig()))
     stage.map.adopt_model(MODEL)
     here = GeoPoint(51.75, -1.25, 70.0)
-    stage.add_point(SECOND, GeoPoint(0.0, 0.0, 0.0))
+    with pytest.raises(RefusedInput, match='stands for no fix') as refusal:
+        stage.add_point(SECOND, GeoPoint(0.0, 0.0, 0.0))
+    assert refusal.value.cause == 'no_fix'
     assert stage.map.origin is None
     stage.add_point(2 * SECOND, here)
     stage.map.start_session('one', 0)
@@ -201,8 +213,9 @@ def test_the_origin_is_that_of_the_first_mapped_drive() -> None:
     stage.add_embedding(embedding(2.5))
     assert stage.map.origin == here
     assert len(stage.map) == 1
+    stage.end_session()
     with pytest.raises(RefusedInput, match=r"km from the map's origin: expected at most 100 km") as refusal:
-        stage.add_point(4 * SECOND, GeoPoint(0.0, 0.0, 0.0))
+        stage.add_point(4 * SECOND, GeoPoint(10.0, 10.0, 0.0))
     assert refusal.value.cause == 'far_position'
 
 

@@ -19,7 +19,8 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 
 from offradar_ros.errors import DataError, RefusedInput
 from offradar_ros.geometry import LocalFrame, Trajectory
-from offradar_ros.radar.navtech_rows import join_rows
+from offradar_ros.radar.navtech_rows import has_metadata, join_rows
+from offradar_ros.radar.row_stamps import has_unset_rows, with_stamp_of_scan
 from offradar_ros.recordings.bags.reader import TYPES
 from offradar_ros.recordings.bags.topics import FIX, FIX_TYPE, IMAGE_TYPE, ODOMETRY, ODOMETRY_TYPE, SCANS
 from offradar_ros.recordings.new_folder import new_folder
@@ -129,8 +130,15 @@ def _header(stamp_ns: int, frame_id: str) -> Any:
 
 
 def image_message(scan: PolarScan, *, plain: bool, encoder_size: int = 5600) -> Any:
-    """The scan as Navtech's driver sends it (8UC1, rows = azimuths), with metadata columns unless `plain`."""
-    rows = scan.power if plain or scan.azimuth_stamps_ns is None else join_rows(scan, encoder_size)
+    """The scan as Navtech's driver sends it (8UC1, rows = azimuths), with metadata columns unless `plain`.
+
+    Row stamps that are no time are replaced, and columns that no reader would recognise are left out.
+    """
+    rows = scan.power
+    if not plain and scan.azimuth_stamps_ns is not None:
+        joined = join_rows(with_stamp_of_scan(scan) if has_unset_rows(scan) else scan, encoder_size)
+        # Columns that would not be recognised would be read as power.
+        rows = joined if has_metadata(joined) else scan.power
     height, width = rows.shape
     return TYPES.types[IMAGE_TYPE](
         header=_header(scan.stamp_ns, 'radar'),

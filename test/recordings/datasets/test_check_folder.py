@@ -169,8 +169,8 @@ def test_position_files_are_all_reported(oxford_folder: Path) -> None:
     (oxford_folder / 'gps' / 'ins.csv').write_text('\n'.join([header, *rows]))
     findings = check_folder(oxford_folder)
     assert 'INS (ins.csv): 2 rows left out: status INS_ALIGNING' in texts(findings, 'problem')
-    assert 'GPS (gps.csv): 1 row left out: without fix' in texts(findings, 'problem')
-    assert 'GPS (gps.csv): 1 row left out: repeated stamp' in texts(findings, 'note')
+    assert any('GPS (gps.csv): 1 row left out: without fix (line 4: ' in text for text in texts(findings, 'problem'))
+    assert any('GPS (gps.csv): 1 row left out: repeated stamp (line 10: ' in text for text in texts(findings, 'note'))
     assert any(text.startswith('gps.csv: 6 of 6 scans') for text in texts(findings, 'ok'))
 
 
@@ -237,23 +237,25 @@ def test_the_proposed_offset_brings_both_together(length_ns: int, later_ns: int,
     known = np.arange(0, 10**9 + length_ns + 3 * 10**8, 10**8)
     known += scans[0] - known[-1] - later_ns if early else scans[-1] + later_ns
     trajectory = Trajectory(known, np.zeros((len(known), 3)), np.full(len(known), np.nan), geodetic=False)
-    text = coverage('gps', scans, trajectory, 1.5).text
+    text = coverage('gps', scans, trajectory, PositionConfig()).text
     assert f'positions {"end" if early else "start"} ' in text
     offset_s = float(text.rpartition(' ')[2].rstrip(')'))
     moved = dataclasses.replace(trajectory, stamps_ns=known + round(offset_s * 1e9))
-    assert coverage('gps', scans, moved, 1.5).text == 'gps: 5 of 5 scans have a position (gaps up to 1.5 s)'
+    assert (
+        coverage('gps', scans, moved, PositionConfig()).text == 'gps: 5 of 5 scans have a position (gaps up to 1.5 s)'
+    )
 
 
 def test_an_offset_already_given_is_part_of_the_proposed_one() -> None:
     known = np.array([100, 110]) * 10**9
     trajectory = Trajectory(known, np.zeros((2, 3)), np.full(2, np.nan), geodetic=False)
-    text = coverage('gps', np.array([10, 20]) * 10**9, trajectory, 1.5, offset_s=7.0).text
+    text = coverage('gps', np.array([10, 20]) * 10**9, trajectory, PositionConfig(), offset_s=7.0).text
     assert text.endswith('--position-offset-s -83.0)')
     unset = dataclasses.replace(trajectory, stamps_ns=known * 2 * 10**7)
-    text = coverage('gps', np.array([10, 20]) * 10**9, unset, 1.5).text
+    text = coverage('gps', np.array([10, 20]) * 10**9, unset, PositionConfig()).text
     assert text.endswith('positions start 23148.1 days after the last scan')
     nothing = dataclasses.replace(trajectory, stamps_ns=known[:0], positions=np.zeros((0, 3)), yaws_rad=np.zeros(0))
-    assert coverage('gps', known, nothing, 1.5).level == 'problem'
+    assert coverage('gps', known, nothing, PositionConfig()).level == 'problem'
 
 
 def test_the_recorded_oxford_folder_is_sound(real_data: Path) -> None:

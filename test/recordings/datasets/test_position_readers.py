@@ -220,7 +220,7 @@ def test_a_missing_column_is_named(tmp_path: Path, reader: Reader, header: str, 
 
 
 def test_degrees_beyond_the_earth_are_an_error(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match='line 2: position .* is not on the Earth: expected degrees'):
+    with pytest.raises(DataError, match=r'line 2: position .* is not on the Earth: expected degrees'):
         read_oxford_gps(written(tmp_path, GPS_HEADER, f'{US},7,5176.2,-1,65,1'))
 
 

@@ -45,8 +45,8 @@ def coverage(
     text = f'{name}: {count} of {len(stamps_ns)} scans have a position (gaps up to {position.max_gap_s:g} s)'
     if in_time is not None and in_time < count:
         return problem(
-            f'{text}, but only {in_time} within the time that they wait, position.wait_s ({position.wait_s:g} s): those '
-            'of the others arrive later'
+            f'{text}, but only {in_time} while they wait, for position.wait_s ({position.wait_s:g} s): those of the '
+            'others arrive later'
         )
     return ok(text) if count == len(stamps_ns) else problem(text)
 

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from offradar_ros.errors import DataError, RefusedInput
+from offradar_ros.radar.row_stamps import has_unset_rows
 from offradar_ros.recordings.datasets.check.findings import Finding, counted, first_few, note, ok, problem
 from offradar_ros.recordings.datasets.check.sizes import Sizes
 from offradar_ros.recordings.datasets.sequence import RecordedSequence
@@ -84,6 +85,9 @@ def _faults(scan: PolarScan) -> Iterator[str]:
         yield 'azimuths measured twice (encoder steps of less than half the usual)'
     stamps = scan.azimuth_stamps_ns
     if stamps is None:
+        return
+    if has_unset_rows(scan):
+        yield "row stamps that are no time, as of a clock never set: convert takes the scan's stamp instead"
         return
     if np.any(np.diff(stamps) < 0):
         yield 'row stamps that go backwards'

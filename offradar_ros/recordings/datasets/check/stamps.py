@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from offradar_ros.positions.rules import YEAR_2000_NS
 from offradar_ros.recordings.datasets.check.findings import Finding, counted, note, ok, problem
 
 # A scan that comes later than this many typical periods after the one before leaves a gap.
@@ -43,6 +44,8 @@ def check_stamps(stamps_ns: NDArray[np.int64], names: Sequence[str] = ()) -> Ite
                 f'measures: there twice? First {which}, {steps[first] / 1e6:.3f} ms after'
                 + (f' {names[first]}' if names else f' stamp {stamps_ns[first]} ns')
             )
+    if stamps_ns.min() < YEAR_2000_NS:
+        yield note('stamps count from a start, not from 1970: simulated time, or a clock that was never set')
     repeated = np.flatnonzero(steps == 0)
     if len(repeated):
         yield problem(

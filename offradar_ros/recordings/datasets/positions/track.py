@@ -122,10 +122,8 @@ class Track:
     def _refuse_rounded(self) -> None:
         """DataError where stamps repeat because digits are missing, as a spreadsheet or a %g leaves them."""
         total, distinct = self._stamps.total(), len(self._stamps)
-        if (
-            total < _FEWEST_ROUNDED
-            or (total < _FEWEST_ROUNDED * distinct
-            and not (self._digits_missing and 4 * (total - distinct) >= total))
+        if total < _FEWEST_ROUNDED or (
+            total < _FEWEST_ROUNDED * distinct and not (self._digits_missing and 4 * (total - distinct) >= total)
         ):
             return
         step_ns = math.gcd(*self._stamps)
