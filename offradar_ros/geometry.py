@@ -124,6 +124,8 @@ class Trajectory:
         yaws_rad: (N,) float64, counter-clockwise from east (or the x axis of the local frame); NaN where unknown.
         geodetic: whether `positions` are WGS-84.
         left_out: positions of the source that are not among these, by cause.
+        clock_offset_s: seconds to add to `stamps_ns` for the clock of the scans, as far as the recording's log times
+            tell; None if they do not.
     """
 
     stamps_ns: NDArray[np.int64]
@@ -131,6 +133,7 @@ class Trajectory:
     yaws_rad: NDArray[np.float64]
     geodetic: bool
     left_out: tuple[LeftOut, ...] = ()
+    clock_offset_s: float | None = None
 
     def __len__(self) -> int:
         return len(self.stamps_ns)

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from offradar_ros.config import PositionConfig
 from offradar_ros.errors import DataError, OffradarError
+from offradar_ros.positions.clocks import clock_problem
 from offradar_ros.processes import Progress
 from offradar_ros.radar.row_stamps import has_unset_rows
 from offradar_ros.recordings.bags.writer import BagOptions, write_bag
@@ -71,11 +72,13 @@ def _position_warnings(sequence: RadarSequence, clock: ScanClock, offset_ns: int
     if trajectory is None:
         return ()
     moved = dataclasses.replace(trajectory, stamps_ns=trajectory.stamps_ns + offset_ns)
-    by_motion = clock.problem(moved, PositionConfig().max_gap_s, offset_ns / 1e9)
+    given_s = offset_ns / 1e9
+    by_arrival = None if trajectory.clock_offset_s is None else trajectory.clock_offset_s - given_s
+    clocks = clock_problem(by_arrival, given_s=given_s) or clock.problem(moved, PositionConfig().max_gap_s, given_s)
     left_out = tuple(
         left_out_text('positions', found) for found in trajectory.left_out if found.cause != 'repeated_position_stamp'
     )
-    return (*left_out, by_motion) if by_motion else left_out
+    return (*left_out, clocks) if clocks else left_out
 
 
 def _position_problem(sequence: RadarSequence, scans_ns: NDArray[np.int64], offset_ns: int) -> str:

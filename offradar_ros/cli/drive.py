@@ -60,10 +60,10 @@ def drive(
             result, origin, places = _mapped(opened, config, encoder, session)
         positions = _truth(opened, config, result, origin)
         _print(result)
-        for warning in result.warnings:
-            typer.echo(f'warning: {warning}')
         if session is not None:
             _print_session(opened, config, result)
+        for warning in result.warnings:
+            typer.echo(f'warning: {warning}')
     errors = errors_m(result.outcomes, positions)
     # Where the running session is searched too, its own places are near every scan.
     searched = session is not None and not config.query.exclude_current_session

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 from collections import Counter
@@ -11,16 +12,19 @@ from typing import Any
 from offradar_ros.config import Config
 from offradar_ros.encoders.protocol import Encoder
 from offradar_ros.errors import RefusedInput
+from offradar_ros.geometry import GeoPoint
 from offradar_ros.mapping.session_report import SessionReport
 from offradar_ros.mapping.sessions import SessionMap
 from offradar_ros.messages import point_from_fix, pose_from_odometry, scan_from_image, stamp_ns
 from offradar_ros.positions.clocks import ArrivalClocks, clock_problem
+from offradar_ros.positions.track import PositionTrack
 from offradar_ros.recordings.bags.reader import Bag, RawMessage, scan_topic
 from offradar_ros.recordings.bags.topics import FIX, FIX_TYPE, ODOMETRY, ODOMETRY_TYPE, VEHICLE_ODOMETRY
+from offradar_ros.recordings.datasets.check.clocks import ScanClock
 from offradar_ros.stages.encode import EncodeStage
 from offradar_ros.stages.map import MapStage, MapUpdate
 from offradar_ros.stages.query import QueryStage
-from offradar_ros.types import Localisation, Outcome, PlaceTable
+from offradar_ros.types import Localisation, Outcome, PlaceTable, PolarScan, Pose
 
 
 @dataclasses.dataclass(frozen=True)
@@ -74,6 +78,8 @@ class _Drive:
         self._localisations: list[Localisation | None] = []
         self._refused: Counter[str] = Counter()
         self._clocks = ArrivalClocks()
+        self._motion = ScanClock()
+        self._track = PositionTrack(geodetic=config.position.source == 'fix')
         if isinstance(session_map, PlaceTable):
             self._query.load(session_map, self._fingerprint)
             return
@@ -86,7 +92,7 @@ class _Drive:
     def run(self, progress: Callable[[int, int], None]) -> DriveResult:
         scans = scan_topic(self._bag)
         total = self._bag.counts[scans]
-        positions = _position_topics(self._bag, self._config) if self._mapping else []
+        positions = _position_topics(self._bag, self._config)
         odometry = [topic for topic in self._bag.topics_of(ODOMETRY_TYPE) if topic == VEHICLE_ODOMETRY]
         others = sorted({*positions, *odometry})
         for raw in in_lockstep_order(self._bag, scans, others, self._config.position.max_gap_s):
@@ -99,13 +105,12 @@ class _Drive:
                     continue
                 if raw.topic in odometry:
                     self._query.add_odometry(stamp_ns(message.header.stamp), pose_from_odometry(message))
-                if self._mapping and raw.topic in positions:
-                    self._clocks.add_position(raw.log_ns, stamp_ns(message.header.stamp))
-                    self._apply(_added_position(self._mapping, raw.msgtype, message))
+                if raw.topic in positions:
+                    self._handle_position(raw, message)
             except RefusedInput as problem:
                 self._refused[problem.cause] += 1
         report = None
-        warnings = [clock_problem(self._clocks.offset_s())]
+        warnings = [self._clock_problem()]
         if self._mapping:
             updates, report = self._mapping.end_session()
             self._apply(updates)
@@ -114,8 +119,7 @@ class _Drive:
         return DriveResult(tuple(self._outcomes), tuple(self._localisations), report, self._refused, told)
 
     def _handle_scan(self, message: Any) -> None:
-        decode = functools.partial(scan_from_image, message, self._config.radar)
-        encoded = self._encode.encode(stamp_ns(message.header.stamp), decode)
+        encoded = self._encode.encode(stamp_ns(message.header.stamp), functools.partial(self._decoded, message))
         if encoded.problem:
             self._refused[encoded.problem.cause] += 1
         if encoded.embedding is not None:
@@ -123,6 +127,34 @@ class _Drive:
             self._localisations.append(self._localised())
             if self._mapping:
                 self._apply(self._mapping.add_embedding(encoded.embedding))
+
+    def _decoded(self, message: Any) -> PolarScan:
+        scan = scan_from_image(message, self._config.radar)
+        self._motion.add(scan)
+        return scan
+
+    def _handle_position(self, raw: RawMessage, message: Any) -> None:
+        stamp = stamp_ns(message.header.stamp)
+        self._clocks.add_position(raw.log_ns, stamp)
+        try:
+            position = point_from_fix(message) if raw.msgtype == FIX_TYPE else pose_from_odometry(message)
+        except RefusedInput:
+            if self._mapping:
+                raise
+            return
+        with contextlib.suppress(RefusedInput):
+            if isinstance(position, Pose):
+                self._track.add_pose(stamp, position)
+            else:
+                self._track.add_point(stamp, dataclasses.astuple(position))
+        if self._mapping and isinstance(position, Pose):
+            self._apply(self._mapping.add_pose(stamp, position))
+        elif self._mapping and isinstance(position, GeoPoint):
+            self._apply(self._mapping.add_point(stamp, position))
+
+    def _clock_problem(self) -> str:
+        by_arrival = clock_problem(self._clocks.offset_s())
+        return by_arrival or self._motion.problem(self._track.trajectory(), self._config.position.max_gap_s)
 
     def _localised(self) -> Localisation | None:
         try:
@@ -148,13 +180,6 @@ def _position_topics(bag: Bag, config: Config) -> list[str]:
     msgtype, name = (FIX_TYPE, FIX) if config.position.source == 'fix' else (ODOMETRY_TYPE, ODOMETRY)
     topics = bag.topics_of(msgtype)
     return [name] if name in topics else topics if len(topics) == 1 else []
-
-
-def _added_position(mapping: MapStage, msgtype: str, message: Any) -> list[MapUpdate]:
-    stamp = stamp_ns(message.header.stamp)
-    if msgtype == FIX_TYPE:
-        return mapping.add_point(stamp, point_from_fix(message))
-    return mapping.add_pose(stamp, pose_from_odometry(message))
 
 
 def in_lockstep_order(bag: Bag, scan_topic: str, others: Sequence[str], ahead_s: float) -> Iterator[RawMessage]:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from offradar_ros.config import PositionConfig, RadarConfig
 from offradar_ros.errors import DataError, RefusedInput
 from offradar_ros.geometry import GeoPoint, LocalFrame, Trajectory
+from offradar_ros.positions.clocks import clock_problem
 from offradar_ros.recordings.left_out import left_out_text
 from offradar_ros.recordings.source import open_source
 from offradar_ros.recordings.spacing import path_length_m, subsample_by_distance
@@ -118,7 +119,10 @@ def open_road(
                 f'{path}: expected positions as those of {paths[0]}, in degrees or in metres: they cannot be compared'
             )
         drive = positioned(sequence, path, frame, max_gap_s)
-        notes += [left_out_text(sequence.name, left_out) for left_out in trajectory_of(sequence, path).left_out]
+        trajectory = trajectory_of(sequence, path)
+        notes += [left_out_text(sequence.name, left_out) for left_out in trajectory.left_out]
+        clocks = clock_problem(trajectory.clock_offset_s)
+        notes += [f'{sequence.name}: {clocks}'] if clocks else []
         missing = len(sequence) - len(drive)
         if missing:
             notes.append(f'{sequence.name}: {missing} of {len(sequence)} scans have no position: left out')

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
 
@@ -11,8 +11,8 @@ import numpy as np
 from offradar_ros.config import PositionConfig, RadarConfig
 from offradar_ros.errors import RefusedInput
 from offradar_ros.messages import scan_from_image, stamp_ns
-from offradar_ros.positions.clocks import ArrivalClocks, clock_problem
-from offradar_ros.recordings.bags.positions import Arrival, arrivals, position_topics, trajectory_of
+from offradar_ros.positions.clocks import clock_problem
+from offradar_ros.recordings.bags.positions import arrival_offset_s, arrivals, position_topics, trajectory_of
 from offradar_ros.recordings.bags.reader import Bag, scan_topic
 from offradar_ros.recordings.bags.topics import FIX_TYPE
 from offradar_ros.recordings.datasets.check.clocks import ScanClock
@@ -77,21 +77,8 @@ def _positions(bag: Bag, scans: _Scans, position: PositionConfig) -> Iterator[Fi
             continue
         in_time = count_positioned(list(zip(scans.logs_ns, scans.stamps_ns, strict=True)), found, position)
         yield coverage(topic, np.array(scans.stamps_ns, np.int64), trajectory, position, in_time=in_time)
-        by_arrival = clock_problem(_offset_s(scans, found))
+        by_arrival = clock_problem(arrival_offset_s(zip(scans.logs_ns, scans.stamps_ns, strict=True), found))
         if by_arrival:
             yield problem(f'{topic}: {by_arrival}')
         else:
             yield from scans.clock.findings(topic, trajectory, position.max_gap_s)
-
-
-def _offset_s(scans: _Scans, found: Sequence[Arrival]) -> float | None:
-    """What the log times of both topics say of their clocks."""
-    clocks = ArrivalClocks()
-    waiting = iter(found)
-    following = next(waiting, None)
-    for log_ns, stamp in zip(scans.logs_ns, scans.stamps_ns, strict=True):
-        while following is not None and following.log_ns <= log_ns:
-            clocks.add_position(following.log_ns, following.stamp_ns)
-            following = next(waiting, None)
-        clocks.add_scan(log_ns, stamp)
-    return clocks.offset_s()

@@ -10,6 +10,7 @@ from typing import NamedTuple
 from offradar_ros.errors import RefusedInput
 from offradar_ros.geometry import GeoPoint, Trajectory
 from offradar_ros.messages import point_from_fix, pose_from_odometry, stamp_ns
+from offradar_ros.positions.clocks import ArrivalClocks
 from offradar_ros.positions.track import PositionTrack
 from offradar_ros.recordings.bags.reader import Bag
 from offradar_ros.recordings.bags.topics import FIX_TYPE, ODOMETRY_TYPE
@@ -67,3 +68,16 @@ def trajectory_of(found: Iterable[Arrival], *, geodetic: bool) -> Trajectory:
         except RefusedInput as refusal:
             track.leave_out(refusal.cause, str(refusal))
     return track.trajectory()
+
+
+def arrival_offset_s(scans: Iterable[tuple[int, int]], found: Iterable[Arrival]) -> float | None:
+    """What log times say of the clocks, from the scans' log times and stamps in ns; as `ArrivalClocks.offset_s`."""
+    clocks = ArrivalClocks()
+    waiting = iter(found)
+    following = next(waiting, None)
+    for log_ns, stamp in scans:
+        while following is not None and following.log_ns <= log_ns:
+            clocks.add_position(following.log_ns, following.stamp_ns)
+            following = next(waiting, None)
+        clocks.add_scan(log_ns, stamp)
+    return clocks.offset_s()

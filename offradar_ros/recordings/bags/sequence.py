@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -11,8 +12,9 @@ from offradar_ros.config import RadarConfig
 from offradar_ros.errors import DataError
 from offradar_ros.geometry import Trajectory
 from offradar_ros.messages import header_stamp_ns, scan_from_image
-from offradar_ros.recordings.bags.positions import position_topics, read_positions
+from offradar_ros.recordings.bags.positions import arrival_offset_s, arrivals, position_topics, trajectory_of
 from offradar_ros.recordings.bags.reader import Bag, scan_topic
+from offradar_ros.recordings.bags.topics import FIX_TYPE
 from offradar_ros.types import PolarScan
 
 
@@ -36,7 +38,10 @@ class BagSequence:
             )
             topics = position_topics(bag)
             if topics:
-                self.trajectory = read_positions(bag, topics[0])[0]
+                found = list(arrivals(bag, topics[0]))
+                trajectory = trajectory_of(found, geodetic=bag.topics[topics[0]] == FIX_TYPE)
+                scans = sorted((log_ns, stamp) for stamp, log_ns, _ in rows)
+                self.trajectory = dataclasses.replace(trajectory, clock_offset_s=arrival_offset_s(scans, found))
         if not rows:
             raise DataError(f'{self.path}: topic {self._topic} holds no scans')
         self._log_ns = [log_ns for _, log_ns, _ in rows]
