@@ -245,7 +245,8 @@ def test_a_scan_between_two_fixes_is_mapped_and_one_without_is_dropped(mapping: 
     ('bad', 'cause'),
     [
         (fix(10 * SECOND + 1, NavSatStatus.STATUS_NO_FIX), 'no_fix'),
-        (fix(10 * SECOND + 1, latitude=math.nan), 'invalid_position'),
+        (fix(10 * SECOND + 1, latitude=math.nan), 'no_fix'),
+        (fix(10 * SECOND + 1, latitude=0.0, longitude=0.0), 'no_fix'),
         (fix(10 * SECOND + 1, latitude=91.0), 'invalid_position'),
         (fix(10 * SECOND), 'repeated_position_stamp'),
         (fix(10 * SECOND - 1), 'position_stamp_backwards'),

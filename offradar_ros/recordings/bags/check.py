@@ -75,7 +75,9 @@ def _positions(bag: Bag, scans: _Scans, position: PositionConfig) -> Iterator[Fi
             yield problem(left_out_text(topic, left_out))
         if not scans.stamps_ns:
             continue
-        in_time = count_positioned(list(zip(scans.logs_ns, scans.stamps_ns, strict=True)), found, position)
+        used = set(trajectory.stamps_ns.tolist())
+        usable = [(log_ns, stamp) for log_ns, stamp, _ in found if stamp in used]
+        in_time = count_positioned(zip(scans.logs_ns, scans.stamps_ns, strict=True), usable, position)
         yield coverage(topic, np.array(scans.stamps_ns, np.int64), trajectory, position, in_time=in_time)
         by_arrival = clock_problem(arrival_offset_s(zip(scans.logs_ns, scans.stamps_ns, strict=True), found))
         if by_arrival:
