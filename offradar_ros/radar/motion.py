@@ -29,7 +29,7 @@ class Motion(NamedTuple):
     Attributes:
         stamp_ns: the middle of their stamps.
         turn_rate: rad/s, counter-clockwise.
-        speed_mps: m/s, never negative.
+        speed_mps: m/s, never negative; rough, to a third.
     """
 
     stamp_ns: int

@@ -15,6 +15,7 @@ from offradar_ros.errors import DataError
 from offradar_ros.geometry import Trajectory
 from offradar_ros.recordings.datasets.check import Findings, check_folder
 from offradar_ros.recordings.datasets.check.coverage import coverage
+from offradar_ros.recordings.datasets.check.stamps import check_stamps
 from offradar_ros.recordings.datasets.coverage import seconds_apart
 from offradar_ros.recordings.datasets.registry import open_sequence
 
@@ -261,3 +262,35 @@ def test_an_offset_already_given_is_part_of_the_proposed_one() -> None:
 def test_the_recorded_oxford_folder_is_sound(real_data: Path) -> None:
     assert check_folder(real_data / 'oxford_tiny').problems == ()
     assert open_sequence(real_data / 'oxford_tiny').stamps_ns[0] == 1_547_131_046_353_776_000
+
+
+def test_a_scan_that_is_there_twice_is_named(oxford_folder: Path) -> None:
+    scans = scans_of(oxford_folder)
+    twin = scans[3].with_name(f'{int(scans[3].stem) + 1}.png')
+    twin.write_bytes(scans[3].read_bytes())
+    (oxford_folder / 'radar.timestamps').unlink()
+    text = only_problem(oxford_folder)
+    assert text.startswith('1 scan less than a quarter of a period after the one before')
+    assert f'First {twin.name}, 0.001 ms after {scans[3].name}' in text
+
+
+@pytest.mark.parametrize(('share', 'twins'), [(0.02, True), (0.2, True), (0.3, False), (0.9, False)])
+def test_twins_are_those_within_a_quarter_of_a_period(share: float, twins: bool) -> None:
+    stamps_ns = 10**18 + np.arange(20) * 250_000_000
+    stamps_ns = np.insert(stamps_ns, 8, stamps_ns[7] + round(share * 250_000_000))
+    found = [finding.text for finding in check_stamps(stamps_ns) if finding.level == 'problem']
+    assert any('there twice' in text for text in found) == twins
+
+
+def test_row_stamps_of_a_clock_never_set(oxford_folder: Path, scan_writers: Writers) -> None:
+    for file in scans_of(oxford_folder):
+        image = scan_writers['metadata'](scan_writers['scan'](int(file.stem) * 1000), microseconds=True)
+        image[:, :8] = (900_000_000 + np.arange(400) * 625).astype('<i8').reshape(-1, 1).view(np.uint8)
+        scan_writers['png'](file, image)
+    text = only_problem(oxford_folder)
+    assert text.startswith("row stamps that are no time, as of a clock never set: convert takes the scan's stamp")
+
+
+def test_scan_stamps_that_count_from_a_start_are_noted() -> None:
+    found = [finding.text for finding in check_stamps(np.arange(20) * 250_000_000) if finding.level == 'note']
+    assert found == ['stamps count from a start, not from 1970: simulated time, or a clock that was never set']
