@@ -13,8 +13,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from rosbags.rosbag2 import StoragePlugin, Writer
 
-from offradar_ros.recordings.bags.reader import Bag
+from offradar_ros.recordings.bags.reader import TYPES, Bag
 from offradar_ros.recordings.bags.sequence import BagSequence
 from offradar_ros.recordings.datasets.registry import LAYOUTS, open_sequence
 
@@ -243,3 +244,65 @@ def test_an_interrupted_run_leaves_nothing_that_looks_complete(
     done('convert', endless_folder, out)
     assert counts(out)['/radar_data/b_scan_image'] == 5
     assert not (tmp_path / 'bag.partial').exists()
+
+
+def test_a_damaged_row_of_positions_costs_no_drive(
+    done: Callable[..., str], radiate_folder: Path, tmp_path: Path
+) -> None:
+    listing = radiate_folder / 'GPS_IMU_Twist.txt'
+    whole = listing.read_text()
+    sound = done('convert', radiate_folder, tmp_path / 'sound', '--position-offset-s', '-60')
+    listing.write_text(whole + 'Frame: 0001')
+    printed = done('convert', radiate_folder, tmp_path / 'cut', '--position-offset-s', '-60')
+    assert counts(tmp_path / 'cut') == counts(tmp_path / 'sound')
+    assert 'left out' not in sound
+    assert f'warning: positions: 1 position left out: damaged (line {len(whole.splitlines()) + 1}: ' in printed
+
+
+def test_row_stamps_of_a_clock_never_set_are_replaced(done: Callable[..., str], tmp_path: Path) -> None:
+    """What is written is what is read: at its range, at its azimuth, with the stamp of the scan."""
+    start_us = 1_767_225_600_000_000
+    for k in range(3):
+        power = np.random.default_rng(k).integers(1, 200, (400, 3768)).astype(np.uint8)
+        rows = np.arange(400, dtype=np.int64)
+        image = np.zeros((400, 3779), np.uint8)
+        image[:, :8] = (900_000_000 + rows * 625).astype('<i8').reshape(-1, 1).view(np.uint8)
+        image[:, 8:10] = (7 + 14 * rows).astype('<u2').reshape(-1, 1).view(np.uint8)
+        image[:, 11:] = power
+        file = tmp_path / 'drive' / 'radar' / f'{start_us + 250_000 * k}.png'
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_bytes(cv2.imencode('.png', image)[1].tobytes())
+    printed = done('convert', tmp_path / 'drive', tmp_path / 'bag', '--layout', 'oxford')
+    assert 'warning: 3 scans with row stamps that are no time' in printed
+    source, bag = open_sequence(tmp_path / 'drive', 'oxford'), BagSequence(tmp_path / 'bag')
+    for k in range(3):
+        before, after = source.scan(k), bag.scan(k)
+        np.testing.assert_array_equal(after.power, before.power)
+        np.testing.assert_allclose(after.azimuths_rad, before.azimuths_rad)
+        assert after.range_resolution_m == before.range_resolution_m
+        assert after.azimuth_stamps_ns is not None
+        assert after.azimuth_stamps_ns[0] == after.stamp_ns == (start_us + 250_000 * k) * 1000
+
+
+def test_a_bag_of_clocks_that_disagree_is_corrected_by_the_option(
+    done: Callable[..., str], street_bag: Callable[..., Path], tmp_path: Path
+) -> None:
+    with Bag(street_bag('true', count=160)) as bag:
+        messages = [(raw.topic, raw.msgtype, raw.log_ns, bag.decode(raw)) for raw in bag.messages()]
+    with Writer(tmp_path / 'apart', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connections = {
+            topic: writer.add_connection(topic, kind, typestore=TYPES) for topic, kind in {m[:2] for m in messages}
+        }
+        for topic, kind, log_ns, message in messages:
+            if topic == '/radar_data/b_scan_image':
+                message.header.stamp.sec -= 37
+            writer.write(connections[topic], log_ns, TYPES.serialize_cdr(message, kind))
+    printed = done('convert', tmp_path / 'apart', tmp_path / 'uncorrected')
+    option = printed.partition('offradar convert ')[2].splitlines()[0].split()
+    assert option == ['--position-offset-s', '-37.0']
+    assert 'disagree' not in done('convert', tmp_path / 'apart', tmp_path / 'corrected', *option)
+    trajectory = BagSequence(tmp_path / 'corrected').trajectory
+    true = BagSequence(tmp_path / 'true').trajectory
+    assert trajectory is not None
+    assert true is not None
+    np.testing.assert_array_equal(trajectory.stamps_ns + 37 * 10**9, true.stamps_ns)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import array
 import math
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -260,6 +261,17 @@ def test_a_bad_fix_is_counted_and_never_interpolated_with(mapping: Mapping, bad:
     mapping.fix(fix(11 * SECOND))
     wait_until(lambda: mapping.places == 1)
     assert mapping.node.stage.map.places().positions_m[0] == pytest.approx([0.0, 0.0, 0.0], abs=1e-6)
+
+
+def test_clocks_that_disagree_are_in_the_diagnostics(mapping: Mapping) -> None:
+    def handled(count: int) -> bool:
+        return len(mapping.handled) >= count
+
+    for k in range(12):
+        mapping.fix(fix(100 * SECOND + k * SECOND // 10))
+        mapping.embed(embedding_message(embedding(63 * SECOND + k * SECOND // 10), 'radar'))
+        wait_until(partial(handled, k + 1))
+    wait_until(lambda: 'TAI is 37 s ahead of UTC' in mapping.node.status.warning)
 
 
 def test_embeddings_of_another_model_never_reach_the_map(mapping: Mapping) -> None:

@@ -18,7 +18,10 @@ def read_gps_twist(path: Path, tally: Counter[str] | None = None) -> Trajectory:
     all earlier ones are left out and tallied, and so is a listed sample without a file.
     """
     track = Track(path, tally)
-    for frame in read_frames(path):
+    frames, damage = read_frames(path)
+    for error in damage:
+        track.leave_out_damaged(error)
+    for frame in frames:
         sample = path.parent / path.stem / f'{frame.name}.txt'
         if not sample.is_file():
             track.leave_out('missing sample')

@@ -65,6 +65,11 @@ class Track:
         """Count a row that says itself that it holds no position."""
         self._track.leave_out(reason)
 
+    def leave_out_damaged(self, error: DataError) -> None:
+        """Count a line that names no row."""
+        self._rows += 1
+        self._leave_out('damaged', str(error))
+
     def stamp_ns(self, row: Row, at: int = 0) -> int:
         """The row's stamp. It is remembered: a table whose stamps are rounded is refused at the end."""
         stamp_ns = row.stamp_ns(at)
