@@ -13,7 +13,9 @@ from offradar_ros.geometry import Trajectory
 from offradar_ros.lab.simulation.city import CityPlan, make_city
 from offradar_ros.lab.simulation.route_sessions import session_plan
 from offradar_ros.lab.simulation.sequence import SimulatedSequence
+from offradar_ros.recordings.datasets.check import clocks as check_clocks
 from offradar_ros.recordings.datasets.check.clocks import ScanClock
+from offradar_ros.recordings.motion_clock import MotionOffset
 
 SECOND = 10**9
 
@@ -97,6 +99,15 @@ def test_a_straight_drive_at_constant_speed_cannot_tell(street: Callable[..., An
         (finding,) = clock.findings('gps', moved(sequence.trajectory, offset_s), 1.5)
         assert finding.level == 'note'
         assert 'cannot be told' in finding.text
+
+
+def test_a_peak_that_is_hardly_higher_than_without_an_offset_is_none(
+    seen: Seen, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for unmoved, told in ((0.85, False), (0.6, True), (float('nan'), True)):
+        found = MotionOffset(1.5, 0.9, unmoved)
+        monkeypatch.setattr(check_clocks, 'motion_offset', lambda *_, found=found: found)
+        assert bool(seen.clock.problem(seen.trajectory, 1.5)) == told
 
 
 def test_a_short_drive_says_nothing(street: Callable[..., Any]) -> None:

@@ -378,6 +378,15 @@ def test_stamps_with_enough_digits_are_exact(tmp_path: Path, stamp: Callable[[in
     assert set(np.diff(trajectory.stamps_ns).tolist()) == {200_000_000}
 
 
+@pytest.mark.parametrize('cell', ['1\0', '1' * 70_000])
+def test_a_line_is_damaged_though_its_positions_can_be_read(tmp_path: Path, cell: str) -> None:
+    rows = [f'{US + 200_000 * k},7,51.76,-1.2577,65.1,1' for k in range(6)]
+    rows[3] = rows[3][:-1] + cell
+    tally: Counter[str] = Counter()
+    assert len(read_oxford_gps(written(tmp_path, GPS_HEADER, *rows), tally)) == 5
+    assert tally == {'damaged': 1}
+
+
 def test_empty_cells_are_no_fix(tmp_path: Path) -> None:
     rows = [f'{US + 200_000 * k},7,51.76,-1.2577,65.1,1' for k in range(6)]
     rows[2:4] = [f'{US + 400_000},0,,,,', f'{US + 600_000},0,,,,']

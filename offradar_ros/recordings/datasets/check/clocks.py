@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from offradar_ros.geometry import Trajectory
-from offradar_ros.positions.clocks import OFFSET_S, clock_problem
+from offradar_ros.positions.clocks import clock_problem
 from offradar_ros.radar.motion import Motion, ScanMotion
 from offradar_ros.recordings.datasets.check.findings import Finding, note, ok, problem
 from offradar_ros.recordings.motion_clock import FEWEST_MOTIONS, motion_offset
@@ -49,7 +49,8 @@ class ScanClock:
         `given_s` is what was already added to the trajectory's stamps: the offset that is proposed includes it.
         """
         found = motion_offset(self._motions, trajectory, max_gap_s)
-        if found is None or abs(found.offset_s) < OFFSET_S or found.correlation - found.unmoved < _LEAST_GAIN:
+        # A broad peak, of a drive with few turns, does not tell a second or two.
+        if found is None or found.correlation - found.unmoved < _LEAST_GAIN:
             return ''
         evidence = f'the motion of both (correlation {found.correlation:.2f})'
         return clock_problem(found.offset_s, evidence=evidence, given_s=given_s)
