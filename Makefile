@@ -7,7 +7,7 @@ SOURCES := setup.py setup.cfg package.xml constraints.txt $(shell find offradar_
 PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: demo test lint test-fast bench bench-check bag clean
+.PHONY: demo test lint test-fast bench bench-check faults bag clean
 
 demo: $(VENV)/.demo
 	$(BIN)/offradar demo
@@ -39,6 +39,10 @@ bench: $(VENV)/.bench
 bench-check:
 	$(MAKE) bench BENCH=build/bench/results PICTURES=build/bench/results SECONDS=30
 	$(BIN)/python benchmarks/check_ratios.py build/bench/results
+
+# Damage, kills, power cuts and overload: at most six minutes, status 1 if anything crashed, changed silently or was lost.
+faults: $(VENV)/.test
+	$(BIN)/python benchmarks/fault_campaigns.py --out $(BENCH)/faults.json --page docs/reliability.md
 
 # Makes the recording in bags/ again.
 bag: $(VENV)/.demo

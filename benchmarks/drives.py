@@ -14,7 +14,8 @@ from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.geometry import GeoPoint
 from offradar_ros.mapping.sessions import SessionMap
 from offradar_ros.messages import point_from_fix, scan_from_image
-from offradar_ros.recordings.bags.reader import Bag, scan_topic
+from offradar_ros.recordings.bags.reader import Bag
+from offradar_ros.recordings.bags.scan_topic import scan_topic
 from offradar_ros.recordings.bags.topics import FIX_TYPE
 from offradar_ros.types import Embedding, PolarScan, Pose
 

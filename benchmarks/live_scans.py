@@ -18,7 +18,8 @@ from sensor_msgs.msg import Image, NavSatFix, PointCloud2
 from offradar_ros.lab.live.spin_thread import SpinThread
 from offradar_ros.messages import STAMP, STAMP_OFFSET, header_stamp_ns
 from offradar_ros.nodes.encoder_node import SCANS
-from offradar_ros.recordings.bags.reader import Bag, scan_topic
+from offradar_ros.recordings.bags.reader import Bag
+from offradar_ros.recordings.bags.scan_topic import scan_topic
 from offradar_ros.recordings.bags.topics import FIX, FIX_TYPE
 from offradar_ros.ros import qos
 

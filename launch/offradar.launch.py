@@ -1,17 +1,29 @@
 """The three nodes: `ros2 launch offradar_ros offradar.launch.py map:=/data/town.db`."""
 
 import os
+from pathlib import Path
 
-from launch.actions import DeclareLaunchArgument
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
-from launch import LaunchDescription
+from launch import LaunchContext, LaunchDescription
 
 # Read by Jazzy's Fast DDS; other middlewares ignore it.
 DDS_PROFILE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
+
+RESPAWN_DELAY_S = 2.0
+
+
+def require_parameter_file(context: LaunchContext) -> None:
+    """RuntimeError, which ends the launch with one line, without a file: launch would start the nodes at defaults."""
+    path = Path(LaunchConfiguration('params').perform(context))
+    if not path.is_file():
+        raise RuntimeError(f'params:={path}: no such file: expected a parameter file, by its whole path')
+    if not os.access(path, os.R_OK):
+        raise RuntimeError(f'params:={path}: cannot be read: change its permissions')
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -21,6 +33,8 @@ def generate_launch_description() -> LaunchDescription:
     map_file = ParameterValue(LaunchConfiguration('map'), value_type=str)
     namespace = LaunchConfiguration('namespace')
     scans = ('radar_data/b_scan_image', LaunchConfiguration('scans'))
+    # As image_transport names it; remapping the one does not remap the other.
+    compressed = ('radar_data/b_scan_image/compressed', [LaunchConfiguration('scans'), '/compressed'])
     fixes = ('gps/fix', LaunchConfiguration('fixes'))
     odometry = ('ground_truth/odometry', LaunchConfiguration('odometry'))
     vehicle_odometry = ('odometry', LaunchConfiguration('vehicle_odometry'))
@@ -36,6 +50,8 @@ def generate_launch_description() -> LaunchDescription:
             output='screen',
             parameters=[params, sim_time, *parameters],
             remappings=remappings,
+            respawn=LaunchConfiguration('respawn'),
+            respawn_delay=RESPAWN_DELAY_S,
             # For these nodes alone: a launch file that includes this one may have others.
             additional_env={DDS_PROFILE: LaunchConfiguration('dds_profile')},
         )
@@ -70,7 +86,13 @@ def generate_launch_description() -> LaunchDescription:
                 default_value=os.environ.get(DDS_PROFILE) or shipped,
                 description='XML profile of Fast DDS; ours, unless the environment names one, has room for scans',
             ),
-            node('encoder_node', 'encoder', remappings=[scans]),
+            DeclareLaunchArgument(
+                'respawn',
+                default_value='false',
+                description='true starts a node again, 2 s after it has ended, whatever the reason',
+            ),
+            OpaqueFunction(function=require_parameter_file),
+            node('encoder_node', 'encoder', remappings=[scans, compressed]),
             node('map_server_node', 'map_server', {'map.path': map_file}, remappings=[fixes, odometry]),
             node('query_node', 'query', {'query.map_path': map_file}, remappings=[vehicle_odometry]),
         ]

@@ -12,8 +12,11 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
+from offradar_ros.bounded_input import parse_yaml
 from offradar_ros.errors import ConfigError
 from offradar_ros.records import flatten, read_tree, replace, to_yaml
+from offradar_ros.whole_file import write_whole_file
+from offradar_ros.yaml_digest import digest_line
 
 Value = bool | int | float | str
 NODE_PARAMETERS = frozenset({'use_sim_time', 'autostart', 'start_type_description_service'})
@@ -92,6 +95,11 @@ class RadarConfig:
     encoder_size: int = parameter(
         5600, 'encoder counts in a full rotation, for metadata columns', unit='counts', minimum=8, maximum=65536
     )
+    row_angles: str = parameter(
+        'encoder',
+        'whether the angles of rows with metadata columns are those of their encoder counts, or equal steps from 0',
+        choices=('encoder', 'equal'),
+    )
     azimuth_offset_rad: float = parameter(
         0.0,
         "azimuth of row 0, clockwise from the vehicle's forward axis",
@@ -103,6 +111,12 @@ class RadarConfig:
         'clockwise',
         'direction in which azimuths increase with rows, seen from above',
         choices=('clockwise', 'counterclockwise'),
+    )
+    transport: str = parameter(
+        'raw',
+        'what the encoder node reads: the Image on radar_data/b_scan_image, or the CompressedImage, a PNG, on '
+        'radar_data/b_scan_image/compressed',
+        choices=('raw', 'compressed'),
     )
     max_image_bytes: int = parameter(
         64 * 2**20, 'larger images are refused', unit='bytes', minimum=1024, maximum=2**31 - 1
@@ -242,6 +256,9 @@ class MapConfig:
     insert_unmatched: bool = parameter(True, 'whether a scan that matches no place becomes one (false: constant size)')
     undo_depth: int = parameter(3, 'ended sessions that can be undone', minimum=0, maximum=1000)
     start_session: bool = parameter(True, 'whether a session starts with the node')
+    allow_destructive: bool = parameter(
+        False, 'whether the services undo_session and clear, which take mapped drives away, do so for any caller'
+    )
     autosave_s: float = parameter(
         10.0,
         'how often the running session is saved to disk; 0 turns this off',
@@ -565,8 +582,14 @@ def load_config(path: str | Path | None = None, overrides: Mapping[str, Any] | N
     return replace_values(config, overrides or {})
 
 
-def write_parameters(path: str | Path, values: Mapping[str, Value], comment: str = '') -> None:
-    """Write dotted names as a ROS parameter file for every node (``/**``); ConfigError if it cannot be written."""
+def write_parameters(
+    path: str | Path, values: Mapping[str, Value], comment: str = '', with_digest: bool = False
+) -> None:
+    """Write dotted names as a ROS parameter file for every node (``/**``), whole or not at all.
+
+    `with_digest`: for a file that a program wrote and nobody need edit: `read_parameters` then refuses other values.
+    ConfigError if it cannot be written: then a file at `path` is as it was.
+    """
     tree: dict[str, Any] = {}
     for name, value in values.items():
         *groups, leaf = name.split('.')
@@ -576,7 +599,9 @@ def write_parameters(path: str | Path, values: Mapping[str, Value], comment: str
         branch[leaf] = value
     text = to_yaml({'/**': {'ros__parameters': tree}})
     header = ''.join(f'# {line}\n' for line in comment.splitlines())
+    if with_digest:
+        header += digest_line(parse_yaml(text))
     try:
-        Path(path).write_text(header + text, encoding='utf-8')
+        write_whole_file(path, (header + text).encode())
     except OSError as error:
         raise ConfigError(f'{path}: the parameter file cannot be written ({error.strerror})') from error

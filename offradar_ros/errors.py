@@ -4,6 +4,9 @@ Each message names the file, topic or parameter and says what was expected. The 
 status 1; a node logs it, counts it by its cause and continues.
 """
 
+LONGEST_REFUSAL = 4000
+"""Most characters of a refusal: the rest, in its middle, is left out."""
+
 
 class OffradarError(Exception):
     """Base of all errors that are caused by input, not by a defect of the program."""
@@ -32,5 +35,8 @@ class RefusedInput(OffradarError):
     """
 
     def __init__(self, cause: str, message: str) -> None:
-        super().__init__(message)
+        # It may repeat what a message held, which is of any length.
+        middle = len(message) - LONGEST_REFUSAL
+        half = LONGEST_REFUSAL // 2
+        super().__init__(message if middle <= 0 else f'{message[:half]} … {message[-half:]}')
         self.cause = cause

@@ -24,6 +24,10 @@ if TYPE_CHECKING:
     import pyproj
 
 
+MAX_ALTITUDE_M = 1e5
+"""Higher than any aircraft: a larger altitude is none."""
+
+
 @dataclasses.dataclass(frozen=True)
 class GeoPoint:
     """WGS-84 latitude and longitude in degrees, ellipsoidal altitude in metres."""
@@ -33,11 +37,13 @@ class GeoPoint:
     altitude_m: float = 0.0
 
     def __post_init__(self) -> None:
-        if not (abs(self.latitude_deg) <= 90.0 and abs(self.longitude_deg) <= 180.0 and math.isfinite(self.altitude_m)):
+        within = abs(self.latitude_deg) <= 90.0 and abs(self.longitude_deg) <= 180.0
+        if not (within and abs(self.altitude_m) <= MAX_ALTITUDE_M):
             raise RefusedInput(
                 'invalid_position',
                 f'position latitude {self.latitude_deg}, longitude {self.longitude_deg}, altitude {self.altitude_m} '
-                'is not on the Earth: expected degrees within ±90 and ±180 and a finite altitude',
+                'is not on the Earth: expected degrees within ±90 and ±180, and metres within '
+                f'±{MAX_ALTITUDE_M:g}',
             )
 
 

@@ -10,16 +10,20 @@ import struct
 from typing import Any, Protocol
 
 from offradar_ros.config import RadarConfig
-from offradar_ros.errors import RefusedInput
+from offradar_ros.errors import DataError, RefusedInput
 from offradar_ros.geometry import GeoPoint
 from offradar_ros.positions.rules import geo_point, require_pose
 from offradar_ros.radar.image import decode_polar_image
+from offradar_ros.radar.png import decode_png
 from offradar_ros.types import PolarScan, Pose
 
 NO_FIX = -1
+_JPEG = b'\xff\xd8\xff'
 # CDR: 4 bytes of encapsulation, then the header's stamp, in every message that starts with std_msgs/Header.
 STAMP_OFFSET = 4
 STAMP = struct.Struct('<iI')
+SHORTEST = STAMP_OFFSET + STAMP.size
+"""Bytes of the shortest message that has a stamp."""
 
 
 class StampMessage(Protocol):
@@ -30,8 +34,14 @@ class StampMessage(Protocol):
 
 
 def stamp_ns(stamp: StampMessage) -> int:
-    """Nanoseconds since the Unix epoch."""
-    return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
+    """Nanoseconds since the Unix epoch; RefusedInput('invalid_stamp') for a stamp before it, or of 10⁹ ns or more."""
+    seconds, nanoseconds = int(stamp.sec), int(stamp.nanosec)
+    if seconds < 0 or not 0 <= nanoseconds < 10**9:
+        raise RefusedInput(
+            'invalid_stamp',
+            f'header stamp of {seconds} s and {nanoseconds} ns: expected 0 s or more, and less than 1000000000 ns',
+        )
+    return seconds * 10**9 + nanoseconds
 
 
 def scan_from_image(message: Any, config: RadarConfig) -> PolarScan:
@@ -45,6 +55,26 @@ def scan_from_image(message: Any, config: RadarConfig) -> PolarScan:
         stamp_ns=stamp_ns(message.header.stamp),
         config=config,
     )
+
+
+def scan_from_compressed(message: Any, config: RadarConfig) -> PolarScan:
+    """The scan in a sensor_msgs/CompressedImage that holds a PNG; RefusedInput says what is wrong with it.
+
+    What it holds is told by its data: publishers fill `format` in many ways. JPEG is refused, because it is lossy.
+    """
+    data = bytes(message.data)
+    if data.startswith(_JPEG):
+        raise RefusedInput(
+            'lossy_image',
+            'compressed polar image is a JPEG, which changes the power and destroys the metadata columns: '
+            "expected a PNG (image_transport's parameter format: png)",
+        )
+    try:
+        return decode_png(data, stamp_ns(message.header.stamp), config)
+    except DataError as error:
+        raise RefusedInput(
+            'wrong_encoding', f'compressed polar image of format {message.format[:80]!r}: {error}'
+        ) from None
 
 
 def point_from_fix(message: Any) -> GeoPoint:

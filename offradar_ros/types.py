@@ -15,7 +15,7 @@ from __future__ import annotations
 import dataclasses
 import enum
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,8 @@ class PolarScan:
         range_resolution_m: metres for each range bin.
         range_offset_m: metres added to every range.
         azimuth_stamps_ns: (A,) int64 measurement time of each row, or None if the source has none.
+        row_faults: number of rows by what was wrong with them: ``angle_interpolated``, ``stamp_interpolated``,
+            ``stamp_unusable`` (the stamp of the scan is in its place), ``no_power``, ``saturated``, ``damaged``.
     """
 
     stamp_ns: int
@@ -40,6 +42,7 @@ class PolarScan:
     range_resolution_m: float
     range_offset_m: float = 0.0
     azimuth_stamps_ns: NDArray[np.int64] | None = None
+    row_faults: Mapping[str, int] = dataclasses.field(default_factory=dict)
 
     @property
     def max_range_m(self) -> float:

@@ -25,8 +25,10 @@ PROJECT = Path(__file__).resolve().parent.parent
 
 ORDER = (
     'errors',
+    'entry_point',
     'whole_file',
     'bounded_input',
+    'yaml_digest',
     'types',
     'geometry',
     'positions',
@@ -54,6 +56,7 @@ WITH_TORCH = ('encoders.networks', 'encoders.export', 'calibration.shipping', 'l
 LAZY = {
     ('cli.export', 'calibration.shipping'),
     ('cli.export', 'encoders.weights'),
+    ('cli.session', 'ros.initialise'),
     ('cli.session', 'ros.session_client'),
     ('encoders.export.onnx_export', 'encoders.export.onnx_half'),
     ('encoders.export.onnx_export', 'encoders.export.onnx_int8'),

@@ -114,8 +114,8 @@ class PlaceBelief:
             place_ids: (N,) int64, each once.
 
         Raises:
-            RefusedInput: (`invalid_places`) for other shapes, positions that are not finite or ids that repeat; the
-                map is then unchanged.
+            RefusedInput: (`invalid_places`) for other shapes, positions that are not finite or ids that repeat, and as
+                `PlaceGraph`; the map is then unchanged.
         """
         positions_m, place_ids = np.asarray(positions_m, np.float64), np.asarray(place_ids, np.int64)
         if positions_m.ndim != 2 or positions_m.shape[1] not in {2, 3} or place_ids.shape != positions_m.shape[:1]:
@@ -133,8 +133,8 @@ class PlaceBelief:
         if np.array_equal(old_ids, place_ids) and np.array_equal(old.positions_m, positions_m):
             return
         config = self.config
-        self._place_ids = place_ids.copy()
         self._graph = PlaceGraph(positions_m, config.spacing_m, self._tolerance_m)
+        self._place_ids = place_ids.copy()
         self._leave = _in_stride(config.leave_per_m + config.leave_at_end_per_m * self._graph.ends)
         _, before, now = np.intersect1d(old_ids, place_ids, assume_unique=True, return_indices=True)
         near = np.linalg.norm(old.positions_m[before] - positions_m[now], axis=1) <= STRIDE_M + config.spacing_m

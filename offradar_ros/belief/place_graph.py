@@ -7,6 +7,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from offradar_ros.errors import RefusedInput
+
+MAX_PAIRS = 10_000_000
+"""Most pairs of places that are near one another: of 200,000 places along roads, each has some ten neighbours."""
+
 STRIDE_M = 10.0
 """Distance driven in one stride, the unit of motion. Neighbours are the places up to a stride plus the spacing away."""
 
@@ -23,6 +28,7 @@ class PlaceGraph:
     """
 
     def __init__(self, positions_m: NDArray[np.float64], spacing_m: float, tolerance_m: float) -> None:
+        """RefusedInput('map_too_dense') for more than `MAX_PAIRS` neighbours, which memory has no room for."""
         # Imported here, because who has no map to search needs no SciPy.
         from scipy.spatial import cKDTree  # noqa: PLC0415
 
@@ -86,6 +92,14 @@ class PlaceGraph:
         return found
 
     def _pairs(self, distance_m: float) -> NDArray[np.intp]:
+        # Counted first: places that are all in one spot have as many pairs as the square of their number.
+        count = (int(self._tree.count_neighbors(self._tree, distance_m)) - len(self)) // 2
+        if count > MAX_PAIRS:
+            raise RefusedInput(
+                'map_too_dense',
+                f'{count} pairs of places are within {distance_m:g} m of one another: expected at most {MAX_PAIRS}, of '
+                'places along roads',
+            )
         pairs: NDArray[np.intp] = self._tree.query_pairs(distance_m, output_type='ndarray')
         return pairs.reshape(-1, 2)
 

@@ -16,6 +16,7 @@ from offradar_ros.calibration.parameters import Calibration
 from offradar_ros.calibration.reliability import draw_reliability
 from offradar_ros.calibration.road import calibrate_road
 from offradar_ros.calibration.threshold_choice import ThresholdChoice
+from offradar_ros.cli.bag_topics import Positions, Topic
 from offradar_ros.cli.install_hints import pip_hint
 from offradar_ros.cli.progress import progress_bar
 from offradar_ros.config import (
@@ -26,6 +27,7 @@ from offradar_ros.config import (
     write_parameters,
 )
 from offradar_ros.errors import ConfigError
+from offradar_ros.recordings.bags.topics import ChosenTopics
 from offradar_ros.recordings.road import open_road
 from offradar_ros.recordings.source import LAYOUT_HELP, open_source
 from offradar_ros.recordings.spacing import MAP_SPACING_M
@@ -94,6 +96,8 @@ def calibrate(
         typer.Option(help='Several drives: picture of how reliable the probability is (needs matplotlib).'),
     ] = None,
     layout: Annotated[str, typer.Option(help=LAYOUT_HELP)] = 'auto',
+    topic: Topic = '',
+    positions: Positions = '',
 ) -> None:
     """Fit the probability that an answer is right to a sensor, and choose the gate on it and the threshold on U.
 
@@ -115,8 +119,9 @@ def calibrate(
     if off_map_rate is not None and config.query.gate == 'paper':
         raise ConfigError('--off-map-rate: expected query.gate: probability for it: U knows nothing of the map')
     replaced = {path: path.exists() for path in (plot, out) if path is not None}
+    topics = ChosenTopics(topic, positions)
     if len(sources) == 1:
-        sequence = open_source(sources[0], layout, config.radar)
+        sequence = open_source(sources[0], layout, config.radar, topics)
         require_writable(out)
         with progress_bar(f'encoding {sequence.name}') as progress:
             calibration = calibrate_drive(sequence, config, reject_at_most or REJECT_AT_MOST, progress)
@@ -125,25 +130,25 @@ def calibrate(
         if plot is not None:
             require_writable(plot)
         limit = ErrorLimit(error_rate or ERROR_RATE, confidence or CONFIDENCE, off_map_rate or OFF_MAP_RATE)
-        calibration, choice = _over_road(sources, layout, config, limit, spacing_m)
+        calibration, choice = _over_road(sources, layout, topics, config, limit, spacing_m)
         if isinstance(choice, GateChoice) and plot is not None:
             draw_gate(choice, plot)
         elif isinstance(choice, ThresholdChoice) and plot is not None:
             draw_reliability(choice, plot)
     values = _typed(given, config) | calibration.values
-    write_parameters(out, values, f'Written by offradar calibrate over {calibration.source}.')
+    write_parameters(out, values, f'Written by offradar calibrate over {calibration.source}.', with_digest=True)
     written = [f'{path}: {"replaced" if existed else "written"}' for path, existed in replaced.items()]
     for line in (*calibration.lines, *written):
         typer.echo(line)
 
 
 def _over_road(
-    sources: Sequence[Path], layout: str, config: Config, limit: ErrorLimit, spacing_m: float
+    sources: Sequence[Path], layout: str, topics: ChosenTopics, config: Config, limit: ErrorLimit, spacing_m: float
 ) -> tuple[Calibration, GateChoice | ThresholdChoice]:
     paths = [path.resolve() for path in sources]
     if len(set(paths)) < len(paths):
         raise ConfigError(f'{", ".join(map(str, sources))}: expected each folder once')
-    road = open_road(paths, layout, config.radar, config.position, name='calibration')
+    road = open_road(paths, layout, config.radar, config.position, name='calibration', topics=topics)
     drives = [drive.subsampled(spacing_m) for drive in road.drives]
     with progress_bar(f'encoding {", ".join(drive.name for drive in drives)}') as progress:
         calibration, choice = calibrate_road(drives, config, limit, progress)

@@ -7,10 +7,12 @@ from typing import Annotated, Optional
 import typer
 from rich.console import Console
 
+from offradar_ros.cli.bag_topics import Positions, Topic
 from offradar_ros.cli.check_set import CheckOptions, Section, check_set
 from offradar_ros.cli.progress import progress_bar
 from offradar_ros.config import load_config
 from offradar_ros.errors import ConfigError
+from offradar_ros.recordings.bags.topics import ChosenTopics
 from offradar_ros.recordings.check import check_recording
 from offradar_ros.recordings.datasets.check import Finding
 from offradar_ros.recordings.datasets.splits import read_split
@@ -21,9 +23,11 @@ STYLES = {'ok': 'green', 'note': 'yellow', 'problem': 'red'}
 
 def check(
     folder: Annotated[
-        Path, typer.Argument(help='Data-set folder, rosbag2 folder or MCAP file, or a folder of several such folders.')
+        Path, typer.Argument(help='Data-set folder, rosbag2 folder or file, or a folder of several such folders.')
     ],
     layout: Annotated[str, typer.Option(help=LAYOUT_HELP)] = 'auto',
+    topic: Topic = '',
+    positions: Positions = '',
     params: Annotated[
         Optional[Path], typer.Option(help='Parameter file: how to read the radar, and position.max_gap_s.')
     ] = None,
@@ -39,11 +43,12 @@ def check(
 ) -> None:
     """Print the contents and every problem; exit status 1 if there is a problem."""
     config = load_config(params)
+    topics = ChosenTopics(topic, positions)
     split_record = read_split(split) if split else None
     inside = recordings_in(folder, layout)
     console = Console(soft_wrap=True)
     if len(inside) > 1 or (inside and split_record):
-        options = CheckOptions(layout, config.radar, config.position, sample)
+        options = CheckOptions(layout, config.radar, config.position, sample, topics)
         _print_all(console, check_set(folder, inside, options, split_record, processes))
         return
     require_recording(folder, layout)
@@ -51,7 +56,13 @@ def check(
         raise ConfigError(f'--split: expected a folder of sequences, got {folder}, which is one')
     with progress_bar(f'checking {folder.name}') as progress:
         found = check_recording(
-            folder, layout, radar=config.radar, position=config.position, sample=sample, progress=progress
+            folder,
+            layout,
+            radar=config.radar,
+            position=config.position,
+            topics=topics,
+            sample=sample,
+            progress=progress,
         )
     _print(console, found.findings)
     if found.problems:

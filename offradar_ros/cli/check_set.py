@@ -8,6 +8,7 @@ from offradar_ros.cli.progress import progress_bar
 from offradar_ros.config import PositionConfig, RadarConfig
 from offradar_ros.errors import OffradarError
 from offradar_ros.processes import parallel_map
+from offradar_ros.recordings.bags.topics import ChosenTopics
 from offradar_ros.recordings.check import check_recording
 from offradar_ros.recordings.datasets.check.alignment import check_alignment
 from offradar_ros.recordings.datasets.check.findings import Finding, Findings, note, problem
@@ -27,6 +28,7 @@ class CheckOptions(NamedTuple):
     radar: RadarConfig
     position: PositionConfig
     sample: int
+    topics: ChosenTopics
 
 
 def check_set(
@@ -60,13 +62,14 @@ def _checked(path: Path, options: CheckOptions, shares: Shares) -> tuple[Finding
             options.layout,
             radar=options.radar,
             position=options.position,
+            topics=options.topics,
             sample=options.sample,
             progress=share_reporter(shares),
         )
     except OffradarError as error:
         return Findings(path, '', (problem(str(error)),)), no_positions(path.name)
     try:
-        sequence = open_source(path, options.layout, options.radar)
+        sequence = open_source(path, options.layout, options.radar, options.topics)
+        return found, scan_positions(path.name, sequence, options.position.max_gap_s)
     except OffradarError:
         return found, no_positions(path.name)
-    return found, scan_positions(path.name, sequence, options.position.max_gap_s)

@@ -7,18 +7,16 @@ from typing import NamedTuple, Optional
 import numpy as np
 from numpy.typing import NDArray
 
-from offradar_ros.config import PositionConfig
+from offradar_ros.config import PositionConfig, RadarConfig
 from offradar_ros.errors import DataError, OffradarError
 from offradar_ros.positions.clocks import clock_problem
 from offradar_ros.processes import Progress
-from offradar_ros.radar.row_stamps import has_unset_rows
 from offradar_ros.recordings.bags.writer import BagOptions, write_bag
 from offradar_ros.recordings.datasets.check.clocks import ScanClock
 from offradar_ros.recordings.datasets.check.coverage import coverage
-from offradar_ros.recordings.datasets.check.findings import counted
 from offradar_ros.recordings.left_out import left_out_text
+from offradar_ros.recordings.row_tally import TalliedSequence
 from offradar_ros.sequence import RadarSequence
-from offradar_ros.types import PolarScan
 
 
 class Conversion(NamedTuple):
@@ -28,13 +26,23 @@ class Conversion(NamedTuple):
         scans: number of scans of the sequence.
         skipped: for each scan that was left out, why it cannot be read.
         position_problem: how many scans have no position, and why; empty if every scan has one.
-        warnings: what else is wrong with positions or stamps, one line each.
+        row_faults: number of scans by what was wrong with some of their rows and has been mended.
+        warnings: positions that were left out, and clocks that disagree, one line each.
     """
 
     scans: int
     skipped: list[str]
     position_problem: str
+    row_faults: dict[str, int]
     warnings: tuple[str, ...] = ()
+
+
+def as_recorded(radar: RadarConfig) -> RadarConfig:
+    """How a source is read that is written again: angles from the sensor's own zero, in its own sense.
+
+    Both belong to the mounting, and are applied when the bag is read.
+    """
+    return dataclasses.replace(radar, azimuth_offset_rad=0.0, azimuth_direction='clockwise')
 
 
 def convert_sequence(
@@ -48,23 +56,12 @@ def convert_sequence(
             raise DataError(f'{error} (--skip-unreadable leaves such scans out)') from error
         skipped[index] = error
 
-    clock = ScanClock()
-    unset: list[int] = []
-
-    def written(scan: PolarScan) -> None:
-        clock.add(scan)
-        if has_unset_rows(scan):
-            unset.append(scan.stamp_ns)
-
-    write_bag(sequence, out, options, progress, skip, written)
+    tallied = TalliedSequence(sequence)
+    write_bag(tallied, out, options, progress, skip)
     written_ns = np.delete(sequence.stamps_ns, list(skipped))
     position_problem = _position_problem(sequence, written_ns, options.position_offset_ns)
-    warnings = _position_warnings(sequence, clock, options.position_offset_ns)
-    if unset:
-        scans = counted(len(unset), 'scan')
-        text = f"{scans} with row stamps that are no time, as of a clock never set: the scan's stamp is taken instead"
-        warnings = (text, *warnings)
-    return Conversion(len(sequence), list(map(str, skipped.values())), position_problem, warnings)
+    warnings = _position_warnings(sequence, tallied.clock, options.position_offset_ns)
+    return Conversion(len(sequence), list(map(str, skipped.values())), position_problem, dict(tallied.faults), warnings)
 
 
 def _position_warnings(sequence: RadarSequence, clock: ScanClock, offset_ns: int) -> tuple[str, ...]:

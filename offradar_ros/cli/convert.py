@@ -1,19 +1,22 @@
 """`offradar convert`: a data-set folder to a rosbag2 folder, or each of several to its own."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Optional
 
 import typer
 
-from offradar_ros.cli.conversion import Conversion, convert_sequence
+from offradar_ros.cli.bag_topics import Positions, Topic
+from offradar_ros.cli.conversion import Conversion, as_recorded, convert_sequence
 from offradar_ros.cli.convert_set import ConvertOptions, convert_set
 from offradar_ros.cli.progress import progress_bar
-from offradar_ros.config import RadarConfig
+from offradar_ros.config import load_config
 from offradar_ros.errors import ConfigError
 from offradar_ros.recordings.bags.reader import Bag
+from offradar_ros.recordings.bags.topics import ChosenTopics
 from offradar_ros.recordings.bags.writer import BagOptions
 from offradar_ros.recordings.datasets.check.coverage import LARGEST_OFFSET_S
 from offradar_ros.recordings.datasets.check.findings import counted
+from offradar_ros.recordings.datasets.check.scans import ROW_FAULTS
 from offradar_ros.recordings.source import LAYOUT_HELP, open_source, recordings_in
 
 
@@ -23,6 +26,9 @@ def convert(
         Path, typer.Argument(help='rosbag2 folder to write; for several, the folder that will hold one for each.')
     ],
     layout: Annotated[str, typer.Option(help=LAYOUT_HELP)] = 'auto',
+    topic: Topic = '',
+    positions: Positions = '',
+    params: Annotated[Optional[Path], typer.Option(help='Parameter file: how the source is read (radar.*).')] = None,
     plain: Annotated[
         bool, typer.Option('--plain', help="Leave out the 11 metadata columns, as Navtech's driver does.")
     ] = False,
@@ -49,17 +55,21 @@ def convert(
             f'--position-offset-s: expected seconds within ±{LARGEST_OFFSET_S:g}, got {position_offset_s:g}'
         )
     options = BagOptions(plain=plain, position_offset_ns=round(position_offset_s * 1e9), overwrite=overwrite)
+    topics = ChosenTopics(topic, positions)
+    radar = as_recorded(load_config(params).radar)
     inside = recordings_in(source, layout)
     if len(inside) > 1:
-        _convert_several(source, inside, out, ConvertOptions(layout, options, skip_unreadable), processes)
+        _convert_several(
+            source, inside, out, ConvertOptions(layout, topics, options, skip_unreadable, radar), processes
+        )
         return
-    sequence = open_source(source, layout, RadarConfig())
+    sequence = open_source(source, layout, radar, topics)
     existed = out.exists()
     with progress_bar(f'converting {sequence.name}') as progress:
         made = convert_sequence(sequence, out, options, skip_unreadable, progress)
     with Bag(out) as bag:
-        for topic, count in bag.counts.items():
-            typer.echo(f'{topic}: {counted(count, "message")}')
+        for written, count in bag.counts.items():
+            typer.echo(f'{written}: {counted(count, "message")}')
     _report(made)
     typer.echo(f'{out}: {"replaced" if existed else "written"}')
 
@@ -88,6 +98,8 @@ def _report(made: Conversion) -> None:
         typer.echo(f'skipped {len(made.skipped)} of {counted(made.scans, "scan")} that cannot be read:')
         for error in made.skipped:
             typer.echo(f'  {error}')
+    for fault, scans in made.row_faults.items():
+        typer.echo(f'warning: {ROW_FAULTS[fault]}: {counted(scans, "scan")}')
     for warning in (*made.warnings, made.position_problem):
         if warning:
             typer.echo(f'warning: {warning}')

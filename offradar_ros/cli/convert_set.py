@@ -9,6 +9,7 @@ from offradar_ros.cli.joint_progress import Shares, joint_progress, share_report
 from offradar_ros.config import RadarConfig
 from offradar_ros.errors import OffradarError
 from offradar_ros.processes import parallel_map
+from offradar_ros.recordings.bags.topics import ChosenTopics
 from offradar_ros.recordings.bags.writer import BagOptions
 from offradar_ros.recordings.source import open_source
 
@@ -20,8 +21,10 @@ class ConvertOptions(NamedTuple):
     """Options of `offradar convert` that apply to each sequence."""
 
     layout: str
+    topics: ChosenTopics
     bag: BagOptions
     skip_unreadable: bool
+    radar: RadarConfig
 
 
 def convert_set(
@@ -48,7 +51,7 @@ def convert_set(
 def _converted(source: Path, bag: Path, options: ConvertOptions, shares: Shares) -> Union[Conversion, str]:
     """The report, or the error: a sequence that cannot be converted does not stop the others."""
     try:
-        sequence = open_source(source, options.layout, RadarConfig())
+        sequence = open_source(source, options.layout, options.radar, options.topics)
         return convert_sequence(sequence, bag, options.bag, options.skip_unreadable, share_reporter(shares))
     except OffradarError as error:
         return str(error)

@@ -4,16 +4,20 @@ The module of a command is imported when the command is called, so that it needs
 without rosbags.
 """
 
+import functools
 import importlib
+import inspect
 import os
 import sys
+from collections.abc import Callable
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 
 from offradar_ros import __version__
-from offradar_ros.errors import OffradarError
+from offradar_ros.entry_point import require_ordinary_files, run_guarded
 
 COMMANDS = {
     'check': 'cli.check:check',
@@ -49,8 +53,30 @@ class _Commands(TyperGroup):
             return None
         module, _, function = COMMANDS[cmd_name].partition(':')
         alone = typer.Typer(add_completion=False)
-        alone.command(cmd_name)(getattr(importlib.import_module(f'offradar_ros.{module}'), function))
+        alone.command(cmd_name)(_of_files(getattr(importlib.import_module(f'offradar_ros.{module}'), function)))
         return typer.main.get_command(alone)
+
+
+def _of_files(command: Callable[..., Any]) -> Callable[..., Any]:
+    """The command, which refuses a path that is a FIFO or a device, or holds one: it would wait for it for ever."""
+    inputs = set()
+    for name, parameter in inspect.signature(command).parameters.items():
+        for option in getattr(parameter.annotation, '__metadata__', ()):
+            # To Typer, a path that cannot be read is wrong usage; to the command, a file that cannot be read.
+            option.readable = False
+            if isinstance(option, typer.models.ArgumentInfo):
+                inputs.add(name)
+
+    @functools.wraps(command)
+    def checked(**options: Any) -> Any:
+        for name, value in options.items():
+            for path in value if isinstance(value, (list, tuple)) else [value]:
+                # The folder of an option may be any, such as the one that results are written to.
+                if isinstance(path, Path) and (name in inputs or not path.is_dir()):
+                    require_ordinary_files(path)
+        return command(**options)
+
+    return checked
 
 
 app = typer.Typer(
@@ -82,12 +108,7 @@ def main() -> int:
     # Read by NumPy when it is imported. Commands work in parallel threads or processes, one for each core; further
     # threads within those would wait for each other many times longer than they compute.
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
-    try:
-        app(prog_name='offradar')
-    except OffradarError as error:
-        typer.echo(f'error: {error}', err=True)
-        return 1
-    return 0
+    return run_guarded(lambda: app(prog_name='offradar') or 0)
 
 
 if __name__ == '__main__':

@@ -50,10 +50,12 @@ def _call(service: str, timeout: float, check: Callable[[], None]) -> None:
     import rclpy  # noqa: PLC0415
     from rclpy.signals import SignalHandlerOptions  # noqa: PLC0415
 
+    from offradar_ros.ros.initialise import initialise, refusals_of_ros  # noqa: PLC0415
     from offradar_ros.ros.session_client import SessionClient  # noqa: PLC0415
 
-    rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
-    node = rclpy.create_node('offradar_session')
+    initialise([], signal_handler_options=SignalHandlerOptions.NO)
+    with refusals_of_ros():
+        node = rclpy.create_node('offradar_session')
     client = SessionClient(node, timeout, report=partial(typer.echo, err=True), check=check)
     try:
         typer.echo(client.call(service))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from offradar_ros.mapping.place_check import END_NS, MAX_MEAN_VALUE
 from offradar_ros.types import Embedding
 
 
@@ -16,6 +17,10 @@ def embedding_problem(embedding: Embedding) -> str | None:
         wrong = int(np.count_nonzero(~np.isfinite(values)))
         if wrong:
             return f'{wrong} of {values.size} values of the {name} are NaN or infinite'
+    if float(np.abs(mean).max()) > MAX_MEAN_VALUE:
+        return f'the mean holds a value beyond ±{MAX_MEAN_VALUE:g}'
+    if not 0 <= embedding.stamp_ns < END_NS:
+        return f'its stamp is not from 0 to {END_NS} ns'
     if float(variance.min()) < 0.0:
         return f'the variance holds a negative value, {float(variance.min()):g}'
     return None

@@ -25,11 +25,9 @@ from offradar_ros.config import MapConfig
 from offradar_ros.errors import RefusedInput
 from offradar_ros.mapping.embedding_check import embedding_problem
 from offradar_ros.mapping.grid import PositionGrid
+from offradar_ros.mapping.place_check import MAX_COORDINATE_M, valid_means, valid_positions
 from offradar_ros.mapping.place_columns import PlaceColumns, place_of, take_rows
 from offradar_ros.types import Embedding, Place, PlaceTable, Pose
-
-MAX_COORDINATE_M = 1e8
-"""No position on Earth has a larger coordinate, whatever the origin of the frame."""
 
 
 class MergeKind(str, enum.Enum):
@@ -137,13 +135,17 @@ class ParentMap:
     def _inserts(self) -> bool:
         return self.config.insert_unmatched
 
-    def _scan(self, embedding: Embedding, pose: Pose, session_id: int) -> PlaceTable:
-        """The scan as a table of one row, not yet a place."""
+    def check(self, embedding: Embedding) -> None:
+        """RefusedInput('invalid_embedding') for one that cannot be merged, whatever its position."""
         problem = embedding_problem(embedding)
         if problem is None and embedding.mean.size != self.dimension:
             problem = f'expected the dimension of the map, {self.dimension}, got {embedding.mean.size}'
         if problem:
             raise RefusedInput('invalid_embedding', f'embedding at {embedding.stamp_ns} ns: {problem}')
+
+    def _scan(self, embedding: Embedding, pose: Pose, session_id: int) -> PlaceTable:
+        """The scan as a table of one row, not yet a place."""
+        self.check(embedding)
         _refuse_invalid_position(embedding.stamp_ns, (pose.x_m, pose.y_m, pose.z_m))
         # U is stored in single precision. It is rounded before the comparison, so that a scan never replaces itself.
         scan = Place(-1, session_id, embedding.stamp_ns, pose, embedding.uncertainty, embedding.mean)
@@ -155,13 +157,13 @@ class ParentMap:
                 'invalid_embedding',
                 f'expected means of shape ({len(scans)}, {self.dimension}) as in the map, got {scans.means.shape}',
             )
-        usable = np.isfinite(scans.means).all(axis=1) & np.isfinite(scans.uncertainties) & (scans.uncertainties >= 0.0)
+        usable = valid_means(scans.means) & np.isfinite(scans.uncertainties) & (scans.uncertainties >= 0.0)
         if not usable.all():
             stamp_ns = int(scans.stamps_ns[np.argmin(usable)])
             raise RefusedInput(
                 'invalid_embedding', f'embedding at {stamp_ns} ns: expected a finite mean, and a finite U of 0 or more'
             )
-        near = (np.abs(scans.positions_m) <= MAX_COORDINATE_M).all(axis=1)
+        near = valid_positions(scans.positions_m)
         if not near.all():
             row = int(np.argmin(near))
             _refuse_invalid_position(int(scans.stamps_ns[row]), scans.positions_m[row].tolist())

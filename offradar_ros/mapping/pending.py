@@ -9,6 +9,12 @@ from offradar_ros.config import PositionConfig
 from offradar_ros.geometry import NoPosition, PositionBuffer
 from offradar_ros.types import Embedding, Pose
 
+MAX_WAITING = 16_384
+"""Most embeddings that wait: a scan for each 0.04 s of the longest `position.wait_s`."""
+
+MAX_WAITING_BYTES = 128 * 2**20
+"""Most memory of the embeddings that wait."""
+
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class Resolved:
@@ -26,6 +32,7 @@ class PendingEmbeddings:
         self._wait_ns = round(config.wait_s * 1e9)
         self._positions = PositionBuffer(round(config.max_gap_s * 1e9))
         self._waiting: collections.deque[Embedding] = collections.deque()
+        self._waiting_bytes = 0
         self._newest_ns = 0
 
     def __len__(self) -> int:
@@ -45,10 +52,17 @@ class PendingEmbeddings:
         return self._resolve()
 
     def add_embedding(self, embedding: Embedding) -> list[Resolved]:
-        """Add an embedding; returns what is resolved now, this one included if its position is known already."""
+        """Add an embedding; returns what is resolved now, this one included if its position is known already.
+
+        Where too many wait, whose stamps may all be equal, the oldest ones are dropped (`too_many_waiting`).
+        """
         self._newest_ns = max(self._newest_ns, embedding.stamp_ns) if self._waiting else embedding.stamp_ns
         self._waiting.append(embedding)
-        return self._resolve()
+        self._waiting_bytes += _bytes_of(embedding)
+        resolved = self._resolve()
+        while len(self._waiting) > MAX_WAITING or self._waiting_bytes > MAX_WAITING_BYTES:
+            resolved.append(Resolved(self._take(), None, 'too_many_waiting'))
+        return resolved
 
     def flush(self) -> list[Resolved]:
         """Resolve every waiting embedding: those without a position are dropped, as at the end of a recording."""
@@ -56,7 +70,7 @@ class PendingEmbeddings:
 
     def forget_embeddings(self) -> None:
         """Remove the waiting embeddings, as when their session is undone; positions stay."""
-        self._waiting.clear()
+        self._clear_waiting()
 
     def forget_positions(self) -> None:
         """Remove the positions, as when they belong to an earlier run; embeddings still wait."""
@@ -65,7 +79,16 @@ class PendingEmbeddings:
     def clear(self) -> None:
         """Remove positions and waiting embeddings, as when a recording starts again."""
         self._positions.clear()
+        self._clear_waiting()
+
+    def _clear_waiting(self) -> None:
         self._waiting.clear()
+        self._waiting_bytes = 0
+
+    def _take(self) -> Embedding:
+        embedding = self._waiting.popleft()
+        self._waiting_bytes -= _bytes_of(embedding)
+        return embedding
 
     def _resolve(self, final: bool = False) -> list[Resolved]:
         resolved: list[Resolved] = []
@@ -74,9 +97,13 @@ class PendingEmbeddings:
             overdue = final or self._newest_ns - self._waiting[0].stamp_ns > self._wait_ns
             if pose is NoPosition.NOT_YET and not overdue:
                 break
-            embedding = self._waiting.popleft()
+            embedding = self._take()
             if isinstance(pose, Pose):
                 resolved.append(Resolved(embedding, pose))
             else:
                 resolved.append(Resolved(embedding, None, 'no_position'))
         return resolved
+
+
+def _bytes_of(embedding: Embedding) -> int:
+    return int(embedding.mean.nbytes) + int(embedding.variance.nbytes)

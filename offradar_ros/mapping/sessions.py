@@ -12,8 +12,9 @@ from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.errors import MapError, RefusedInput
 from offradar_ros.geometry import GeoPoint
 from offradar_ros.mapping.parent_map import Merge, MergeKind, ParentMap
+from offradar_ros.mapping.place_columns import PlaceColumns
 from offradar_ros.mapping.session_report import SessionReport, UndoReport, session_label
-from offradar_ros.mapping.store import MapStore
+from offradar_ros.mapping.store import LostMapError, MapStore
 from offradar_ros.mapping.stored_map import Before, StoredMap, StoredSession, revert
 from offradar_ros.types import Embedding, PlaceTable, Pose
 
@@ -48,13 +49,14 @@ class SessionMap:
         self.config = config
         self._store: MapStore | None = None
         self._model: ModelInfo | None = None
-        # None until this process writes it; that write also ends sessions that another process left running.
-        self._model_on_disk: ModelInfo | None = None
+        # None until this process has one; its first write also ends sessions that another process left running.
+        self._adopted: ModelInfo | None = None
         self._origin: GeoPoint | None = None
         self._parent = ParentMap(config, 0)
         self._running: _Running | None = None
         self._undoable: list[tuple[StoredSession, Before]] = []
         self._next_session_id = 1
+        self._sessions: dict[int, StoredSession] = {}
         if config.path:
             self._store, stored = MapStore.open(Path(config.path))
             self._load(stored)
@@ -64,6 +66,10 @@ class SessionMap:
         self._parent = ParentMap(self.config, stored.model.dimension if stored.model else 0)
         self._parent.load(stored.columns, stored.anchors_m, stored.next_place_id)
         self._next_session_id = max((session.session_id for session in stored.sessions), default=0) + 1
+        for session in stored.sessions:
+            # The first write does the same in the file.
+            state = 'interrupted' if session.state == 'running' else session.state
+            self._sessions[session.session_id] = dataclasses.replace(session, state=state)
         for session in reversed([session for session in stored.sessions if session.state != 'undone']):
             before = stored.before.get(session.session_id, {})
             changed = session.report['inserted'] + session.report['replaced']
@@ -80,6 +86,28 @@ class SessionMap:
             self._store.close()
             self._store = None
 
+    @property
+    def notices(self) -> tuple[str, ...]:
+        """What was done to the map file when it was opened, one line each, such as an upgrade."""
+        return self._store.notices if self._store else ()
+
+    @property
+    def is_file_complete(self) -> bool:
+        """Whether a copy of the map file alone is a copy of the map; not while a reader holds the log beside it."""
+        return self._store is None or self._store.is_folded
+
+    def require_file(self) -> None:
+        """MapError if the map file was removed, replaced or overwritten since it was opened."""
+        if self._store:
+            self._store.require_ours()
+
+    def rescue(self) -> Path | None:
+        """Write the whole map, with the running session as an interrupted one, as a new file; its path.
+
+        It is named ``<path>.rescued-<UTC stamp>.db``. MapError if it cannot be written; None for a map in memory.
+        """
+        return self._store.rescue(self._content('interrupted')) if self._store else None
+
     def __enter__(self) -> SessionMap:
         return self
 
@@ -95,16 +123,24 @@ class SessionMap:
         return self._model
 
     def adopt_model(self, info: ModelInfo) -> None:
-        """Accept embeddings of this model from now on; MapError if the map holds embeddings of another model."""
-        if self._model and self._model.fingerprint != info.fingerprint and (len(self) or self._undoable):
+        """Accept embeddings of this model from now on; MapError if the map holds embeddings of another model.
+
+        One of the same fingerprint and another dimension is another model too: the file could not be read any more.
+        """
+        is_other = self._model is not None and not self._model.is_same_model(info)
+        if self._model and is_other and (len(self) or self._undoable):
             raise MapError(
                 f'{self._where}: holds embeddings of {self._model.name} {self._model.fingerprint[:12]}, '
-                f'not of {info.name} {info.fingerprint[:12]}: use that model, or another map.path'
+                f'not of {info.name} {info.fingerprint[:12]} (d = {self._model.dimension}, not {info.dimension}): '
+                'use that model, or another map.path'
             )
-        if self._store and self._model_on_disk != info:
+        if self._adopted and self._adopted.is_same_model(info):
+            # Another name or other metadata is for people, and not worth a write for each message.
+            return
+        if self._store:
             self._store.write_model(info, except_session=self.running_session_id)
-            self._model_on_disk = info
-        if not self._model or self._model.fingerprint != info.fingerprint:
+        self._adopted = info
+        if not self._model or is_other:
             next_place_id = self._parent.next_place_id
             self._parent = ParentMap(self.config, info.dimension)
             self._parent.next_place_id = next_place_id
@@ -136,27 +172,19 @@ class SessionMap:
         return self._running is None or not (self._running.merges or self._running.dropped)
 
     def start_session(self, name: str, stamp_ns: int) -> int:
-        """Start a session and return its id; MapError while another runs."""
+        """Start a session and return its id; MapError while another runs, and if the map file was taken away."""
         if self._running:
             raise MapError(
                 f'{session_label(self._running.session_id, self._running.name)} runs: end it or undo it first'
             )
+        self.require_file()
         session_id = self._next_session_id
         self._next_session_id += 1
         self._running = _Running(session_id, name, stamp_ns, len(self), self._parent.mean_uncertainty)
         return session_id
 
-    def merge(self, embedding: Embedding, pose: Pose) -> Merge:
-        """Merge one scan of the running session into the map, by Algorithm 1.
-
-        Raises RefusedInput: `no_session`, `no_model`, `wrong_model`, and those of `ParentMap.merge`. The caller counts
-        refusals with `count_dropped`, together with scans that were dropped before.
-        """
-        running = self._running
-        if not running:
-            raise RefusedInput(
-                'no_session', f'embedding at {embedding.stamp_ns} ns: no session runs, nothing is mapped'
-            )
+    def check(self, embedding: Embedding) -> None:
+        """RefusedInput (`no_model`, `wrong_model`, `invalid_embedding`) if `merge` would refuse it at any position."""
         if not self._model:
             raise RefusedInput('no_model', f'embedding at {embedding.stamp_ns} ns: the map has no model yet')
         if embedding.model != self._model.fingerprint:
@@ -165,6 +193,20 @@ class SessionMap:
                 f'embedding at {embedding.stamp_ns} ns: made by model {embedding.model[:12] or "(none)"}, '
                 f'the map holds {self._model.name} {self._model.fingerprint[:12]}',
             )
+        self._parent.check(embedding)
+
+    def merge(self, embedding: Embedding, pose: Pose) -> Merge:
+        """Merge one scan of the running session into the map, by Algorithm 1.
+
+        Raises RefusedInput: `no_session`, and those of `check` and `ParentMap.merge`. The caller counts refusals with
+        `count_dropped`, together with scans that were dropped before.
+        """
+        running = self._running
+        if not running:
+            raise RefusedInput(
+                'no_session', f'embedding at {embedding.stamp_ns} ns: no session runs, nothing is mapped'
+            )
+        self.check(embedding)
         merge = self._parent.merge(embedding, pose, running.session_id)
         running.merges[merge.kind] += 1
         if merge.kind is MergeKind.INSERTED:
@@ -196,19 +238,31 @@ class SessionMap:
         self._undoable, self._running = undoable, None
         return report
 
-    def save(self) -> None:
+    def save(self, *, again: bool = False) -> bool:
         """Write the changes of the running session to disk, in case the process ends before the session does.
 
-        A stored session without an end is interrupted: its changes stay and can be undone.
+        A stored session without an end is interrupted: its changes stay and can be undone. Where the file was removed,
+        `again` writes the whole map there and returns true; otherwise that is an error, as is a file that was replaced.
         """
         if not self._store:
             raise MapError('map.path is empty: this map is kept in memory only and cannot be saved')
+        try:
+            self._store.require_ours()
+        except LostMapError:
+            if not again:
+                raise
+            self._store.write_again(self._content('running'))
+            if self._running and not self.is_session_empty:
+                self._running.unsaved.clear()
+                self._running.saved = True
+            return True
         running = self._running
         if running and not self.is_session_empty:
             report = self._report(running).as_dict()
             session = StoredSession(running.session_id, running.name, running.stamp_ns, 'running', report)
             self._write(session, running, [*self._undoable, (session, running.before)])
             running.saved = True
+        return False
 
     def undo_session(self) -> UndoReport:
         """Discard the running session, or else undo the one that ended last; MapError if there is none."""
@@ -225,6 +279,8 @@ class SessionMap:
         new = [place_id for place_id, place in before.items() if place is None]
         if self._store and (running is None or running.saved):
             self._store.undo_session(session, before, self._parent.anchors([place.place_id for place in old]))
+        if running is None or running.saved:
+            self._sessions[session.session_id] = session
         self._parent.restore(old)
         self._parent.remove(new)
         self._running = None
@@ -247,6 +303,7 @@ class SessionMap:
         self._parent = ParentMap(self.config, self._parent.dimension)
         self._parent.next_place_id = next_place_id
         self._undoable = []
+        self._sessions = {}
         if self._running:
             running = self._running
             self._running = _Running(running.session_id, running.name, running.stamp_ns, 0, math.nan)
@@ -321,6 +378,10 @@ class SessionMap:
         )
 
     def _write(self, session: StoredSession, running: _Running, undoable: list[tuple[StoredSession, Before]]) -> None:
+        self._write_changes(session, running, [kept.session_id for kept, _ in undoable])
+        self._sessions[session.session_id] = session
+
+    def _write_changes(self, session: StoredSession, running: _Running, undoable: list[int]) -> None:
         if not self._store:
             return
         ids = sorted(running.unsaved)
@@ -330,6 +391,28 @@ class SessionMap:
             anchors_m=self._parent.anchors(ids),
             before={place_id: running.before[place_id] for place_id in ids},
             next_place_id=self._parent.next_place_id,
-            undoable=[kept.session_id for kept, _ in undoable],
+            undoable=undoable,
         )
         running.unsaved.clear()
+
+    def _content(self, state: str) -> StoredMap:
+        """The whole map, with the running session in this state."""
+        sessions, undoable = dict(self._sessions), self._undoable
+        if self._running and not self.is_session_empty:
+            running = self._running
+            report = self._report(running).as_dict()
+            session = StoredSession(running.session_id, running.name, running.stamp_ns, state, report)
+            sessions[session.session_id] = session
+            undoable = [*undoable, (session, running.before)]
+        places = self._parent.view
+        columns = PlaceColumns(self.dimension, len(places))
+        columns.upsert(places)
+        return StoredMap(
+            model=self._model,
+            origin=self._origin,
+            next_place_id=self._parent.next_place_id,
+            columns=columns,
+            anchors_m=self._parent.anchors(places.place_ids.tolist()),
+            sessions=tuple(sessions[session_id] for session_id in sorted(sessions)),
+            before={session.session_id: before for session, before in undoable if before},
+        )

@@ -14,14 +14,15 @@ from collections.abc import Callable
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from sensor_msgs.msg import Image, PointCloud2
+from sensor_msgs.msg import CompressedImage, Image, PointCloud2
 from std_srvs.srv import Trigger
 
 from offradar_ros.encoders.registry import make_encoder
 from offradar_ros.errors import RefusedInput
-from offradar_ros.messages import scan_from_image, stamp_ns
+from offradar_ros.messages import scan_from_compressed, scan_from_image, stamp_ns
 from offradar_ros.ros import navtech, qos
 from offradar_ros.ros.embedding_message import embedding_message, model_message
+from offradar_ros.ros.ledger import Ledger
 from offradar_ros.ros.newest_worker import NewestWorker
 from offradar_ros.ros.run import run
 from offradar_ros.ros.stage_node import StageNode
@@ -29,7 +30,10 @@ from offradar_ros.stages.encode import EncodeStage
 from offradar_ros.types import PolarScan
 
 SCANS = 'radar_data/b_scan_image'
+COMPRESSED_SCANS = f'{SCANS}/compressed'
 B_SCANS = 'radar_data/b_scan_msg'
+SLOW_S = 10.0
+"""A scan that takes longer than this is reported while it does."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,6 +59,7 @@ class EncoderNode(StageNode):
     """Encodes the scans of `radar_data/b_scan_image` to `embedding`, stamped as the scan.
 
     Each is answered, but for those dropped because more came than can be encoded (`overtaken`): the newest goes first.
+    Every one that was sent is counted: see `Ledger`.
     """
 
     parameter_groups = ('radar', 'encoder')
@@ -66,12 +71,23 @@ class EncoderNode(StageNode):
         self._has_b_scans = False
         self._recording = self._encoded_recording = 0
         self._worker: NewestWorker[Received] | None = None
+        self._ledger = Ledger('scans', lambda: self._worker.unfinished if self._worker else 0)
         self._embeddings = self.publisher(PointCloud2, 'embedding', qos.RESULTS)
         self._model = self.publisher(DiagnosticStatus, 'embedding/model', qos.LATCHED)
-        self.subscribe(Image, SCANS, qos.SCANS, self._on_image)
+        if self.config.radar.transport == 'raw':
+            self._input, kind, handle = SCANS, Image, self._on_image
+            other = {
+                'sensor_msgs/msg/CompressedImage': f'set radar.transport: compressed, and remap {COMPRESSED_SCANS}'
+            }
+        else:
+            self._input, kind, handle = COMPRESSED_SCANS, CompressedImage, self._on_compressed
+            other = {'sensor_msgs/msg/Image': f'set radar.transport: raw, and remap {SCANS}'}
+        self._scans = self.subscribe(
+            kind, self._input, qos.SCANS, handle, ledger=self._ledger, source="the radar's driver", instead=other
+        )
         types = navtech.message_types()
         if types:
-            self.subscribe(types[0], B_SCANS, qos.SCANS, self._on_b_scan)
+            self.subscribe(types[0], B_SCANS, qos.SCANS, self._on_b_scan, ledger=self._ledger)
             self.subscribe(types[1], 'radar_data/configuration_data', qos.RESULTS, self._on_configuration)
         self.create_service(Trigger, '~/start_recording', self._start_recording)
 
@@ -89,18 +105,29 @@ class EncoderNode(StageNode):
         self.status.facts |= {'model': info.name, 'fingerprint': info.fingerprint, 'dimension': str(info.dimension)}
         self.status.facts['device'] = device
         self.get_logger().info(
-            f'active: {info.name}, d = {info.dimension}, {info.fingerprint[:12]}, on {device}, reads {SCANS}'
+            f'active: {info.name}, d = {info.dimension}, {info.fingerprint[:12]}, on {device}, reads {self._input}'
         )
 
     def deactivating(self) -> None:
-        """Answer the scan in progress, and forget the scans that wait."""
+        """Answer the scan in progress, and forget the scans that wait: they are counted as `inactive`."""
         if self._worker:
-            self._worker.forget()
+            self._settle(self._worker.forget())
 
     def close(self) -> None:
-        """End the worker after the scan in progress."""
+        """End the worker after the scan in progress; scans that wait are counted as `inactive`."""
         if self._worker:
-            self._worker.stop()
+            self._settle(self._worker.stop())
+
+    def periodic(self) -> None:
+        """Report a scan that takes long."""
+        busy_s = self._worker.busy_s if self._worker else 0.0
+        self.status.warning = ''
+        if busy_s > SLOW_S:
+            self.status.warning = f'one scan has been encoded for {busy_s:.0f} s: the encoder hangs or is far too slow'
+
+    def _settle(self, forgotten: list[Received]) -> None:
+        for _ in forgotten:
+            self._ledger.settle('inactive')
 
     def destroy_node(self) -> None:
         """Also end the worker: a process that composes nodes and only destroys them would never exit otherwise."""
@@ -109,17 +136,28 @@ class EncoderNode(StageNode):
 
     def _on_image(self, message: Image) -> None:
         # The driver also sends this scan on the other topic, with its angles and a stamp of another clock.
-        if not self._has_b_scans:
+        if self._has_b_scans:
+            self._ledger.settle('on_other_topic')
+        else:
             self._receive(SCANS, message.header, functools.partial(scan_from_image, message, self._radar))
+
+    def _on_compressed(self, message: CompressedImage) -> None:
+        if self._has_b_scans:
+            self._ledger.settle('on_other_topic')
+        else:
+            decode = functools.partial(scan_from_compressed, message, self._radar)
+            self._receive(COMPRESSED_SCANS, message.header, decode)
 
     def _on_b_scan(self, message: Any) -> None:
         self._has_b_scans = True
+        self._scans.watch.received()
         header = message.b_scan_img.header
         self._receive(B_SCANS, header, functools.partial(navtech.scan_from_b_scan, message, self._radar))
 
     def _receive(self, topic: str, header: Any, decode: Callable[[], PolarScan]) -> None:
-        if self._worker:
-            self._worker.put(Received(topic, header, decode, self._recording, time.monotonic()))
+        scan = Received(topic, header, decode, self._recording, time.monotonic())
+        if not (self._worker and self._worker.put(scan)):
+            self._ledger.settle('inactive')
 
     def _on_configuration(self, message: Any) -> None:
         self._radar = navtech.configured(self.config.radar, message)
@@ -141,11 +179,15 @@ class EncoderNode(StageNode):
 
     def _overtaken(self, scan: Received) -> None:
         problem = 'scans arrive faster than they are encoded: the newest go first'
+        self._ledger.settle('overtaken')
         self.refuse(RefusedInput('overtaken', problem), scan.topic)
 
     def _answer(self, scan: Received) -> None:
         if self.guarded(scan.topic, functools.partial(self._encode, scan)):
+            self._ledger.settle('encoded')
             self.status.handle(scan.received_s)
+        else:
+            self._ledger.settle('refused')
 
     def _encode(self, scan: Received) -> None:
         if scan.recording != self._encoded_recording:
@@ -154,6 +196,8 @@ class EncoderNode(StageNode):
         encoded = self.stage.encode(stamp_ns(scan.header.stamp), scan.decode)
         if encoded.restarted:
             self.get_logger().info('stamps jumped back: the recording starts again')
+        for fault, count in encoded.row_faults.items():
+            self.status.counts[f'rows.{fault}'] += count
         if encoded.embedding is not None:
             self._embeddings.publish(embedding_message(encoded.embedding, scan.header.frame_id))
         if encoded.problem:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import math
 import sys
+import traceback
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,15 +20,19 @@ from std_srvs.srv import Trigger
 from offradar_ros.config import Config
 from offradar_ros.errors import RefusedInput
 from offradar_ros.messages import pose_from_odometry, stamp_ns
+from offradar_ros.radar.seen_stamps import SeenStamps
 from offradar_ros.ros import qos
+from offradar_ros.ros.answer_watch import AnswerWatch
+from offradar_ros.ros.diagnostics import Trouble
 from offradar_ros.ros.embedding_message import embedding_record
+from offradar_ros.ros.ledger import Ledger
 from offradar_ros.ros.localisation_message import localisation_message, localisation_pose_message
 from offradar_ros.ros.outcome_message import match_message, match_pose_message, rejection_message
 from offradar_ros.ros.place_message import descriptors_record, is_read_the_file
 from offradar_ros.ros.run import run
 from offradar_ros.ros.stage_node import StageNode
 from offradar_ros.stages.query import QueryStage
-from offradar_ros.types import Embedding, LocalisationState, Match
+from offradar_ros.types import Embedding, LocalisationState, Match, Outcome, Reason, Rejection
 
 
 class QueryNode(StageNode):
@@ -40,6 +47,7 @@ class QueryNode(StageNode):
     def __init__(self, **options: Any) -> None:
         super().__init__('query', **options)
         self.stage = QueryStage(self.config.query, self.config.localisation)
+        self._ledger, self._update_ledger = Ledger('embeddings'), Ledger('updates')
         self._matches = self.publisher(PointCloud2, 'matches', qos.RESULTS)
         self._poses = self.publisher(PoseWithCovarianceStamped, 'match_pose', qos.RESULTS)
         self._rejections = self.publisher(DiagnosticArray, 'rejections', qos.RESULTS)
@@ -47,10 +55,15 @@ class QueryNode(StageNode):
         self._localisation_poses = self.publisher(PoseWithCovarianceStamped, 'localisation_pose', qos.RESULTS)
         self._p_on_map = self.publisher(Float64, 'p_on_map', qos.RESULTS)
         self.create_service(Trigger, '~/relocalise', self._relocalise)
-        self.subscribe(PointCloud2, 'map/descriptors', qos.LATCHED, self._on_map)
-        self.subscribe(PointCloud2, 'map/updates', qos.UPDATES, self._on_update)
+        self.create_service(Trigger, '~/start_recording', self._start_recording)
+        self._seen = SeenStamps(round(self.config.radar.restart_after_s * 1e9))
+        self._answers = AnswerWatch()
+        self._map = self.subscribe(PointCloud2, 'map/descriptors', qos.LATCHED, self._on_map)
+        self.subscribe(PointCloud2, 'map/updates', qos.UPDATES, self._on_update, ledger=self._update_ledger)
         self.subscribe(Odometry, 'odometry', qos.POSITIONS, self._on_odometry)
-        self.subscribe(PointCloud2, 'embedding', qos.RESULTS, self._on_embedding)
+        self.subscribe(
+            PointCloud2, 'embedding', qos.RESULTS, self._on_embedding, ledger=self._ledger, source='encoder_node'
+        )
 
     def configure(self) -> None:
         """Start with an empty map, or with the file that `query.map_path` names."""
@@ -76,9 +89,25 @@ class QueryNode(StageNode):
         self.status.facts |= {'places': str(self.stage.places), 'threshold': f'{self.stage.threshold:.4f}'}
         if math.isfinite(self.stage.mean_uncertainty):
             self.status.facts['mean_uncertainty'] = f'{self.stage.mean_uncertainty:.4f}'
-        self.status.warning = self.stage.warning
+        # Without a map, `troubles` says why.
+        self.status.warning = self.stage.warning if self.stage.places else ''
         if not_localised := self.stage.not_localised:
             self.status.facts['localisation'] = f'off: {not_localised}'
+
+    def troubles(self) -> Iterator[Trouble]:
+        """There is no map, or all scans are rejected."""
+        if not self.stage.places:
+            yield Trouble('no_map', f'no map to search: {self._why_no_map()}')
+        elif trouble := self._answers.trouble(self.status.counts):
+            yield trouble
+
+    def _why_no_map(self) -> str:
+        path, name = self.config.query.map_path, self._map.subscription.topic_name
+        if path and not Path(path).exists():
+            return f'query.map_path: {path} does not exist yet'
+        if not path and not self.count_publishers(name):
+            return f'nobody publishes {name}: is map_server_node running, in this domain and namespace?'
+        return 'no session with a mapped scan has ended: call map_server/end_session after a drive with positions'
 
     def _on_map(self, message: PointCloud2) -> None:
         if is_read_the_file(message):
@@ -91,22 +120,37 @@ class QueryNode(StageNode):
     def _on_update(self, message: PointCloud2) -> None:
         rows = descriptors_record(message, 'map/updates')
         self.stage.update(rows.table, rows.model, committed=rows.committed)
+        self._update_ledger.settle('taken_up')
 
     def _on_embedding(self, message: PointCloud2) -> None:
+        # Without a stamp there is nothing to answer.
+        stamp = stamp_ns(message.header.stamp)
         try:
             embedding = embedding_record(message, 'embedding')
         except RefusedInput as problem:
             self.refuse(problem, 'embedding')
-            embedding = Embedding(stamp_ns(message.header.stamp), np.empty(0, np.float32), np.empty(0, np.float32))
-        outcome = self.stage.query(embedding)
+            embedding = Embedding(stamp, np.empty(0, np.float32), np.empty(0, np.float32))
+        self._seen.check(embedding.stamp_ns, embedding.model)
+        outcome = self._outcome(embedding)
         if isinstance(outcome, Match):
             self.status.counts['matched'] += 1
             self._matches.publish(match_message(outcome))
             self._poses.publish(match_pose_message(outcome, self.config.query.position_sigma_m))
+            self._ledger.settle('matched')
         else:
             self.status.counts[f'rejected.{outcome.reason.value}'] += 1
             self._rejections.publish(rejection_message(outcome))
+            self._ledger.settle('rejected')
         self.guarded('localisation', self._localise)
+
+    def _outcome(self, embedding: Embedding) -> Outcome:
+        """The answer; also where the search fails, so that no scan waits for one."""
+        try:
+            return self.stage.query(embedding)
+        except Exception as error:
+            self.refuse(RefusedInput('internal_error', traceback.format_exc()), 'embedding')
+            detail = f'the search failed: {type(error).__name__}'
+            return Rejection(embedding.stamp_ns, Reason.INVALID_EMBEDDING, math.nan, self.stage.threshold, (), detail)
 
     def _localise(self) -> None:
         found = self.stage.localise()
@@ -120,6 +164,12 @@ class QueryNode(StageNode):
 
     def _on_odometry(self, message: Odometry) -> None:
         self.stage.add_odometry(stamp_ns(message.header.stamp), pose_from_odometry(message))
+
+    def _start_recording(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Answer every stamp again: a recording that is played again has the same."""
+        self._seen.reset()
+        response.success, response.message = True, 'a recording starts with the next scan'
+        return response
 
     def _relocalise(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if self.active:

@@ -19,18 +19,34 @@ from pathlib import Path
 import rclpy
 import rclpy.signals
 from rclpy.node import Node
-from rclpy.utilities import remove_ros_args
 
-from offradar_ros.errors import OffradarError
+from offradar_ros.entry_point import require_ordinary_files, run_guarded
+from offradar_ros.errors import DataError, OffradarError
 from offradar_ros.recordings.bags.reader import Bag
+from offradar_ros.recordings.bags.topics import ChosenTopics
 from offradar_ros.ros.answer_log import Answers
+from offradar_ros.ros.initialise import initialise, own_arguments, refusals_of_ros
 from offradar_ros.ros.player import Player, PlayOptions
 from offradar_ros.ros.session_client import SessionClient
+from offradar_ros.ros.topic_hints import publishers
+from offradar_ros.whole_file import write_whole_file
 
 
 def _arguments(argv: Sequence[str]) -> argparse.Namespace:
     parser = argparse.ArgumentParser(prog='replay_node', description='Play a bag into the offradar_ros nodes.')
-    parser.add_argument('bag', type=Path, help='rosbag2 folder')
+    parser.add_argument('bag', type=Path, help='rosbag2 folder or file')
+    parser.add_argument(
+        '--topic',
+        default='',
+        metavar='NAME',
+        help='topic of the polar scans, which is played on the input of the encoder',
+    )
+    parser.add_argument(
+        '--positions',
+        default='',
+        metavar='NAME',
+        help='topic of the positions, which is played on the input of the map server',
+    )
     parser.add_argument('--rate', type=float, help='times real time (default 1)')
     parser.add_argument('--lockstep', action='store_true', help='send each scan when the one before it is answered')
     parser.add_argument('--loop', type=int, default=1, metavar='N', help='play N times; 0 plays until stopped')
@@ -55,7 +71,13 @@ def _arguments(argv: Sequence[str]) -> argparse.Namespace:
 
 
 def _play(node: Node, argv: Sequence[str], arguments: argparse.Namespace) -> int:
-    options = PlayOptions(arguments.rate or 1.0, arguments.lockstep, arguments.restamp, arguments.timeout)
+    options = PlayOptions(
+        arguments.rate or 1.0,
+        arguments.lockstep,
+        arguments.restamp,
+        arguments.timeout,
+        ChosenTopics(arguments.topic, arguments.positions),
+    )
     answers, session = Answers(), ''
     with Bag(arguments.bag) as bag:
         player = Player(node, bag, options)
@@ -79,9 +101,18 @@ def _play(node: Node, argv: Sequence[str], arguments: argparse.Namespace) -> int
                 session = _end_session(node, argv, arguments.timeout)
                 print(session, flush=True)
         print(answers.summary(seconds), flush=True)
+        if answers.answered_twice and rclpy.ok():
+            counted = 'matches' if answers.matches else 'rejections'
+            node.get_logger().warning(
+                f'{answers.answered_twice} scans were answered twice: {counted} is published by '
+                f'{publishers(node, counted)}: launched twice?'
+            )
     if arguments.report:
         report = dataclasses.asdict(answers) | {'session': session, 'seconds': seconds}
-        arguments.report.write_text(json.dumps(report), encoding='utf-8')
+        try:
+            write_whole_file(arguments.report, json.dumps(report).encode())
+        except OSError as error:
+            raise DataError(f'{arguments.report}: the report cannot be written ({error.strerror})') from error
     if rclpy.ok():
         player.finish()
     return 1 if arguments.lockstep and answers.unanswered else 0
@@ -106,18 +137,23 @@ def _end_session(node: Node, argv: Sequence[str], timeout_s: float) -> str:
 
 def main(args: list[str] | None = None) -> int:
     """Entry point; exit status 1 if a scan in lockstep was not answered."""
-    argv = sys.argv if args is None else ['replay_node', *args]
+    return run_guarded(lambda: _main(sys.argv if args is None else ['replay_node', *args]))
+
+
+def _main(argv: list[str]) -> int:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    arguments = _arguments(remove_ros_args(argv)[1:])
+    arguments = _arguments(own_arguments(argv))
+    require_ordinary_files(arguments.bag)
     node: Node | None = None
     try:
-        rclpy.init(args=argv)
-        node = rclpy.create_node('replay')
+        initialise(argv)
+        with refusals_of_ros():
+            node = rclpy.create_node('replay')
         return _play(node, argv, arguments)
-    except OffradarError as error:
-        print(f'error: {error}', file=sys.stderr)
-        return 1
+    except OffradarError:
+        raise
     except Exception:
+        # An interrupt shuts the context down, and then any call may fail.
         if rclpy.ok():
             raise
         return 0

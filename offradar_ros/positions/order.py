@@ -91,6 +91,8 @@ class PositionOrder(Generic[T]):
             self._require_later(stamp_ns, self._last_ns)
             return self._continued(stamp_ns, position, self._dropped())
         if held_ns - stamp_ns > self._restart_after_ns:
+            if self._last_ns - self._restart_after_ns <= stamp_ns:
+                self._require_later(stamp_ns, self._last_ns)
             # A second jump, elsewhere: what was held stays unconfirmed.
             return self._continued(stamp_ns, position, self._dropped())
         self._require_later(stamp_ns, held_ns)

@@ -15,11 +15,20 @@ from numpy.typing import NDArray
 
 from offradar_ros.config import RadarConfig
 from offradar_ros.errors import RefusedInput
-from offradar_ros.radar.navtech_rows import has_metadata, split_rows
+from offradar_ros.radar.navtech_rows import (
+    METADATA_BYTES,
+    Rows,
+    equal_angles,
+    has_metadata,
+    is_turned,
+    may_hide_metadata,
+    split_rows,
+)
 from offradar_ros.radar.profiles import range_resolution
 from offradar_ros.types import PolarScan
 
 ENCODINGS = ('8UC1', 'mono8')
+_LARGEST_POWER = 255
 
 
 def decode_polar_image(
@@ -31,47 +40,71 @@ def decode_polar_image(
     first `width` bytes are pixels. The power of the result is a view of it where azimuths are rows, and a transposed
     copy where they are columns.
 
-    Raises RefusedInput with cause wrong_encoding, empty_image, image_too_large, short_step, short_data, wrong_size
-    (`radar.metadata_columns` is 11 and the image has none), no_signal (every byte is zero) or unknown_range_resolution.
+    Raises RefusedInput with cause wrong_encoding, empty_image, image_too_large, short_step, short_data, no_signal
+    (every byte is zero), unknown_range_resolution, unreadable_metadata (the 11 bytes are there, but useless), or as
+    `split_rows`.
     """
     _check_fields(height, width, step, encoding, config.max_image_bytes)
     image = _pixels(data, height, width, step)
-    if config.metadata_columns == '11' or (
-        config.metadata_columns == 'auto' and config.azimuth_axis != 'columns' and has_metadata(image)
-    ):
-        angles_rad, row_stamps_ns, power = split_rows(image, config.encoder_size)
-        return scan_from_rows(power, angles_rad, row_stamps_ns, stamp_ns, config)
+    if _starts_with_metadata(image, config):
+        rows, power = split_rows(image, config, stamp_ns)
+        return scan_from_rows(power, rows, stamp_ns, config)
     if _azimuths_are_columns(image, config):
         image = np.asarray(cv2.transpose(image), np.uint8)
-    # An image with fewer rows than a rotation has holds its first ones; the other azimuths stay unmeasured.
-    samples = max(config.azimuth_samples, len(image))
-    angles: NDArray[np.float64] = np.arange(len(image), dtype=np.float64) * (2 * np.pi / samples)
-    return scan_from_rows(image, angles, None, stamp_ns, config)
+    if config.metadata_columns == 'auto':
+        _require_no_metadata(image)
+    return scan_from_rows(image, Rows(equal_angles(len(image), config), None, {}), stamp_ns, config)
 
 
-def scan_from_rows(
-    power: NDArray[np.uint8],
-    angles_rad: NDArray[np.float64],
-    row_stamps_ns: NDArray[np.int64] | None,
-    stamp_ns: int,
-    config: RadarConfig,
-) -> PolarScan:
-    """A scan from (A, R) power and the (A,) angles that the sensor's encoder gave, with the geometry of `config`.
+def _starts_with_metadata(image: NDArray[np.uint8], config: RadarConfig) -> bool:
+    if config.metadata_columns == 'auto':
+        return config.azimuth_axis != 'columns' and has_metadata(image)
+    return config.metadata_columns == '11'
+
+
+def _require_no_metadata(image: NDArray[np.uint8]) -> None:
+    """RefusedInput if rows of power hold the metadata columns after all, where they cannot be read."""
+    if may_hide_metadata(image.shape[1]):
+        raise RefusedInput(
+            'unreadable_metadata',
+            f'rows of {image.shape[1]} bytes are {METADATA_BYTES} more than those of a known format, but do not start '
+            f'with stamps and encoder counts that can be read: set radar.metadata_columns to 0 if all are power, or to '
+            '11 and radar.row_angles to equal if the first 11 are not',
+        )
+    if has_metadata(image) or is_turned(image):
+        raise RefusedInput(
+            'turned_image',
+            f'the image of {image.shape[0]} rows of {image.shape[1]} bytes is turned or mirrored: its metadata columns '
+            'are not at the start of the rows; turn it back, or set radar.metadata_columns to 0 if all is power',
+        )
+
+
+def scan_from_rows(power: NDArray[np.uint8], rows: Rows, stamp_ns: int, config: RadarConfig) -> PolarScan:
+    """A scan from (A, R) power and what the sensor says about the rows, with the geometry of `config`.
 
     RefusedInput with cause no_signal or unknown_range_resolution.
     """
-    if not power.any():
+    strongest = power.max(axis=1, initial=0)
+    if not strongest.any():
         raise RefusedInput('no_signal', f'scan at {stamp_ns} ns holds no signal: every power value is zero')
+    faults = rows.faults | {
+        'no_power': int(np.count_nonzero(strongest == 0)),
+        'saturated': int(np.count_nonzero(power.min(axis=1) == _LARGEST_POWER)),
+    }
     sense = 1.0 if config.azimuth_direction == 'clockwise' else -1.0
-    azimuths_rad = np.mod(config.azimuth_offset_rad + sense * angles_rad, 2 * np.pi)
+    azimuths_rad = np.mod(config.azimuth_offset_rad + sense * rows.angles_rad, 2 * np.pi)
     azimuths_rad[azimuths_rad >= 2 * np.pi] = 0.0  # mod of a tiny negative angle rounds up to a full turn
+    stamps_ns = rows.stamps_ns
+    if 'stamp_unusable' in faults:
+        stamps_ns = np.full(len(power), stamp_ns, np.int64)
     return PolarScan(
         stamp_ns=stamp_ns,
         power=power,
         azimuths_rad=azimuths_rad,
         range_resolution_m=range_resolution(config, power.shape[1]),
         range_offset_m=config.range_offset_m,
-        azimuth_stamps_ns=row_stamps_ns,
+        azimuth_stamps_ns=stamps_ns,
+        row_faults={name: count for name, count in faults.items() if count},
     )
 
 

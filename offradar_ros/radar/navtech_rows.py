@@ -14,19 +14,47 @@ bytes     type                     content
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 
+from offradar_ros.config import RadarConfig
 from offradar_ros.errors import RefusedInput
+from offradar_ros.radar.encoder_counts import (
+    FEWEST_ROWS,
+    KNOWN_SIZES,
+    WAY_OUT,
+    angles_of_counts,
+    full_turn_counts,
+    step_of,
+)
+from offradar_ros.radar.profiles import PROFILES
+from offradar_ros.radar.row_stamps import RowStamps, sound_stamps, unit_ns
 from offradar_ros.types import PolarScan
 
 METADATA_BYTES = 11
-_ENCODER_SIZES = (5600, 16000, 65536)
-_YEAR_2000_US, _YEAR_2100_US = 946_684_800_000_000, 4_102_444_800_000_000
-_LONGEST_ROTATION_NS = 60 * 10**9
-_FEWEST_ROWS = 4
+# With fewer rows, stamps and counts must both be sound for the bytes to be recognised as such.
+_ENOUGH_ROWS = 16
+_USUAL_ROWS = 400
+_ROTATION_UNITS = 30 * 10**9
+_MOST = 0.75
+
+
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class Rows:
+    """What the sensor says about a scan's rows, mended.
+
+    Attributes:
+        angles_rad: (A,) float64 in [0, 2π), clockwise from the encoder's zero.
+        stamps_ns: (A,) int64, or None where the rows have no usable stamps.
+        faults: number of rows by what was wrong with them and has been mended.
+    """
+
+    angles_rad: NDArray[np.float64]
+    stamps_ns: NDArray[np.int64] | None
+    faults: dict[str, int]
 
 
 def _columns(image: NDArray[np.uint8]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -36,87 +64,132 @@ def _columns(image: NDArray[np.uint8]) -> tuple[NDArray[np.int64], NDArray[np.in
     return stamps, encoders
 
 
-def _advances(encoders: NDArray[np.int64]) -> bool:
-    """Whether the counts increase, with at most one wrap to zero, as over a rotation; one row in 50 may be wrong."""
-    steps = np.diff(encoders)
-    outliers = max(1, len(steps) // 50)
-    return bool(len(steps) >= _FEWEST_ROWS - 1 and np.count_nonzero(steps <= 0) <= outliers)
-
-
 def has_metadata(image: NDArray[np.uint8]) -> bool:
     """Whether each row of an (A, W) image starts with stamp, encoder and valid byte, found by content, not by size.
 
-    Rows without a stamp (not measured, in a partial rotation) are ignored. At least four rows must have one.
+    Either is enough where most rows agree: stamps in order within a rotation, of any year from 2000 to 2100; or counts
+    that advance by equal steps, beside stamps of one clock, set or not, or over a turn of a known size. So an image
+    whose counts or stamps are useless is still recognised, and its 11 bytes are never power. Rows without both were not
+    measured.
     """
-    if image.ndim != 2 or image.shape[1] <= METADATA_BYTES or image.shape[0] < _FEWEST_ROWS:
+    if image.ndim != 2 or image.shape[1] <= METADATA_BYTES or image.shape[0] < FEWEST_ROWS:
         return False
-    stamps, encoders = _columns(image)
-    measured = stamps != 0
-    if np.count_nonzero(measured) < _FEWEST_ROWS:
+    stamps, counts = _columns(image)
+    rows = np.flatnonzero((stamps != 0) | (counts != 0))
+    if len(rows) < FEWEST_ROWS:
         return False
-    stamps, encoders = stamps[measured], encoders[measured]
-    for scale in (1, 1000):
-        if np.all((stamps > scale * _YEAR_2000_US) & (stamps < scale * _YEAR_2100_US)):
-            steps = np.diff(stamps)
-            rotation = int(stamps[-1] - stamps[0]) * (1000 // scale)
-            return bool(np.all(steps >= 0)) and rotation < _LONGEST_ROTATION_NS and _advances(encoders)
-    return False
+    median = float(np.sort(stamps[rows])[len(rows) // 2])
+    of_one_clock = np.abs(stamps[rows].astype(np.float64) - median) <= _ROTATION_UNITS
+    if 2 * np.count_nonzero(of_one_clock) <= len(rows):
+        step = step_of(counts[rows], rows)
+        is_turn = step > 0.0 and full_turn_counts(step, len(image), KNOWN_SIZES[0], _USUAL_ROWS) is not None
+        return is_turn and len(rows) >= _ENOUGH_ROWS and _advances(counts[rows], rows)
+    # Rows of another clock have lost their metadata, and say nothing of the others.
+    rows = rows[of_one_clock]
+    timed = unit_ns(stamps[rows], None) is not None
+    if len(rows) < _ENOUGH_ROWS:
+        return timed and len(rows) >= FEWEST_ROWS and step_of(counts[rows], rows) > 0.0
+    in_order = max(float(np.mean(np.diff(stamps[rows]) * sense > 0)) for sense in (1, -1))
+    return _advances(counts[rows], rows) or (timed and in_order >= _MOST)
 
 
-def full_turn_counts(encoders: NDArray[np.int64], encoder_size: int) -> int:
-    """Counts in a full turn: `encoder_size`, or, if a count is larger, the smallest known size above all counts."""
-    largest = int(encoders.max(initial=0))
-    if largest < encoder_size:
-        return encoder_size
-    return next(size for size in _ENCODER_SIZES if size > largest)
+def _advances(counts: NDArray[np.int64], rows: NDArray[np.intp]) -> bool:
+    """Whether the counts of most rows increase by about the same."""
+    step = step_of(counts, rows)
+    even = np.abs(np.diff(counts) / np.diff(rows) - step) <= max(1.0, step / 2.0)
+    return step > 0.0 and float(np.mean(even)) >= _MOST
+
+
+def may_hide_metadata(columns: int) -> bool:
+    """Whether an image of this width is that of a known format and the 11 metadata columns."""
+    known = {profile.range_bins for profile in PROFILES.values()}
+    return columns - METADATA_BYTES in known and columns not in known
+
+
+def is_turned(image: NDArray[np.uint8]) -> bool:
+    """Whether the metadata columns are there, but not at the start of the rows: the image is turned or mirrored."""
+    turned = (np.rot90(image, turns) for turns in (1, 2, 3))
+    mirrored = (np.fliplr(image), image.T, np.rot90(image.T, 2))
+    return any(has_metadata(np.asarray(view)) for view in (*turned, *mirrored))
 
 
 def split_rows(
-    image: NDArray[np.uint8], encoder_size: int
-) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.uint8]]:
-    """Split each row of an (A, 11 + R) uint8 image into its 11 bytes of metadata and its power.
-
-    Returns:
-        azimuths_rad: (A,) float64 in [0, 2π), clockwise from the encoder's zero.
-        azimuth_stamps_ns: (A,) int64; whether a file has µs or ns is recognised by their magnitude.
-        power: (A, R) uint8, a view of the image.
+    image: NDArray[np.uint8], config: RadarConfig, scan_stamp_ns: int | None = None
+) -> tuple[Rows, NDArray[np.uint8]]:
+    """Split each row of an (A, 11 + R) uint8 image into its 11 bytes of metadata and its power, a view of the image.
 
     A row without stamp and encoder count was not measured: its azimuth and stamp are interpolated from the other rows.
-    The valid byte is ignored: some sources write 0 everywhere or in every other row.
-    RefusedInput('wrong_size') where the encoder counts do not increase.
+    The valid byte is ignored: some sources write 0 everywhere or in every other row. `scan_stamp_ns` helps to tell
+    what the stamps of the rows are.
+
+    Raises RefusedInput with cause no_metadata, turned_image, or as `measured_rows`.
     """
     if image.shape[1] <= METADATA_BYTES:
         raise RefusedInput(
-            'wrong_size', f'rows of {image.shape[1]} bytes cannot hold {METADATA_BYTES} metadata bytes and power'
+            'no_metadata', f'rows of {image.shape[1]} bytes cannot hold {METADATA_BYTES} metadata bytes and power'
         )
-    stamps, encoders = _columns(image)
-    measured = (stamps != 0) | (encoders != 0)
-    rows = np.flatnonzero(measured)
-    if not _advances(encoders[rows]):
-        raise RefusedInput(
-            'wrong_size',
-            f'the encoder counts in bytes 8 and 9 of the {len(image)} rows do not increase: '
-            'set radar.metadata_columns to 0 if the rows hold power only',
-        )
-    size = full_turn_counts(encoders, encoder_size)
-    turned = np.unwrap(encoders[rows].astype(np.float64), period=size)
-    # The modulo is of counts, where the zero after a full turn is exact.
-    azimuths = np.mod(_at_every_row(rows, turned, len(image)), size) * (2 * np.pi / size)
-    stamps = np.rint(_at_every_row(rows, (stamps[rows] - stamps[rows[0]]).astype(np.float64), len(image))).astype(
-        np.int64
-    ) + int(stamps[rows[0]])
-    if int(stamps[rows[0]]) < 1000 * _YEAR_2000_US:
-        stamps *= 1000
-    return azimuths, stamps, image[:, METADATA_BYTES:]
+    stamps, counts = _columns(image)
+    written = (stamps != 0) | (counts != 0)
+    power = image[:, METADATA_BYTES:]
+    try:
+        rows = measured_rows(counts, stamps, written, power, config, scan_stamp_ns)
+    except RefusedInput as refusal:
+        raise _explained(refusal, image) from None
+    return rows, power
 
 
-def _at_every_row(rows: NDArray[np.intp], values: NDArray[np.float64], count: int) -> NDArray[np.float64]:
-    """(`count`,) values at every row: interpolated between `rows`, and extrapolated beyond them by the mean step."""
-    every = np.arange(count)
-    step = (values[-1] - values[0]) / (rows[-1] - rows[0])
-    line = values[0] + (every - rows[0]) * step
-    inside = np.interp(every, rows, values)
-    return np.asarray(np.where((every < rows[0]) | (every > rows[-1]), line, inside))
+def measured_rows(
+    counts: NDArray[np.int64],
+    stamps: NDArray[np.int64] | None,
+    written: NDArray[np.bool_],
+    power: NDArray[np.uint8],
+    config: RadarConfig,
+    scan_stamp_ns: int | None,
+) -> Rows:
+    """Angles and stamps of (A,) rows from what the sensor wrote of them, whatever form that came in.
+
+    Rows that are not `written` have neither count nor stamp; if their `power` is zero, they were not measured. Wrong
+    counts and stamps of a few rows are interpolated. Stamps of a clock that was never set are left out. With
+    `radar.row_angles` equal, counts are ignored. `stamps` is None where the form has none. RefusedInput as
+    `angles_of_counts`.
+    """
+    lost = int(np.count_nonzero(power[~written].any(axis=1)))
+    if config.row_angles == 'equal':
+        angles_rad, mended = equal_angles(len(counts), config), 0
+    else:
+        found = angles_of_counts(counts, written, config.encoder_size, config.azimuth_samples, lost)
+        angles_rad, mended = found.angles_rad, found.mended
+    timed = RowStamps(None) if stamps is None else sound_stamps(stamps, written, scan_stamp_ns, lost)
+    faults = {'angle_interpolated': mended, 'stamp_interpolated': timed.mended}
+    if stamps is not None and timed.stamps_ns is None:
+        faults['stamp_unusable'] = len(counts)
+    return Rows(angles_rad, timed.stamps_ns, {name: count for name, count in faults.items() if count})
+
+
+def equal_angles(rows: int, config: RadarConfig) -> NDArray[np.float64]:
+    """(A,) angles at equal steps from 0; an image with fewer rows than a rotation holds its first ones."""
+    return np.arange(rows, dtype=np.float64) * (2 * np.pi / max(config.azimuth_samples, rows))
+
+
+def _explained(refusal: RefusedInput, image: NDArray[np.uint8]) -> RefusedInput:
+    """The refusal of an image's counts; a clearer one where there are none, or they are elsewhere."""
+    if has_metadata(image):
+        return refusal
+    if is_turned(image):
+        return RefusedInput(
+            'turned_image',
+            f'the image of {image.shape[0]} rows of {image.shape[1]} bytes is turned or mirrored: its metadata columns '
+            'are not at the start of the rows; turn it back, so that each row is an azimuth and starts with its stamp',
+        )
+    _, counts = _columns(image)
+    if _advances(counts, np.arange(len(counts))):
+        return refusal
+    as_power = f'set radar.metadata_columns to 0 if all {image.shape[1]} bytes are power, else '
+    return RefusedInput(
+        'no_metadata',
+        f'the first {METADATA_BYTES} bytes of the {len(image)} rows hold neither stamps nor encoder counts: '
+        f'{"" if may_hide_metadata(image.shape[1]) else as_power}{WAY_OUT}',
+    )
 
 
 def join_rows(scan: PolarScan, encoder_size: int) -> NDArray[np.uint8]:

@@ -11,20 +11,25 @@ from typing import Any
 
 from offradar_ros.config import Config
 from offradar_ros.encoders.protocol import Encoder
-from offradar_ros.errors import RefusedInput
+from offradar_ros.errors import DataError, RefusedInput
 from offradar_ros.geometry import GeoPoint
 from offradar_ros.mapping.session_report import SessionReport
 from offradar_ros.mapping.sessions import SessionMap
-from offradar_ros.messages import point_from_fix, pose_from_odometry, scan_from_image, stamp_ns
+from offradar_ros.messages import point_from_fix, pose_from_odometry, stamp_ns
 from offradar_ros.positions.clocks import ArrivalClocks, clock_problem
 from offradar_ros.positions.track import PositionTrack
-from offradar_ros.recordings.bags.reader import Bag, RawMessage, scan_topic
-from offradar_ros.recordings.bags.topics import FIX, FIX_TYPE, ODOMETRY, ODOMETRY_TYPE, VEHICLE_ODOMETRY
+from offradar_ros.recordings.bags.position_topic import position_topic
+from offradar_ros.recordings.bags.reader import Bag, RawMessage
+from offradar_ros.recordings.bags.scan_topic import DECODERS, scan_topic
+from offradar_ros.recordings.bags.topics import FIX_TYPE, ODOMETRY_TYPE, VEHICLE_ODOMETRY, ChosenTopics
 from offradar_ros.recordings.datasets.check.clocks import ScanClock
 from offradar_ros.stages.encode import EncodeStage
 from offradar_ros.stages.map import MapStage, MapUpdate
 from offradar_ros.stages.query import QueryStage
 from offradar_ros.types import Localisation, Outcome, PlaceTable, PolarScan, Pose
+
+POSITION_TYPES = {'fix': FIX_TYPE, 'odometry': ODOMETRY_TYPE}
+"""Message type of the positions, by position.source."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,23 +58,45 @@ def drive(
     session_map: SessionMap | PlaceTable,
     *,
     session: str | None = None,
+    topics: ChosenTopics | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> DriveResult:
     """Encode, map (if `session` names one) and query every scan of a bag, as the nodes do on the vehicle.
 
+    DataError, before anything is mapped, for a bag without scans, or where it does not show which of several topics is
+    meant and `topics` does not say so. Where `topics` chooses the positions, their type decides, not position.source.
+
     Queries search the map as of the last ended session; without query.exclude_current_session, the running one too.
     A drive that maps nothing may search a table of places instead, made with the encoder's model.
     """
-    return _Drive(bag, config, encoder, session_map, session).run(progress or (lambda _done, _total: None))
+    chosen = topics or ChosenTopics()
+    scans = scan_topic(bag, config.radar, chosen.scans)
+    positions = None
+    try:
+        positions = position_topic(bag, scans, chosen.positions, POSITION_TYPES[config.position.source])
+    except DataError:
+        # Who maps nothing needs none; they only tell whether the clocks agree.
+        if session is not None:
+            raise
+    whole = _Drive(bag, config, encoder, session_map, session, scans, positions)
+    return whole.run(progress or (lambda _done, _total: None))
 
 
 class _Drive:
     """The three stages on one recording."""
 
     def __init__(
-        self, bag: Bag, config: Config, encoder: Encoder, session_map: SessionMap | PlaceTable, session: str | None
+        self,
+        bag: Bag,
+        config: Config,
+        encoder: Encoder,
+        session_map: SessionMap | PlaceTable,
+        session: str | None,
+        scans: str,
+        positions: str | None,
     ) -> None:
         self._bag, self._config = bag, config
+        self._scans, self._positions = scans, positions
         self._fingerprint = encoder.info.fingerprint
         self._encode = EncodeStage(encoder, config.radar.restart_after_s)
         self._query = QueryStage(config.query, config.localisation)
@@ -79,7 +106,7 @@ class _Drive:
         self._refused: Counter[str] = Counter()
         self._clocks = ArrivalClocks()
         self._motion = ScanClock()
-        self._track = PositionTrack(geodetic=config.position.source == 'fix')
+        self._track = PositionTrack(geodetic=bool(positions) and bag.topics[positions or ''] == FIX_TYPE)
         if isinstance(session_map, PlaceTable):
             self._query.load(session_map, self._fingerprint)
             return
@@ -90,17 +117,16 @@ class _Drive:
             session_map.start_session(session, bag.start_ns)
 
     def run(self, progress: Callable[[int, int], None]) -> DriveResult:
-        scans = scan_topic(self._bag)
+        scans = self._scans
         total = self._bag.counts[scans]
-        positions = _position_topics(self._bag, self._config)
+        positions = [self._positions] if self._positions else []
         odometry = [topic for topic in self._bag.topics_of(ODOMETRY_TYPE) if topic == VEHICLE_ODOMETRY]
         others = sorted({*positions, *odometry})
         for raw in in_lockstep_order(self._bag, scans, others, self._config.position.max_gap_s):
             message = self._bag.decode(raw)
             try:
                 if raw.topic == scans:
-                    self._clocks.add_scan(raw.log_ns, stamp_ns(message.header.stamp))
-                    self._handle_scan(message)
+                    self._handle_scan(raw, message)
                     progress(len(self._outcomes), total)
                     continue
                 if raw.topic in odometry:
@@ -118,8 +144,10 @@ class _Drive:
         told = tuple(warning for warning in warnings if warning)
         return DriveResult(tuple(self._outcomes), tuple(self._localisations), report, self._refused, told)
 
-    def _handle_scan(self, message: Any) -> None:
-        encoded = self._encode.encode(stamp_ns(message.header.stamp), functools.partial(self._decoded, message))
+    def _handle_scan(self, raw: RawMessage, message: Any) -> None:
+        stamp = stamp_ns(message.header.stamp)
+        self._clocks.add_scan(raw.log_ns, stamp)
+        encoded = self._encode.encode(stamp, functools.partial(self._decoded, raw.msgtype, message))
         if encoded.problem:
             self._refused[encoded.problem.cause] += 1
         if encoded.embedding is not None:
@@ -128,20 +156,20 @@ class _Drive:
             if self._mapping:
                 self._apply(self._mapping.add_embedding(encoded.embedding))
 
-    def _decoded(self, message: Any) -> PolarScan:
-        scan = scan_from_image(message, self._config.radar)
+    def _decoded(self, msgtype: str, message: Any) -> PolarScan:
+        scan: PolarScan = DECODERS[msgtype](message, self._config.radar)
         self._motion.add(scan)
         return scan
 
     def _handle_position(self, raw: RawMessage, message: Any) -> None:
-        stamp = stamp_ns(message.header.stamp)
-        self._clocks.add_position(raw.log_ns, stamp)
         try:
+            stamp = stamp_ns(message.header.stamp)
             position = point_from_fix(message) if raw.msgtype == FIX_TYPE else pose_from_odometry(message)
         except RefusedInput:
             if self._mapping:
                 raise
             return
+        self._clocks.add_position(raw.log_ns, stamp)
         with contextlib.suppress(RefusedInput):
             if isinstance(position, Pose):
                 self._track.add_pose(stamp, position)
@@ -173,13 +201,6 @@ class _Drive:
                 self._refused[update.problem.cause] += 1
             elif len(update.changed):
                 self._query.update(update.changed, self._fingerprint, committed=False)
-
-
-def _position_topics(bag: Bag, config: Config) -> list[str]:
-    """The topic that the map server would listen to, or else the only one of its type."""
-    msgtype, name = (FIX_TYPE, FIX) if config.position.source == 'fix' else (ODOMETRY_TYPE, ODOMETRY)
-    topics = bag.topics_of(msgtype)
-    return [name] if name in topics else topics if len(topics) == 1 else []
 
 
 def in_lockstep_order(bag: Bag, scan_topic: str, others: Sequence[str], ahead_s: float) -> Iterator[RawMessage]:

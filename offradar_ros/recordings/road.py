@@ -14,6 +14,7 @@ from offradar_ros.config import PositionConfig, RadarConfig
 from offradar_ros.errors import DataError, RefusedInput
 from offradar_ros.geometry import GeoPoint, LocalFrame, Trajectory
 from offradar_ros.positions.clocks import clock_problem
+from offradar_ros.recordings.bags.topics import ChosenTopics
 from offradar_ros.recordings.left_out import left_out_text
 from offradar_ros.recordings.source import open_source
 from offradar_ros.recordings.spacing import path_length_m, subsample_by_distance
@@ -99,13 +100,15 @@ def open_road(
     position: PositionConfig | None = None,
     *,
     name: str = 'road',
+    topics: ChosenTopics | None = None,
 ) -> Road:
     """Open bags and data-set folders as drives in one frame, which starts at the first position of the first one.
 
-    Positions in metres are taken as they are. `name` is the road's, in notes. DataError for a recording without
+    Positions in metres are taken as they are. `name` is the road's, in notes. `topics` chooses among those of
+    each bag. DataError for a recording without
     positions, with positions of another kind than the first one's, or that starts over 50 km from it.
     """
-    opened = [(path, open_source(path, layout, radar)) for path in paths]
+    opened = [(path, open_source(path, layout, radar, topics)) for path in paths]
     max_gap_s = (position or PositionConfig()).max_gap_s
     drives: list[PositionedDrive] = []
     notes: list[str] = []

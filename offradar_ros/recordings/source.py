@@ -6,6 +6,8 @@ from pathlib import Path
 
 from offradar_ros.config import RadarConfig
 from offradar_ros.errors import DataError
+from offradar_ros.recordings.bags.storage import METADATA, holds_storage, is_storage
+from offradar_ros.recordings.bags.topics import ChosenTopics
 from offradar_ros.recordings.datasets.registry import LAYOUTS, open_sequence, recognised
 from offradar_ros.sequence import RadarSequence
 
@@ -13,9 +15,15 @@ LAYOUT_HELP = f'Layout of the folder: auto recognises it; else {", ".join(LAYOUT
 _MOST_NAMED = 3
 
 
-def open_source(path: Path, layout: str = 'auto', radar: RadarConfig | None = None) -> RadarSequence:
-    """The scans at `path`, a bag or a data-set folder of `layout`, as `radar` says; DataError for anything else."""
+def open_source(
+    path: Path, layout: str = 'auto', radar: RadarConfig | None = None, topics: ChosenTopics | None = None
+) -> RadarSequence:
+    """The scans at `path`, a bag or a data-set folder of `layout`, as `radar` says; DataError for anything else.
+
+    `topics` chooses among those of a bag.
+    """
     require_recording(path, layout)
+    require_bag(path, topics)
     if not is_bag(path):
         return open_sequence(path, layout, radar)
     try:
@@ -25,13 +33,25 @@ def open_source(path: Path, layout: str = 'auto', radar: RadarConfig | None = No
         raise DataError(
             f"{path}: a bag is read with the Python package rosbags: pip install 'rosbags>=0.11' ({error})"
         ) from error
-    return BagSequence(path, radar)
+    return BagSequence(path, radar, topics)
 
 
 def is_bag(path: str | Path) -> bool:
-    """Whether `path` is a rosbag2 folder or MCAP file, be it unfinished: reading it reports what is wrong."""
+    """Whether `path` is a recording of ROS, be it unfinished or of ROS 1: reading it reports what is wrong."""
     path = Path(path)
-    return (path / 'metadata.yaml').exists() or path.suffix == '.mcap' or any(path.glob('*.mcap'))
+    if not path.is_dir():
+        return path.exists() and is_storage(path)
+    if (path / METADATA).exists() or any(path.glob('*.mcap')):
+        return True
+    # Data sets may have such files beside their scans.
+    return holds_storage(path) and recognised(path) is None
+
+
+def require_bag(path: Path, topics: ChosenTopics | None) -> None:
+    """DataError where topics are chosen of what is no bag."""
+    if topics is not None and any(topics) and not is_bag(path):
+        option = '--topic' if topics.scans else '--positions'
+        raise DataError(f'{path}: is no bag, which {option} is for')
 
 
 def is_recording(path: Path, layout: str = 'auto') -> bool:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros.errors import RefusedInput
+from offradar_ros.mapping.place_check import place_problem
 from offradar_ros.mapping.place_columns import PlaceColumns
 from offradar_ros.types import Candidate, PlaceTable, Pose
 
@@ -85,7 +86,7 @@ class PlaceIndex:
         return found
 
     def upsert(self, table: PlaceTable) -> None:
-        """Overwrite known places and add new ones; RefusedInput unless each mean has d finite values."""
+        """Overwrite known places and add new ones; RefusedInput as `check`."""
         self.check(table)
         before = len(self)
         _, known = self._columns.find(table.place_ids)
@@ -282,11 +283,8 @@ class PlaceIndex:
                 'wrong_dimension',
                 f'places of dimension {table.means.shape[-1]} refused: the map has dimension {self.dimension}',
             )
-        # Extremes of each row: a flag for each value would take a quarter of the map's memory.
-        lowest, highest = table.means.min(axis=1, initial=0.0), table.means.max(axis=1, initial=0.0)
-        wrong = np.flatnonzero(~(np.isfinite(lowest) & np.isfinite(highest)))
-        if len(wrong):
-            raise RefusedInput('invalid_place', f'place {table.place_ids[wrong[0]]}: its mean is not finite')
+        if problem := place_problem(table):
+            raise RefusedInput('invalid_place', f'{len(table)} places refused: {problem}')
 
 
 class PlaceSearch:

@@ -55,7 +55,7 @@ class SearchedMap:
     def load(self, table: PlaceTable, model: str) -> None:
         """Replace the map by these places, of the model with this fingerprint.
 
-        RefusedInput (`invalid_place`) for a mean that is not finite; the map is then unchanged.
+        RefusedInput (`invalid_place`) for a place that is not valid (`place_problem`); the map is then unchanged.
         """
         committed = PlaceIndex(table.means.shape[1], len(table))
         committed.upsert(table)
@@ -100,9 +100,12 @@ class SearchedMap:
             self._file = None
             self._running.remove(table.place_ids)
             self._waiting_updates.clear()
-        else:
+        elif len(table):
             self._running.check(table)
             self._waiting_updates.append(table)
+            # No query may ever come.
+            while len(self._waiting_updates) > MAX_WAITING_UPDATES:
+                self._running.upsert(self._waiting_updates.popleft())
 
     def nearest(self, embedding: Embedding, k: int, *, include_running: bool = False) -> tuple[Candidate, ...]:
         """The k places nearest to a mean (d,) by Euclidean distance, nearest first; fewer if the map has fewer.
@@ -125,9 +128,7 @@ class SearchedMap:
 
     def _apply_updates_before(self, stamp_ns: int) -> None:
         # The update with a scan's own row may arrive before or after its query: it is applied from the next scan on.
-        while self._waiting_updates and (
-            self._waiting_updates[0].stamps_ns.max() < stamp_ns or len(self._waiting_updates) > MAX_WAITING_UPDATES
-        ):
+        while self._waiting_updates and self._waiting_updates[0].stamps_ns.max() < stamp_ns:
             self._running.upsert(self._waiting_updates.popleft())
 
 

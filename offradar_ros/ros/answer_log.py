@@ -14,7 +14,7 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 
 from offradar_ros.errors import RefusedInput
-from offradar_ros.messages import header_stamp_ns, stamp_ns
+from offradar_ros.messages import STAMP, STAMP_OFFSET, header_stamp_ns, stamp_ns
 from offradar_ros.ros import qos
 from offradar_ros.ros.outcome_message import rejection_record
 
@@ -66,17 +66,29 @@ class AnswerLog:
         self._node = node
         self._received: dict[str, Counter[int]] = {topic: Counter() for topic in TOPICS}
         self._reasons: dict[int, str] = {}
+        self._expected: set[int] = set()
         self.awaited: tuple[str, ...] = ()
         for topic, kind in (('embedding', PointCloud2), ('matches', PointCloud2), (HANDLED, Header)):
             receive = functools.partial(self._receive, topic)
             node.create_subscription(kind, topic, receive, qos.UPDATES, raw=True)
         node.create_subscription(DiagnosticArray, 'rejections', self._receive_rejection, qos.UPDATES)
 
+    def expect(self, stamp: int) -> None:
+        """Count answers to the scan of this stamp from now on; others are not ours, and would be kept in vain."""
+        self._expected.add(stamp)
+
     def _receive(self, topic: str, cdr: bytes) -> None:
-        self._received[topic][header_stamp_ns(cdr)] += 1
+        # Its publisher may write anything: a message shorter than a header is no answer.
+        if len(cdr) >= STAMP_OFFSET + STAMP.size and (stamp := header_stamp_ns(cdr)) in self._expected:
+            self._received[topic][stamp] += 1
 
     def _receive_rejection(self, message: DiagnosticArray) -> None:
-        stamp = stamp_ns(message.header.stamp)
+        try:
+            stamp = stamp_ns(message.header.stamp)
+        except RefusedInput:
+            return
+        if stamp not in self._expected:
+            return
         self._received['rejections'][stamp] += 1
         try:
             self._reasons[stamp] = rejection_record(message, 'rejections').reason.value
@@ -88,6 +100,7 @@ class AnswerLog:
         for received in self._received.values():
             received.clear()
         self._reasons.clear()
+        self._expected.clear()
 
     def published(self) -> tuple[str, ...]:
         """The topics with a publisher."""

@@ -7,7 +7,6 @@ service ``~/subscribers``. Only a process that must not lose a message calls it:
 
 from __future__ import annotations
 
-import contextlib
 import json
 import time
 from collections.abc import Sequence
@@ -20,11 +19,14 @@ from rclpy.task import Future
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from std_srvs.srv import Trigger
 
+from offradar_ros.bounded_input import parse_json
+
 SERVICE = 'subscribers'
 ASK_S = 0.05
 """Time between two calls to one node."""
 LOST_S = 1.0
 """A call without an answer after this time is repeated: it was made before discovery was complete."""
+MAX_ANSWER_BYTES = 2**16
 UNKNOWN = '_NODE_NAME_UNKNOWN_'
 """The name in the graph of a node of which only the topics are known so far."""
 
@@ -94,9 +96,9 @@ class Connections:
         client, now_s = self._clients[server], time.monotonic()
         asked_s, call = self._asked_s.get(server, -LOST_S), self._calls.get(server)
         if call is not None and call.done():
-            # A service of this name of another package may answer anything.
-            with contextlib.suppress(ValueError, TypeError, AttributeError):
-                self._counts[server] = {k: int(v) for k, v in json.loads(call.result().message).items()}
+            counts = _counts_in(call.result())
+            if counts is not None:
+                self._counts[server] = counts
         elif call is not None and now_s - asked_s >= LOST_S:
             client.remove_pending_request(call)
         elif call is not None:
@@ -105,3 +107,16 @@ class Connections:
         if now_s - asked_s >= ASK_S and client.service_is_ready():
             self._asked_s[server] = now_s
             self._calls[server] = client.call_async(Trigger.Request())
+
+
+def _counts_in(answer: Trigger.Response | None) -> dict[str, int] | None:
+    """The counts by topic in an answer of ``~/subscribers``; None where a service of this name answers something else.
+
+    The service may be of another package, and fail.
+    """
+    try:
+        counts = parse_json(answer.message, MAX_ANSWER_BYTES) if answer is not None else None
+    except ValueError:
+        return None
+    valid = isinstance(counts, dict) and all(type(count) is int and count >= 0 for count in counts.values())
+    return counts if valid else None

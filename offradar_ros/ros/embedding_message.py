@@ -6,13 +6,16 @@ Every embedding names its model by the full SHA-256, so that no receiver depends
 from __future__ import annotations
 
 import json
+import re
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from numpy.typing import NDArray
 from sensor_msgs.msg import PointCloud2
 
-from offradar_ros.encoders.protocol import ModelInfo
-from offradar_ros.errors import RefusedInput
+from offradar_ros.bounded_input import parse_json
+from offradar_ros.encoders.protocol import MAX_DIMENSION, ModelInfo
+from offradar_ros.errors import ModelError, RefusedInput
 from offradar_ros.messages import stamp_ns
 from offradar_ros.ros.clouds import from_cloud, to_cloud
 from offradar_ros.ros.stamps import header
@@ -20,25 +23,48 @@ from offradar_ros.types import Embedding
 
 POINT = np.dtype([('mean', '<f4'), ('variance', '<f4'), ('model', 'u1', (32,))])
 
+MAX_FRAME_ID_CHARACTERS = 256
+"""More of a scan's frame is not repeated in its embedding: no frame of a robot has a longer name."""
+
+MAX_METADATA_BYTES = 2**20
+"""Longest JSON of a model's metadata: all of its characters may be escaped."""
+
+MAX_VALUES = 64
+"""Most key-value pairs in a message about a model."""
+
+_DIMENSION = re.compile('[0-9]{1,9}')
+
 
 def embedding_message(embedding: Embedding, frame_id: str) -> PointCloud2:
     """Width d; 0 for a scan that could not be encoded."""
     points = np.empty(len(embedding.mean), POINT)
     points['mean'], points['variance'] = embedding.mean, embedding.variance
     points['model'] = np.frombuffer(bytes.fromhex(embedding.model), np.uint8)
-    return to_cloud(points, header(embedding.stamp_ns, frame_id))
+    return to_cloud(points, header(embedding.stamp_ns, frame_id[:MAX_FRAME_ID_CHARACTERS]))
 
 
 def embedding_record(message: PointCloud2, topic: str) -> Embedding:
-    """The embedding in a message; RefusedInput if its fields are not those of an embedding."""
-    points = from_cloud(message, ['mean', 'variance', 'model'], topic)
-    model = points['model'][0].tobytes().hex() if len(points) and points['model'].shape[1:] == (32,) else ''
+    """The embedding in a message; RefusedInput if its fields are not those of an embedding of one model."""
+    stamp = stamp_ns(message.header.stamp)
+    if int(message.width) > MAX_DIMENSION:
+        raise RefusedInput('wrong_size', f'{topic}: dimension {int(message.width)}: expected at most {MAX_DIMENSION}')
+    points = from_cloud(message, POINT, topic)
     return Embedding(
-        stamp_ns(message.header.stamp),
+        stamp,
         points['mean'].astype(np.float32),
         points['variance'].astype(np.float32),
-        model,
+        fingerprint_of(points['model'], topic),
     )
+
+
+def fingerprint_of(models: NDArray[np.uint8], topic: str) -> str:
+    """The fingerprint that (N, 32) points name, all of them the same one; empty for no points."""
+    if not len(models):
+        return ''
+    if (models != models[0]).any():
+        raise RefusedInput('wrong_fields', f'{topic}: expected points of one model, got several')
+    fingerprint: str = models[0].tobytes().hex()
+    return fingerprint
 
 
 def model_message(info: ModelInfo) -> DiagnosticStatus:
@@ -58,12 +84,17 @@ def model_message(info: ModelInfo) -> DiagnosticStatus:
 
 
 def model_record(message: DiagnosticStatus, topic: str) -> ModelInfo:
-    """The model in a message; RefusedInput('wrong_fields') if it is not one."""
-    values = {item.key: item.value for item in message.values}
+    """The model in a message; RefusedInput: 'wrong_fields' if it is not one, 'invalid_model' if it is not valid."""
+    few = message.values[: MAX_VALUES + 1]
+    values = {item.key: item.value for item in few} if len(few) <= MAX_VALUES else {}
     try:
-        metadata = {str(key): str(value) for key, value in json.loads(values['metadata']).items()}
+        metadata = parse_json(values['metadata'], MAX_METADATA_BYTES)
+        if not isinstance(metadata, dict) or not _DIMENSION.fullmatch(values['dimension']):
+            raise ValueError
         return ModelInfo(message.name, values['fingerprint'], int(values['dimension']), metadata)
-    except (KeyError, ValueError, AttributeError) as error:
+    except ModelError as error:
+        raise RefusedInput('invalid_model', f'{topic}: {error}') from error
+    except (KeyError, ValueError) as error:
         raise RefusedInput(
             'wrong_fields', f'{topic}: expected fingerprint, dimension and metadata of a model'
         ) from error

@@ -12,6 +12,9 @@ from offradar_ros.ros.place_message import MAP_FRAME
 from offradar_ros.ros.stamps import header
 from offradar_ros.types import Localisation, LocalisationState
 
+MAX_VALUES = 64
+"""Most key-value pairs in a localisation."""
+
 
 def localisation_message(found: Localisation) -> DiagnosticArray:
     """State and probabilities, the best place, and the position with its covariance; OK where the state is on_map."""
@@ -40,11 +43,12 @@ def localisation_message(found: Localisation) -> DiagnosticArray:
 
 def localisation_record(message: DiagnosticArray, topic: str) -> Localisation:
     """The localisation in a message; RefusedInput('wrong_fields') if it is not one."""
+    stamp = stamp_ns(message.header.stamp)
     try:
-        values = {item.key: item.value for item in message.status[0].values}
+        values = {item.key: item.value for item in message.status[0].values[:MAX_VALUES]}
         xx, xy, yy = (float(values[f'covariance_{name}']) for name in ('xx', 'xy', 'yy'))
         return Localisation(
-            stamp_ns(message.header.stamp),
+            stamp,
             LocalisationState(values['state']),
             float(values['p_on_map']),
             int(values['place_id']) if values['place_id'] else None,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import collections
 import threading
+import time
 import traceback
 from collections.abc import Callable
 from typing import Generic, TypeVar
@@ -22,37 +23,61 @@ class NewestWorker(Generic[ItemT]):
         self._handle, self._overtaken, self._backlog = handle, overtaken, backlog
         self._waiting: collections.deque[ItemT] = collections.deque()
         self._busy = self._stopped = False
+        self._begun_s = 0.0
         self._changed = threading.Condition()
         self._thread = threading.Thread(target=self._work, name='newest')
         self._thread.start()
 
-    def put(self, item: ItemT) -> None:
-        """Queue an item; after `stop`, ignore it. Never blocks for long."""
+    @property
+    def unfinished(self) -> int:
+        """Number of items that wait or are handled."""
+        with self._changed:
+            return len(self._waiting) + self._busy
+
+    @property
+    def busy_s(self) -> float:
+        """How long the item in progress has been handled; 0 if there is none."""
+        with self._changed:
+            return time.monotonic() - self._begun_s if self._busy else 0.0
+
+    def put(self, item: ItemT) -> bool:
+        """Queue an item; False after `stop`, which ignores it. Never blocks for long."""
         dropped: list[ItemT] = []
         with self._changed:
             if self._stopped:
-                return
+                return False
             self._waiting.append(item)
             while len(self._waiting) > self._backlog + (not self._busy):
                 dropped.append(self._waiting.popleft())
             self._changed.notify_all()
         for each in dropped:
             self._overtaken(each)
+        return True
 
-    def forget(self) -> None:
-        """Clear the queue, and return when the item in progress is done; not to be called from `handle`."""
+    def forget(self) -> list[ItemT]:
+        """Clear the queue, and return what waited when the item in progress is done; not to be called from `handle`."""
         with self._changed:
-            self._waiting.clear()
+            forgotten = self._clear()
             self._changed.wait_for(lambda: not self._busy)
+        return forgotten
 
-    def stop(self) -> None:
-        """Clear the queue and end the thread after the item in progress; may be called again, but not from `handle`."""
+    def stop(self) -> list[ItemT]:
+        """Clear the queue, end the thread after the item in progress, and return what waited.
+
+        May be called again, but not from `handle`.
+        """
         with self._changed:
             self._stopped = True
-            self._waiting.clear()
+            forgotten = self._clear()
             self._changed.notify_all()
         # Without a time-out: an interpreter that exits while the thread works may crash.
         self._thread.join()
+        return forgotten
+
+    def _clear(self) -> list[ItemT]:
+        forgotten = list(self._waiting)
+        self._waiting.clear()
+        return forgotten
 
     def _work(self) -> None:
         while True:
@@ -63,7 +88,7 @@ class NewestWorker(Generic[ItemT]):
                 if self._stopped:
                     return
                 item = self._waiting.popleft()
-                self._busy = True
+                self._busy, self._begun_s = True, time.monotonic()
             try:
                 self._handle(item)
             except Exception:

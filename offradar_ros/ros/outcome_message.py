@@ -4,18 +4,31 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from sensor_msgs.msg import PointCloud2
 
+from offradar_ros.bounded_input import parse_json
 from offradar_ros.errors import RefusedInput
+from offradar_ros.mapping.place_check import MAX_PLACE_ID
 from offradar_ros.messages import stamp_ns
 from offradar_ros.ros.clouds import from_cloud, to_cloud
 from offradar_ros.ros.place_message import MAP_FRAME
 from offradar_ros.ros.stamps import header
 from offradar_ros.types import Candidate, Evidence, Match, Pose, Reason, Rejection
+
+MAX_CANDIDATES = 1000
+"""Most places of an answer: the largest `query.top_k`."""
+
+MAX_CANDIDATES_BYTES = 2**20
+"""Longest JSON of the places of a rejection: each takes some 200 bytes."""
+
+MAX_VALUES = 64
+"""Most key-value pairs in a rejection."""
 
 CANDIDATE = np.dtype(
     [
@@ -53,24 +66,23 @@ def match_message(match: Match) -> PointCloud2:
 
 
 def match_record(message: PointCloud2, topic: str) -> Match:
-    """The match in a message."""
-    points = from_cloud(message, list(CANDIDATE.names or ()), topic)
-    if not len(points):
-        raise RefusedInput('short_data', f'{topic}: expected at least one place in a match')
-    candidates = tuple(
-        Candidate(
-            int(p['place_id']),
-            float(p['distance']),
-            float(p['uncertainty']),
-            Pose(float(p['x']), float(p['y']), float(p['z']), float(p['yaw'])),
+    """The match in a message; RefusedInput if it is not one, or a place of it has a value that is not finite."""
+    stamp = stamp_ns(message.header.stamp)
+    points = from_cloud(message, CANDIDATE, topic)
+    if not 0 < len(points) <= MAX_CANDIDATES:
+        raise RefusedInput(
+            'wrong_size',
+            f'{topic}: {len(points)} places in a match: expected 1 to {MAX_CANDIDATES}',
         )
-        for p in points
-    )
+    try:
+        candidates = tuple(_candidate(dict(zip(CANDIDATE.names or (), p.tolist(), strict=True))) for p in points)
+    except ValueError as error:
+        raise RefusedInput('invalid_place', f'{topic}: a place of a match has {error}') from None
     first = points[0]
     uncertainty = float(first['query_uncertainty'])
     apart = float(first['distance_apart']), float(first['place_distance_apart'])
     return Match(
-        stamp_ns(message.header.stamp),
+        stamp,
         uncertainty,
         float(first['threshold']),
         candidates,
@@ -146,22 +158,18 @@ def rejection_message(rejection: Rejection) -> DiagnosticArray:
 
 def rejection_record(message: DiagnosticArray, topic: str) -> Rejection:
     """The rejection in a message; RefusedInput('wrong_fields') if it is not one."""
+    stamp = stamp_ns(message.header.stamp)
     try:
         status = message.status[0]
-        values = {item.key: item.value for item in status.values}
-        candidates = tuple(
-            Candidate(
-                c['place_id'],
-                c['distance'],
-                c['uncertainty'],
-                Pose(c['x'], c['y'], c['z'], math.nan if c['yaw'] is None else c['yaw']),
-            )
-            for c in json.loads(values['candidates'])
-        )
+        values = {item.key: item.value for item in status.values[:MAX_VALUES]}
+        listed = parse_json(values['candidates'], MAX_CANDIDATES_BYTES)
+        if not isinstance(listed, list) or len(listed) > MAX_CANDIDATES:
+            raise ValueError(f'expected a list of at most {MAX_CANDIDATES} candidates')
+        candidates = tuple(_candidate(c | {'yaw': math.nan if c['yaw'] is None else c['yaw']}) for c in listed)
         uncertainty = float(values['uncertainty'])
         apart = float(values['distance_apart']), float(values['place_distance_apart'])
         return Rejection(
-            stamp_ns(message.header.stamp),
+            stamp,
             Reason(values['reason']),
             uncertainty,
             float(values['threshold']),
@@ -174,3 +182,23 @@ def rejection_record(message: DiagnosticArray, topic: str) -> Rejection:
         raise RefusedInput(
             'wrong_fields', f'{topic}: expected reason, uncertainty, threshold and candidates'
         ) from error
+
+
+def _candidate(values: Mapping[str, Any]) -> Candidate:
+    """A candidate of named values; ValueError for one that is not a number, or not finite, but for an unknown yaw."""
+    place_id = values['place_id']
+    if type(place_id) is not int or not 0 <= place_id <= MAX_PLACE_ID:
+        raise ValueError('an id that is none')
+    finite = [_number(values[name]) for name in ('distance', 'uncertainty', 'x', 'y', 'z')]
+    yaw_rad = _number(values['yaw'])
+    if not all(map(math.isfinite, finite)) or math.isinf(yaw_rad):
+        raise ValueError('a value that is not finite')
+    distance, uncertainty, x_m, y_m, z_m = finite
+    return Candidate(place_id, distance, uncertainty, Pose(x_m, y_m, z_m, yaw_rad))
+
+
+def _number(value: Any) -> float:
+    # A whole number of JSON may be too large for a float; a bool is a number too.
+    if type(value) not in {int, float} or (type(value) is int and value.bit_length() > 1000):
+        raise ValueError('a value that is not a number')
+    return float(value)

@@ -11,7 +11,12 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from offradar_ros.config import Bounds, Config, parameters, replace_values
+from offradar_ros.entry_point import special_file
 from offradar_ros.errors import ConfigError
+
+MAX_NAMED = 5
+"""Most names that a warning shows."""
+_OF_ROS = {'autostart', 'qos_overrides', 'start_type_description_service', 'use_sim_time'}
 
 
 def descriptor(bounds: Bounds, value: bool | int | float | str) -> ParameterDescriptor:
@@ -60,6 +65,33 @@ def declare(node: Node, config: Config, groups: Sequence[str], overrides: Sequen
                 reason = problem or str(error).splitlines()[0]
                 raise ConfigError(f'parameter {leaf.name}: {reason}') from error
     return replace_values(config, values)
+
+
+def require_files(config: Config) -> None:
+    """ConfigError for a path that is a FIFO or a device: a node would wait for it for ever."""
+    paths = {
+        'encoder.weights': config.encoder.weights,
+        'map.path': config.map.path,
+        'query.map_path': config.query.map_path,
+    }
+    for name, path in paths.items():
+        if path and (kind := special_file(path)):
+            raise ConfigError(f'parameter {name}: {path} is {kind}: expected a file')
+
+
+def names_given(node: Node, overrides: Sequence[RosParameter] = ()) -> set[str]:
+    """Names of the parameters that files, arguments or the constructor (`overrides`) set."""
+    return set(_given(node, overrides))
+
+
+def not_ours(names: Iterable[str]) -> list[str]:
+    """One line for names that no node of ours has, which may be misspelt; files for several packages have such."""
+    groups = {leaf.name.split('.')[0] for leaf in parameters(Config())}
+    others = sorted(name for name in names if name.split('.')[0] not in groups | _OF_ROS)
+    if not others:
+        return []
+    shown = ', '.join(others[:MAX_NAMED]) + (f' and {len(others) - MAX_NAMED} more' if len(others) > MAX_NAMED else '')
+    return [f'parameters that no node of offradar_ros has, and that are not used: {shown}']
 
 
 def _given(node: Node, overrides: Sequence[RosParameter]) -> dict[str, Any]:

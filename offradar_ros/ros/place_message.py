@@ -7,11 +7,41 @@ import dataclasses
 import numpy as np
 from sensor_msgs.msg import PointCloud2
 
-from offradar_ros.ros.clouds import from_cloud, to_cloud
+from offradar_ros.encoders.protocol import MAX_DIMENSION
+from offradar_ros.errors import RefusedInput
+from offradar_ros.mapping.place_check import MAX_SESSION_ID
+from offradar_ros.ros.clouds import Layout, from_cloud, to_cloud
+from offradar_ros.ros.embedding_message import fingerprint_of
 from offradar_ros.ros.stamps import header
 from offradar_ros.types import PlaceTable
 
 MAP_FRAME = 'map'
+
+VIEW = np.dtype([('x', '<f4'), ('y', '<f4'), ('z', '<f4'), ('intensity', '<f4'), ('place_id', '<u4')])
+"""A point of the view of the map."""
+
+READ_THE_FILE = np.dtype([('read_the_file', 'u1')])
+"""A point of a message that only says where the map is."""
+
+
+def descriptors_layout(dimension: int) -> Layout:
+    """A place as a point."""
+    return np.dtype(
+        [
+            ('x', '<f8'),
+            ('y', '<f8'),
+            ('z', '<f8'),
+            ('yaw', '<f8'),
+            ('uncertainty', '<f4'),
+            ('place_id', '<u4'),
+            ('session_id', '<u4'),
+            ('stamp_sec', '<i4'),
+            ('stamp_nanosec', '<u4'),
+            ('committed', 'u1'),
+            ('model', 'u1', (32,)),
+            ('embedding', '<f4', (dimension,)),
+        ]
+    )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -26,26 +56,7 @@ class PlaceRows:
 def descriptors_message(rows: PlaceRows, stamp_ns: int) -> PointCloud2:
     """Everything that the search needs: position (float64), uncertainty, provenance, embedding[d] and model."""
     table = rows.table
-    dimension = table.means.shape[1]
-    points = np.empty(
-        len(table),
-        np.dtype(
-            [
-                ('x', '<f8'),
-                ('y', '<f8'),
-                ('z', '<f8'),
-                ('yaw', '<f8'),
-                ('uncertainty', '<f4'),
-                ('place_id', '<u4'),
-                ('session_id', '<u4'),
-                ('stamp_sec', '<i4'),
-                ('stamp_nanosec', '<u4'),
-                ('committed', 'u1'),
-                ('model', 'u1', (32,)),
-                ('embedding', '<f4', (dimension,)),
-            ]
-        ),
-    )
+    points = np.empty(len(table), descriptors_layout(table.means.shape[1]))
     points['x'], points['y'], points['z'] = table.positions_m.T
     points['yaw'], points['uncertainty'] = table.yaws_rad, table.uncertainties
     points['place_id'], points['session_id'] = table.place_ids, table.session_ids
@@ -58,9 +69,15 @@ def descriptors_message(rows: PlaceRows, stamp_ns: int) -> PointCloud2:
 
 
 def descriptors_record(message: PointCloud2, topic: str) -> PlaceRows:
-    """The rows in a message; RefusedInput if it is not one of ours."""
-    required = ['x', 'y', 'z', 'yaw', 'uncertainty', 'place_id', 'session_id', 'stamp_sec', 'stamp_nanosec']
-    points = from_cloud(message, [*required, 'committed', 'model', 'embedding'], topic)
+    """The rows in a message; RefusedInput if it is not one of ours.
+
+    Only what a table cannot hold is checked here; the values of the places are checked where they are taken up.
+    """
+    points = from_cloud(message, descriptors_layout(1), topic, any_count='embedding', max_count=MAX_DIMENSION)
+    if (points['stamp_nanosec'] >= 10**9).any() or (points['session_id'] > MAX_SESSION_ID).any():
+        raise RefusedInput('invalid_place', f'{topic}: a place has no valid stamp or session id')
+    if (points['committed'] != points['committed'][:1]).any():
+        raise RefusedInput('wrong_fields', f'{topic}: expected either committed places or running ones, got both')
     table = PlaceTable(
         place_ids=points['place_id'].astype(np.int64),
         session_ids=points['session_id'].astype(np.int32),
@@ -68,33 +85,26 @@ def descriptors_record(message: PointCloud2, topic: str) -> PlaceRows:
         positions_m=np.stack([points['x'], points['y'], points['z']], axis=1).astype(np.float64),
         yaws_rad=points['yaw'].astype(np.float64),
         uncertainties=points['uncertainty'].astype(np.float32),
-        means=points['embedding']
-        .astype(np.float32)
-        .reshape(len(points), int(np.prod(points.dtype['embedding'].shape))),
+        means=points['embedding'].astype(np.float32),
     )
-    model = points['model'][0].tobytes().hex() if len(points) else ''
+    model = fingerprint_of(points['model'], topic)
     return PlaceRows(table, model, bool(len(points)) and bool(points['committed'][0]))
-
-
-READ_THE_FILE = 'read_the_file'
 
 
 def read_the_file_message(stamp_ns: int) -> PointCloud2:
     """Instead of descriptors: the map is too large for a message and is read from its file."""
-    return to_cloud(np.empty(0, np.dtype([(READ_THE_FILE, 'u1')])), header(stamp_ns, MAP_FRAME))
+    return to_cloud(np.empty(0, READ_THE_FILE), header(stamp_ns, MAP_FRAME))
 
 
 def is_read_the_file(message: PointCloud2) -> bool:
     """Whether a message on `map/descriptors` points to the file."""
-    return [field.name for field in message.fields] == [READ_THE_FILE]
+    names = READ_THE_FILE.names or ()
+    return len(message.fields) == len(names) and tuple(field.name for field in message.fields) == names
 
 
 def map_message(table: PlaceTable, stamp_ns: int) -> PointCloud2:
     """What RViz and Foxglove draw: x, y, z in float32, intensity = U, place_id."""
-    points = np.empty(
-        len(table),
-        np.dtype([('x', '<f4'), ('y', '<f4'), ('z', '<f4'), ('intensity', '<f4'), ('place_id', '<u4')]),
-    )
+    points = np.empty(len(table), VIEW)
     points['x'], points['y'], points['z'] = table.positions_m.T
     points['intensity'], points['place_id'] = table.uncertainties, table.place_ids
     return to_cloud(points, header(stamp_ns, MAP_FRAME))

@@ -4,24 +4,34 @@ from __future__ import annotations
 
 import signal
 import sys
+import time
+import traceback
 from collections.abc import Callable
 
 import rclpy
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
-from rclpy.utilities import remove_ros_args
+from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 
-from offradar_ros.errors import OffradarError
+from offradar_ros.entry_point import report, run_guarded
+from offradar_ros.errors import OffradarError, RefusedInput
+from offradar_ros.ros.initialise import initialise, own_arguments, refusals_of_ros
+from offradar_ros.ros.parameter_files import not_addressed
 from offradar_ros.ros.stage_node import StageNode
 
 USAGE = (
     'Usage: NODE --ros-args [-p NAME:=VALUE] [--params-file FILE] [-r FROM:=TO]. '
     '`offradar parameters` lists the parameters.'
 )
+FAILED_S = 0.01
+"""Pause after a callback that failed: one that fails at once, again and again, must not take all of the CPU."""
 
 
 def run(make_node: Callable[[], StageNode], args: list[str] | None = None) -> int:
     """Spin the node until the context is shut down; the exit status."""
-    stray = _stray(sys.argv if args is None else ['', *args])
+    return run_guarded(lambda: _run(make_node, sys.argv if args is None else ['', *args]))
+
+
+def _run(make_node: Callable[[], StageNode], argv: list[str]) -> int:
+    stray = own_arguments(argv)
     if stray:
         if stray[0] in ('-h', '--help'):
             print(USAGE)
@@ -34,20 +44,22 @@ def run(make_node: Callable[[], StageNode], args: list[str] | None = None) -> in
     node: StageNode | None = None
     status = 0
     try:
-        _initialise(args)
+        initialise(argv)
         # Before the node logs that it is ready: an executor made after a signal has shut the context down complains.
         executor = SingleThreadedExecutor()
-        node = make_node()
+        with refusals_of_ros():
+            node = make_node()
+        for line in not_addressed(argv, node.get_fully_qualified_name()):
+            node.get_logger().warning(line)
         node.start()
         executor.add_node(node)
-        executor.spin()
+        _spin(executor, node)
     except ExternalShutdownException:
         pass
-    except OffradarError as error:
-        print(f'error: {error}', file=sys.stderr)
-        status = 1
+    except OffradarError:
+        raise
     except Exception:
-        # A callback that ran when the context was shut down cannot publish any more.
+        # A start that was interrupted cannot publish any more.
         if rclpy.ok():
             raise
     finally:
@@ -58,26 +70,30 @@ def run(make_node: Callable[[], StageNode], args: list[str] | None = None) -> in
     return status
 
 
-def _stray(argv: list[str]) -> list[str]:
-    try:
-        return list(remove_ros_args(argv)[1:])
-    except Exception:
-        # `_initialise` reports what is wrong with the ROS arguments.
-        return []
-
-
-def _initialise(args: list[str] | None) -> None:
-    try:
-        rclpy.init(args=args)
-    except Exception as error:
-        # A parameter file that is missing or malformed, or an argument that ROS cannot read.
-        raise OffradarError(f'ROS arguments: {str(error).splitlines()[0]}') from error
+def _spin(executor: Executor, node: StageNode) -> None:
+    """Handle callbacks until the context is shut down; one that fails ends itself, not the node."""
+    while rclpy.ok():
+        try:
+            executor.spin()
+        except ExternalShutdownException:
+            return
+        except Exception:
+            if rclpy.ok():
+                node.refuse(RefusedInput('internal_error', traceback.format_exc()), 'callback')
+                time.sleep(FAILED_S)
 
 
 def _close(node: StageNode) -> int:
     try:
         node.close()
-    except OffradarError as error:
-        print(f'error: {error}', file=sys.stderr)
+    except Exception as error:
+        report(error)
+        try:
+            rescued = node.rescue()
+        except Exception as failed:
+            report(failed)
+        else:
+            if rescued:
+                print(rescued, file=sys.stderr)
         return 1
     return 0

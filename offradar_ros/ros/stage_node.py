@@ -2,37 +2,54 @@
 
 from __future__ import annotations
 
+import copy
 import time
 import traceback
-from collections.abc import Callable
-from typing import Any, TypeVar
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from typing import Any, TypeVar, cast
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
-from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
-from rclpy.subscription import Subscription
 
 from offradar_ros.config import Config
+from offradar_ros.entry_point import explain
 from offradar_ros.errors import OffradarError, RefusedInput
+from offradar_ros.messages import stamp_ns
 from offradar_ros.ros import parameters, qos
 from offradar_ros.ros.connections import serve_subscribers
-from offradar_ros.ros.diagnostics import NodeStatus
+from offradar_ros.ros.diagnostics import NodeStatus, Trouble
+from offradar_ros.ros.input import Input
+from offradar_ros.ros.ledger import Ledger
+from offradar_ros.ros.lifecycle import SteadyLifecycleNode
+from offradar_ros.ros.lost_messages import LostMessages
+from offradar_ros.ros.topic_hints import foreign_types, full_name, rivals
 
 MessageT = TypeVar('MessageT')
+
+
+def _stamp_of(message: Any) -> int | None:
+    header = getattr(message, 'header', None)
+    return None if header is None else stamp_ns(header.stamp)
+
+
 LOG_PERIOD_S = 5.0
+TROUBLE_PERIOD_S = 30.0
+"""A trouble that comes and goes is logged once in this time; the diagnostics have it every second."""
 
 
-class StageNode(LifecycleNode):
+class StageNode(SteadyLifecycleNode):
     """A lifecycle node around one stage of the core.
 
     Subclasses build their core objects in `configure`, which may raise OffradarError. Inputs are ignored unless the
-    node is active.
+    node is active. A transition that fails leaves the node as it was.
     """
 
     parameter_groups: tuple[str, ...] = ()
@@ -44,6 +61,7 @@ class StageNode(LifecycleNode):
         super().__init__(name, **options)
         overrides = options.get('parameter_overrides') or ()
         self.config = parameters.declare(self, Config(), self.parameter_groups, overrides)
+        self._overridden = parameters.names_given(self, overrides)
         self._autostart = self.declare_parameter(
             'autostart', True, ParameterDescriptor(description='configure and activate at start', read_only=True)
         ).value
@@ -52,9 +70,16 @@ class StageNode(LifecycleNode):
         self.status = NodeStatus(f'{self.get_fully_qualified_name().lstrip("/")}: offradar_ros')
         self.active = False
         self._outputs: list[Publisher] = []
-        self._latched: dict[str, Callable[[], None]] = {}
-        self._failure: OffradarError | None = None
+        self._output_types: dict[str, str] = {}
+        self._inputs: list[Input] = []
+        self._latched: dict[str, list[Callable[[], None]]] = {}
+        self.ledgers: list[Ledger] = []
+        """What became of the messages of the inputs that are answered."""
+        self._starting = False
+        self._failure: Exception | None = None
         self._last_logged_s: dict[str, float] = {}
+        for line in parameters.not_ours(self._overridden):
+            self.get_logger().warning(line)
         serve_subscribers(self, self._outputs)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', qos.RESULTS)
         # Diagnostics must go on while a paused replay holds the ROS clock.
@@ -64,9 +89,13 @@ class StageNode(LifecycleNode):
         """Configure and activate, unless `autostart` is false; raises the error that prevented it."""
         if not self._autostart:
             return
-        for transition in (self.trigger_configure, self.trigger_activate):
-            if transition() != TransitionCallbackReturn.SUCCESS:
-                raise self._failure or OffradarError(f'{self.get_name()}: could not be activated')
+        self._starting = True
+        try:
+            for transition in (self.trigger_configure, self.trigger_activate):
+                if transition() != TransitionCallbackReturn.SUCCESS:
+                    raise self._failure or OffradarError(f'{self.get_name()}: could not be activated')
+        finally:
+            self._starting = False
 
     def configure(self) -> None:
         """Build the core objects; OffradarError leaves the node unconfigured."""
@@ -80,6 +109,10 @@ class StageNode(LifecycleNode):
     def close(self) -> None:
         """Release the core objects; OffradarError, with nothing released, if that would lose something."""
 
+    def rescue(self) -> str:
+        """Called at exit when `close` has failed: keep what would be lost; says how in one line, or OffradarError."""
+        return ''
+
     def apply(self, config: Config) -> None:
         """Take over parameters that were changed at run time."""
         self.config = config
@@ -87,84 +120,141 @@ class StageNode(LifecycleNode):
     def periodic(self) -> None:
         """Called once a second while active."""
 
+    def troubles(self) -> Iterator[Trouble]:
+        """Why the node does not do its work, once a second while active; inputs that are silent are known already."""
+        yield from ()
+
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lifecycle transition."""
-        try:
-            self.configure()
-        except OffradarError as error:
-            self._failure = error
-            if not self._autostart:
-                self.get_logger().error(str(error))
+        if not (self._attempt(partial(parameters.require_files, self.config)) and self._attempt(self.configure)):
+            # What it had made before it failed.
+            self._attempt(self.close)
             return TransitionCallbackReturn.FAILURE
-        except Exception:
-            self.get_logger().error(traceback.format_exc())
-            raise
         return super().on_configure(state)
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lifecycle transition."""
         result = super().on_activate(state)
         self.active = True
-        self.activated()
+        for each in self._inputs:
+            each.watch.restart()
+        if not self._attempt(self.activated):
+            self.active = False
+            super().on_deactivate(state)
+            return TransitionCallbackReturn.FAILURE
         # These were sent once, maybe while this node was inactive, and are still valid.
-        for handle_again in list(self._latched.values()):
+        for handle_again in [again for kept in self._latched.values() for again in kept]:
             handle_again()
         return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lifecycle transition."""
         self.active = False
-        self.deactivating()
+        if not self._attempt(self.deactivating):
+            self.active = True
+            return TransitionCallbackReturn.FAILURE
         return super().on_deactivate(state)
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lifecycle transition."""
-        return super().on_cleanup(state) if self._try_close() else TransitionCallbackReturn.FAILURE
+        return super().on_cleanup(state) if self._attempt(self.close) else TransitionCallbackReturn.FAILURE
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lifecycle transition."""
         self.active = False
-        return super().on_shutdown(state) if self._try_close() else TransitionCallbackReturn.FAILURE
+        return super().on_shutdown(state) if self._attempt(self.close) else TransitionCallbackReturn.FAILURE
 
-    def _try_close(self) -> bool:
+    def trigger_shutdown(self) -> TransitionCallbackReturn:
+        """Lifecycle transition; FAILURE, and the node as it was, if it would lose something.
+
+        Asked before the transition: one that fails would end the node all the same.
+        """
+        was_active, self.active = self.active, False
+        if not self._attempt(self.close):
+            self.active = was_active
+            return TransitionCallbackReturn.FAILURE
+        result: TransitionCallbackReturn = super().trigger_shutdown()
+        return result
+
+    def _attempt(self, work: Callable[[], None]) -> bool:
+        """Do a part of a transition; False, with the error kept or logged, if it fails."""
         try:
-            self.close()
-        except OffradarError as error:
-            self.get_logger().error(str(error))
+            work()
+        except Exception as error:
+            if self._failure is None or not self._starting:
+                self._failure = error
+            if not self._starting and self.context.ok():
+                self.get_logger().error(explain(error) or traceback.format_exc())
             return False
         return True
 
     def publisher(self, message_type: type[MessageT], topic: str, profile: QoSProfile) -> Publisher:
         """A lifecycle publisher whose quality of service can be overridden by parameters."""
         publisher: Publisher = self.create_lifecycle_publisher(
-            message_type, topic, profile, qos_overriding_options=QoSOverridingOptions.with_default_policies()
+            # rclpy writes overrides into the profile that it is given, which other publishers share.
+            message_type,
+            topic,
+            copy.copy(profile),
+            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
         self._outputs.append(publisher)
+        package = message_type.__module__.partition('.')[0]
+        self._output_types[publisher.topic_name] = f'{package}/msg/{message_type.__name__}'
         return publisher
 
     def subscribe(
-        self, message_type: type[MessageT], topic: str, profile: QoSProfile, handle: Callable[[MessageT], None]
-    ) -> Subscription:
-        """A subscription whose callback is `guarded`."""
+        self,
+        message_type: type[MessageT],
+        topic: str,
+        profile: QoSProfile,
+        handle: Callable[[MessageT], None],
+        *,
+        ledger: Ledger | None = None,
+        source: str = '',
+        instead: Mapping[str, str] | None = None,
+        is_needed: Callable[[], bool] = lambda: True,
+    ) -> Input:
+        """An input whose callback is `guarded`.
 
+        With a `ledger`, messages that never arrive are counted there and as `lost_before_arrival`, and those that come
+        while the node is inactive as `inactive`, or that `handle` fails at as `refused`; it must settle the others. The
+        other arguments are those of `Input`.
+        """
         latched = profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+        if ledger:
+            self.ledgers.append(ledger)
+        lost = LostMessages(lambda: self.count_publishers(self.resolve_topic_name(topic)))
 
-        def receive(message: MessageT) -> None:
-            if latched:
-                self._latched[topic] = lambda: receive(message)
-            if not self.active:
-                return
+        # rclpy gives the second argument, with the publisher's number of the message, to callbacks that take two.
+        def receive(message: MessageT, info: Mapping[str, Any]) -> None:
             received_s = time.monotonic()
-            if self.guarded(topic, lambda: handle(message)) and topic == self.timed_topic:
+            if ledger:
+                self._book(ledger, topic, lost.arrived(info, _stamp_of(message)))
+            if self.active:
+                found.watch.received()
+            handled = self.active and self.guarded(topic, lambda: handle(message))
+            if latched:
+                # What was refused does not replace what was handled before it; its time may come, as for a full disk.
+                before = [] if handled else self._latched.get(topic, [])[:1]
+                self._latched[topic] = [*before, lambda: receive(message, info)]
+            if ledger and not handled:
+                ledger.settle('refused' if self.active else 'inactive')
+            if handled and topic == self.timed_topic:
                 self.status.handle(received_s)
 
-        return self.create_subscription(
-            message_type,
-            topic,
-            receive,
-            profile,
-            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+        found = Input(
+            self, message_type, topic, profile, cast(Any, receive), source=source, instead=instead, is_needed=is_needed
         )
+        self._inputs.append(found)
+        return found
+
+    def _book(self, ledger: Ledger, topic: str, lost: int) -> None:
+        """One message of `topic` arrived, after `lost` that did not."""
+        ledger.receive()
+        if lost:
+            ledger.lose(lost)
+            problem = f'{lost} messages before this one were lost on the way: they come faster than they are taken up'
+            self.refuse(RefusedInput('lost_before_arrival', problem), topic, lost)
 
     def guarded(self, topic: str, work: Callable[[], None]) -> bool:
         """Do `work` for a message of `topic`; an error is counted and logged, never raised. True if there was none."""
@@ -172,11 +262,11 @@ class StageNode(LifecycleNode):
             work()
         except RefusedInput as problem:
             self.refuse(problem, topic)
-        except OffradarError as error:
-            self.refuse(RefusedInput('not_possible', str(error)), topic)
-        except Exception:
+        except Exception as error:
             # Work that was interrupted by a shutdown cannot publish any more.
-            if self.context.ok():
+            if text := explain(error):
+                self.refuse(RefusedInput('not_possible', text), topic)
+            elif self.context.ok():
                 self.refuse(RefusedInput('internal_error', traceback.format_exc()), topic)
         else:
             return True
@@ -189,9 +279,9 @@ class StageNode(LifecycleNode):
         else:
             print(f'[{self.get_name()}]: {text}', flush=True)
 
-    def refuse(self, problem: RefusedInput, topic: str) -> None:
-        """Count a drop and log its reason, each cause at most once in 5 s."""
-        self.status.drop(problem.cause)
+    def refuse(self, problem: RefusedInput, topic: str, count: int = 1) -> None:
+        """Count a drop, or `count` of them, and log the reason, each cause at most once in 5 s."""
+        self.status.drop(problem.cause, str(problem), count)
         now_s = time.monotonic()
         if self.context.ok() and now_s - self._last_logged_s.get(problem.cause, -LOG_PERIOD_S) >= LOG_PERIOD_S:
             self._last_logged_s[problem.cause] = now_s
@@ -202,14 +292,56 @@ class StageNode(LifecycleNode):
         return int(self.get_clock().now().nanoseconds)
 
     def _validate_parameters(self, updates: list[Parameter]) -> SetParametersResult:
-        return parameters.validate(self.config, updates)
+        try:
+            return parameters.validate(self.config, updates)
+        except Exception as error:
+            self.refuse(RefusedInput('internal_error', traceback.format_exc()), 'parameters')
+            return SetParametersResult(successful=False, reason=f'internal error: {error!r}')
 
     def _apply_parameters(self, updates: list[Parameter]) -> None:
-        self.apply(parameters.changed(self.config, updates))
+        self.guarded('parameters', lambda: self.apply(parameters.changed(self.config, updates)))
 
     def _report(self) -> None:
         if not self.context.ok():
             return
+        for each in self._inputs:
+            self.guarded(each.topic, partial(self._follow, each))
+        found: list[Trouble] = []
         if self.active:
-            self.periodic()
-        self._diagnostics.publish(self.status.message(self.now_ns()))
+            self.guarded('periodic', self.periodic)
+            self.guarded('troubles', lambda: found.extend(self._all_troubles()))
+            self._log(found)
+        for ledger in self.ledgers:
+            self.status.facts |= ledger.values()
+        self._diagnostics.publish(self.status.message(self.now_ns(), found))
+
+    def _follow(self, each: Input) -> None:
+        overridden = f'qos_overrides.{each.subscription.topic_name}.subscription.reliability' in self._overridden
+        if line := each.follow_publishers(overridden):
+            self.get_logger().warning(line)
+
+    def _all_troubles(self) -> Iterator[Trouble]:
+        for each in self._inputs:
+            if trouble := each.trouble():
+                yield trouble
+        for other, topics in rivals(self, (output.topic_name for output in self._outputs)).items():
+            text = f'{other} publishes {topics} too: launched twice? Stop one (one that died is listed for 20 s)'
+            yield Trouble(f'rival.{other.rpartition(" ")[2]}', text)
+        for topic, types in foreign_types(self, self._output_types).items():
+            text = f'{topic} also carries {types}, of somebody else: remap ours (-r {full_name(self)}:{topic}:=NAME)'
+            yield Trouble(f'foreign_type.{topic.lstrip("/")}', text)
+        yield from self.troubles()
+
+    def _log(self, troubles: list[Trouble]) -> None:
+        """Log a trouble when it begins."""
+        now_s = time.monotonic()
+        for trouble in troubles:
+            known = f'trouble {trouble.cause} {trouble.is_error}'
+            if now_s - self._last_logged_s.get(known, -TROUBLE_PERIOD_S) >= TROUBLE_PERIOD_S:
+                # On two lines: rclpy refuses another severity from the same one.
+                if trouble.is_error:
+                    self.get_logger().error(trouble.text)
+                else:
+                    self.get_logger().warning(trouble.text)
+            # It is not logged again while it lasts.
+            self._last_logged_s[known] = now_s

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+import traceback
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
@@ -22,34 +23,69 @@ class Encoded:
             encoded or is out of order, so that every scan gets exactly one answer.
         problem: why the scan was refused, or None.
         restarted: whether the stamps jumped back: the recording starts again.
+        row_faults: those of the scan (`PolarScan.row_faults`).
     """
 
     embedding: Embedding | None
     problem: RefusedInput | None = None
     restarted: bool = False
+    row_faults: Mapping[str, int] = dataclasses.field(default_factory=dict)
 
 
 class EncodeStage:
-    """Images in, embeddings out. An invalid scan does not stop the next one."""
+    """Images in, embeddings out. Neither an invalid scan nor an encoder that fails stops the next one."""
 
     def __init__(self, encoder: Encoder, restart_after_s: float) -> None:
         self.encoder = encoder
         self._gate = StampGate(round(restart_after_s * 1e9))
 
     def encode(self, stamp_ns: int, decode: Callable[[], PolarScan]) -> Encoded:
-        """Embedding of the scan with this stamp that `decode` returns; `decode` may raise RefusedInput."""
+        """Embedding of the scan with this stamp that `decode` returns; nothing is raised, whatever `decode` raises.
+
+        Besides those of the scan, the cause of a problem may be encoder_failed (it raised an exception),
+        invalid_output (an embedding of another shape, stamp or model, or that is not finite) or internal_error.
+        """
         restarted = False
         try:
             restarted = self._gate.check(stamp_ns)
-            return Encoded(self.encoder.encode(decode()), restarted=restarted)
+            scan = decode()
+            return Encoded(self._embedding(scan, stamp_ns), None, restarted, scan.row_faults)
         except RefusedInput as problem:
             if problem.cause == 'repeated_stamp':
                 return Encoded(None, problem)
             return Encoded(self._invalid(stamp_ns), problem, restarted)
+        except Exception:
+            defect = RefusedInput('internal_error', traceback.format_exc())
+            return Encoded(self._invalid(stamp_ns), defect, restarted)
 
     def start_recording(self) -> None:
         """Accept any stamp for the next scan, which is the first of a recording."""
         self._gate.reset()
+
+    def _embedding(self, scan: PolarScan, stamp_ns: int) -> Embedding:
+        """RefusedInput unless the encoder returns an embedding of this scan that can be compared."""
+        info = self.encoder.info
+        try:
+            embedding = self.encoder.encode(scan)
+        except RefusedInput:
+            raise
+        except (Exception, SystemExit) as error:
+            # An encoder of another package may even try to exit.
+            reason = ' '.join(str(error).split())
+            raise RefusedInput('encoder_failed', f'{info.name} failed: {type(error).__name__}: {reason}') from error
+        if not isinstance(embedding, Embedding):
+            raise RefusedInput('invalid_output', f'{info.name} returned {type(embedding).__name__}: expected Embedding')
+        found = (embedding.stamp_ns, embedding.model, embedding.mean.shape, embedding.variance.shape)
+        expected = (stamp_ns, info.fingerprint, (info.dimension,), (info.dimension,))
+        if found != expected:
+            raise RefusedInput(
+                'invalid_output', f'{info.name} returned stamp, model and shapes {found}: expected {expected}'
+            )
+        if not (np.isfinite(embedding.mean).all() and np.isfinite(embedding.variance).all()):
+            raise RefusedInput('invalid_output', f'{info.name} returned values that are not finite')
+        if (embedding.variance < 0.0).any():
+            raise RefusedInput('invalid_output', f'{info.name} returned a variance below zero')
+        return embedding
 
     def _invalid(self, stamp_ns: int) -> Embedding:
         nothing = np.empty(0, np.float32)

@@ -99,7 +99,7 @@ class MapStage:
         try:
             self.map.adopt_model(info)
         except MapError as error:
-            other = known is not None and known.fingerprint != info.fingerprint
+            other = known is not None and not known.is_same_model(info)
             raise RefusedInput('wrong_model' if other else 'not_saved', str(error)) from error
         waiting = list(self._waiting_for_model)
         self._waiting_for_model.clear()
@@ -161,6 +161,11 @@ class MapStage:
         if self.map.model is None:
             self._waiting_for_model.append(embedding)
             return self._drop_waiting_for_model(MAX_WAITING_FOR_MODEL)
+        try:
+            self.map.check(embedding)
+        except RefusedInput as refused:
+            # Before it takes a place in the queue, or its stamp counts as that of a scan.
+            return [self._refused(embedding, refused)]
         return self._merged(self._positioning.add_scan(embedding))
 
     @property
@@ -208,10 +213,14 @@ class MapStage:
         self._forget_origin()
         return copy
 
-    def save(self) -> None:
-        """Write the changes of the running session to disk; MapError if that fails or the map has no file."""
-        self.map.save()
+    def save(self) -> bool:
+        """Write the changes of the running session to disk, and the whole map where its file was removed.
+
+        Returns whether it was. MapError if that fails or the map has no file.
+        """
+        is_whole = self.map.save(again=True)
         self._saved_s = self._clock()
+        return is_whole
 
     def autosave(self) -> None:
         """Save the running session if the last save is `map.autosave_s` ago; call it often.
@@ -222,10 +231,11 @@ class MapStage:
             return
         if self._clock() - self._saved_s < self._autosave_s:
             return
+        self._saved_s = self._clock()
         try:
-            self.save()
+            # Where the file was removed, whoever did so decides: they may want an empty map.
+            self.map.save()
         except MapError as error:
-            self._saved_s = self._clock()
             raise RefusedInput('not_saved', str(error)) from error
 
     def committed(self) -> CommittedMap | None:
@@ -273,9 +283,8 @@ class MapStage:
     def _merge(self, resolved: Resolved) -> MapUpdate:
         embedding = resolved.embedding
         if resolved.pose is None:
-            problem = RefusedInput(
-                resolved.cause, f'no position at the stamp of scan {embedding.stamp_ns} ns: not mapped'
-            )
+            waits = 'no position at the stamp of' if resolved.cause == 'no_position' else 'too many scans wait with'
+            problem = RefusedInput(resolved.cause, f'{waits} scan {embedding.stamp_ns} ns: not mapped')
             return self._refused(embedding, problem)
         try:
             if self.map.origin is None and self._frame.origin and self.map.running_session_id is not None:

@@ -14,7 +14,10 @@ from offradar_ros.types import Pose
 
 _MOST_HELD = 4096
 _FEWEST_FAR = 10
-_REMEDY = 'undo its sessions or clear it, and the origin goes with its places, or use another map.path'
+_REMEDY = (
+    'undo its sessions or clear it, and the origin goes with its places (map.allow_destructive allows that), or use '
+    'another map.path'
+)
 
 
 class MapFrame:

@@ -28,6 +28,8 @@ class QueryStage:
         self._localisation = localisation or LocalisationConfig()
         self._localise = LocaliseStage(self._localisation, config.tolerance_m)
         self._localised_map = 0
+        # The map, by its number of changes, that cannot be localised in, and why.
+        self._unusable: tuple[int, str] | None = None
         self._last: tuple[int, Answer] | None = None
         self._uncertainties: collections.deque[float] = collections.deque(maxlen=WINDOW)
 
@@ -64,7 +66,7 @@ class QueryStage:
         """Use other thresholds from now on; the map stays. With another tolerance, localisation starts again."""
         if config.tolerance_m != self.config.tolerance_m:
             self._localise = LocaliseStage(self._localisation, config.tolerance_m)
-            self._localised_map = 0
+            self._localised_map, self._unusable = 0, None
         self._query = IntrospectiveQuery(config, self._query.map)
 
     def open_file(self) -> bool:
@@ -122,6 +124,8 @@ class QueryStage:
             return 'no map to search'
         if confidence_for(self._query.map.model, self.config.confidence) is None:
             return f'no coefficients of the probability are known for model {self._query.map.model[:12]}'
+        if self._unusable and self._unusable[0] == self._query.map.changes:
+            return self._unusable[1]
         return ''
 
     def add_odometry(self, stamp_ns: int, pose: Pose) -> None:
@@ -131,8 +135,9 @@ class QueryStage:
     def localise(self) -> Localisation | None:
         """Where the vehicle is after the scan of the last `query`, in the map as of the last ended session.
 
-        None before the first scan, and if it is `not_localised`. RefusedInput (`repeated_stamp`, `stamp_backwards`)
-        for a scan that is not newer than the one before; it is left out. None instead, if it was rejected as invalid:
+        None before the first scan, and if it is `not_localised`. RefusedInput (`map_too_dense`) once for a map that
+        cannot be localised in, and (`repeated_stamp`, `stamp_backwards`) for a scan that is not newer than the one
+        before; it is left out. None instead, if it was rejected as invalid:
         the encoder has refused and counted it.
         """
         if self._last is None or self.not_localised:
@@ -150,11 +155,18 @@ class QueryStage:
         """As `LocaliseStage.relocalise`."""
         if problem := self.not_localised:
             return Relocalisation(None, problem)
-        self._take_map()
+        try:
+            self._take_map()
+        except RefusedInput as refused:
+            return Relocalisation(None, str(refused))
         return self._localise.relocalise()
 
     def _take_map(self) -> None:
         searched = self._query.map
         if searched.changes != self._localised_map:
-            self._localise.set_places(searched.positions_m, searched.place_ids)
+            try:
+                self._localise.set_places(searched.positions_m, searched.place_ids)
+            except RefusedInput as problem:
+                self._unusable = searched.changes, str(problem)
+                raise
             self._localised_map = searched.changes

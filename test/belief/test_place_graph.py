@@ -7,6 +7,7 @@ import pytest
 from numpy.typing import NDArray
 
 from offradar_ros.belief.place_graph import STRIDE_M, PlaceGraph
+from offradar_ros.errors import RefusedInput
 
 SPACING_M, TOLERANCE_M = 15.0, 30.0
 
@@ -67,3 +68,13 @@ def test_mass_moves_to_the_places_in_reach() -> None:
     made = graph(line(3))
     moved = made.moved_in(np.array([[-20.0, 0.0], [500.0, 0.0]]), np.array([0.6, 0.4]))
     assert moved == pytest.approx([0.6, 0.0, 0.0])
+
+
+def test_places_that_are_all_in_one_spot_are_refused_before_their_pairs_are_listed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr('offradar_ros.belief.place_graph.MAX_PAIRS', 99)
+    assert len(graph(np.zeros((14, 2)))) == 14
+    with pytest.raises(RefusedInput, match='105 pairs of places') as refused:
+        graph(np.zeros((15, 2)))
+    assert refused.value.cause == 'map_too_dense'

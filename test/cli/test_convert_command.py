@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import os
 import re
 import shutil
 import signal
@@ -13,6 +12,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from rosbags.rosbag2 import StoragePlugin, Writer
 
 from offradar_ros.recordings.bags.reader import TYPES, Bag
@@ -205,15 +205,19 @@ def test_a_missing_source_is_refused(refused: Callable[..., str], tmp_path: Path
     assert 'no such folder' in refused('convert', tmp_path / 'nothing', tmp_path / 'bag')
 
 
+MANY = 20_000
+
+
 @pytest.fixture
 def endless_folder(radiate_folder: Path) -> Path:
-    """The sixth scan is a pipe that nobody writes to: the conversion waits there until it is interrupted."""
+    """Five scans, and after them so many that the conversion is not at its end when it is interrupted."""
     listing = radiate_folder / 'Navtech_Polar.txt'
     frame, stamp_s = listing.read_text().split()[-3::2]
     assert frame == '000005'
     with listing.open('a') as file:
-        file.write(f'Frame: 000006 Time: {float(stamp_s) + 1.0:.9f}\n')
-    os.mkfifo(radiate_folder / 'Navtech_Polar' / '000006.png')
+        for number in range(6, MANY):
+            file.write(f'Frame: {number:06d} Time: {float(stamp_s) + number:.9f}\n')
+            (radiate_folder / 'Navtech_Polar' / f'{number:06d}.png').symlink_to('000005.png')
     return radiate_folder
 
 
@@ -227,7 +231,7 @@ def test_an_interrupted_run_leaves_nothing_that_looks_complete(
     command = [*hearing, sys.executable, '-m', 'offradar_ros.cli.main', 'convert', str(endless_folder), str(out)]
     process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     deadline_s = time.monotonic() + WAIT_S
-    while not any(tmp_path.glob('bag.partial/**/*.mcap')):
+    while not any(tmp_path.glob('bag.*.partial/**/*.mcap')):
         assert process.poll() is None, process.communicate()
         assert time.monotonic() < deadline_s
         time.sleep(0.01)
@@ -236,14 +240,52 @@ def test_an_interrupted_run_leaves_nothing_that_looks_complete(
     assert process.returncode != 0
     assert 'Traceback' not in printed, printed
     left = [path.name for path in tmp_path.iterdir() if path != endless_folder]
-    assert left == ([] if sent == signal.SIGINT else ['bag.partial'])
-    for path in (*tmp_path.glob('bag*'), *tmp_path.glob('bag.partial/*')):
+    assert left == ([] if sent == signal.SIGINT else [path.name for path in tmp_path.glob('bag.*.partial')])
+    for path in (*tmp_path.glob('bag*'), *tmp_path.glob('bag.*.partial/*')):
         assert re.search(r'no metadata\.yaml|no radar scans', refused('check', path))
     # The next run starts over.
-    (endless_folder / 'Navtech_Polar' / '000006.png').unlink()
+    for number in range(6, MANY):
+        (endless_folder / 'Navtech_Polar' / f'{number:06d}.png').unlink()
     done('convert', endless_folder, out)
     assert counts(out)['/radar_data/b_scan_image'] == 5
-    assert not (tmp_path / 'bag.partial').exists()
+    assert not any(tmp_path.glob('bag.*.partial'))
+
+
+def stored_scans(folder: Path, counts: NDArray[np.int64], stamps_ns: NDArray[np.int64] | None = None) -> Path:
+    """Two scans in MulRan's form with metadata columns."""
+    folder.mkdir(parents=True)
+    for start_ns in (1_767_225_600_000_000_000, 1_767_225_600_250_000_000):
+        image = np.random.default_rng(0).integers(1, 200, (400, 11 + 3360), np.uint8)
+        stamps = start_ns + 625_000 * np.arange(400) if stamps_ns is None else stamps_ns
+        image[:, :8] = stamps.astype('<i8').reshape(-1, 1).view(np.uint8)
+        image[:, 8:10] = counts.astype('<u2').reshape(-1, 1).view(np.uint8)
+        cv2.imwrite(str(folder / f'{start_ns}.png'), image)
+    return folder.parent
+
+
+def test_the_parameters_that_a_refusal_names_are_taken(
+    done: Callable[..., str], refused: Callable[..., str], tmp_path: Path
+) -> None:
+    source = stored_scans(tmp_path / 'drive' / 'polar_oxford_form', np.zeros(400, np.int64))
+    assert 'radar.row_angles to equal' in refused('convert', source, tmp_path / 'bag')
+    params = tmp_path / 'equal.yaml'
+    radar = '{row_angles: equal, azimuth_offset_rad: 0.5, azimuth_direction: counterclockwise}'
+    params.write_text(f'/**:\n  ros__parameters:\n    radar: {radar}\n')
+    done('convert', source, tmp_path / 'bag', '--params', params)
+    azimuths = BagSequence(tmp_path / 'bag').scan(0).azimuths_rad
+    # Where the sensor is mounted is no part of a recording: it would be applied once more when the bag is read.
+    assert azimuths == pytest.approx(np.radians(0.9 * np.arange(400)))
+    done('convert', tmp_path / 'drive', tmp_path / 'again', '--params', params)
+
+
+def test_mended_rows_are_reported(done: Callable[..., str], tmp_path: Path) -> None:
+    counts = 7 + 14 * np.arange(400)
+    counts[100] = 5600
+    unset = stored_scans(tmp_path / 'drive' / 'polar_oxford_form', counts, 900 * 10**9 + 625_000 * np.arange(400))
+    printed = done('convert', unset, tmp_path / 'bag')
+    assert 'warning: encoder counts that contradict the others, their azimuths are interpolated: 2 scans\n' in printed
+    assert "warning: row stamps of a clock that was never set, or in no order: the scan's stamp is taken" in printed
+    assert 'problem' not in done('check', tmp_path / 'bag')
 
 
 def test_a_damaged_row_of_positions_costs_no_drive(
@@ -257,31 +299,6 @@ def test_a_damaged_row_of_positions_costs_no_drive(
     assert counts(tmp_path / 'cut') == counts(tmp_path / 'sound')
     assert 'left out' not in sound
     assert f'warning: positions: 1 position left out: damaged (line {len(whole.splitlines()) + 1}: ' in printed
-
-
-def test_row_stamps_of_a_clock_never_set_are_replaced(done: Callable[..., str], tmp_path: Path) -> None:
-    """What is written is what is read: at its range, at its azimuth, with the stamp of the scan."""
-    start_us = 1_767_225_600_000_000
-    for k in range(3):
-        power = np.random.default_rng(k).integers(1, 200, (400, 3768)).astype(np.uint8)
-        rows = np.arange(400, dtype=np.int64)
-        image = np.zeros((400, 3779), np.uint8)
-        image[:, :8] = (900_000_000 + rows * 625).astype('<i8').reshape(-1, 1).view(np.uint8)
-        image[:, 8:10] = (7 + 14 * rows).astype('<u2').reshape(-1, 1).view(np.uint8)
-        image[:, 11:] = power
-        file = tmp_path / 'drive' / 'radar' / f'{start_us + 250_000 * k}.png'
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_bytes(cv2.imencode('.png', image)[1].tobytes())
-    printed = done('convert', tmp_path / 'drive', tmp_path / 'bag', '--layout', 'oxford')
-    assert 'warning: 3 scans with row stamps that are no time' in printed
-    source, bag = open_sequence(tmp_path / 'drive', 'oxford'), BagSequence(tmp_path / 'bag')
-    for k in range(3):
-        before, after = source.scan(k), bag.scan(k)
-        np.testing.assert_array_equal(after.power, before.power)
-        np.testing.assert_allclose(after.azimuths_rad, before.azimuths_rad)
-        assert after.range_resolution_m == before.range_resolution_m
-        assert after.azimuth_stamps_ns is not None
-        assert after.azimuth_stamps_ns[0] == after.stamp_ns == (start_us + 250_000 * k) * 1000
 
 
 def test_a_bag_of_clocks_that_disagree_is_corrected_by_the_option(

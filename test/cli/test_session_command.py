@@ -25,7 +25,7 @@ def test_it_reports_what_it_needs(refused: Callable[..., str], monkeypatch: pyte
 def test_every_action_reaches_the_map_server(tmp_path: Path, domain_id: int) -> None:
     from offradar_ros.lab.live.node_processes import Stack  # noqa: PLC0415
 
-    parameters = {'map.path': tmp_path / 'map.db', 'map.start_session': False}
+    parameters = {'map.path': tmp_path / 'map.db', 'map.start_session': False, 'map.allow_destructive': True}
     with Stack(tmp_path / 'logs', domain_id, parameters, names=['map_server_node']) as nodes:
         nodes.wait_until_ready()
 
@@ -46,6 +46,22 @@ def test_every_action_reaches_the_map_server(tmp_path: Path, domain_id: int) -> 
         assert call('save')[0] == 0
         assert call('undo')[2].startswith('error: service map_server/undo_session: ')
         assert 'map.db' in call('clear')[1]
+
+
+@pytest.mark.skipif(importlib.util.find_spec('rclpy') is None, reason='rclpy is not installed')
+def test_what_takes_drives_away_is_refused_with_the_parameter_that_allows_it(tmp_path: Path, domain_id: int) -> None:
+    from offradar_ros.lab.live.node_processes import Stack  # noqa: PLC0415
+
+    with Stack(tmp_path / 'logs', domain_id, {'map.path': tmp_path / 'map.db'}, names=['map_server_node']) as nodes:
+        nodes.wait_until_ready()
+        command = [sys.executable, '-m', 'offradar_ros.cli.main', 'session', 'clear']
+        ran = subprocess.run(
+            command, env=nodes.environment, capture_output=True, text=True, timeout=WAIT_S, check=False
+        )
+    assert (ran.returncode, ran.stdout) == (1, '')
+    (line,) = [line for line in ran.stderr.splitlines() if not line.startswith('waiting for ')]
+    assert line.startswith('error: service map_server/clear: clear takes mapped drives away')
+    assert 'map.allow_destructive:=true' in line
 
 
 @pytest.mark.skipif(importlib.util.find_spec('rclpy') is None, reason='rclpy is not installed')

@@ -127,3 +127,24 @@ def test_every_embedding_is_resolved_once_in_order_and_only_between_positions(ev
             assert one.pose.x_m == pytest.approx(stamp / SECOND, abs=1e-9)
         else:
             assert one.cause == 'no_position'
+
+
+def test_the_number_of_waiting_embeddings_is_bounded_though_their_stamps_are_equal(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr('offradar_ros.mapping.pending.MAX_WAITING', 20)
+    waiting = PendingEmbeddings(CONFIG)
+    dropped = [one for _ in range(1000) for one in outcome(waiting.add_embedding(at(1.0)))]
+    assert len(waiting) == 20
+    assert dropped == [(1.0, None, 'too_many_waiting')] * 980
+    assert len(waiting.flush()) == 20
+
+
+def test_the_memory_of_waiting_embeddings_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
+    one = at(1.0)
+    monkeypatch.setattr('offradar_ros.mapping.pending.MAX_WAITING_BYTES', 5 * 2 * one.mean.nbytes)
+    waiting = PendingEmbeddings(CONFIG)
+    for forget in (waiting.flush, waiting.forget_embeddings, waiting.clear):
+        dropped = [cause for _ in range(12) for *_, cause in outcome(waiting.add_embedding(one))]
+        assert (len(waiting), dropped) == (5, ['too_many_waiting'] * 7)
+        forget()

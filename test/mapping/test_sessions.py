@@ -281,3 +281,33 @@ def test_two_names_of_one_file_are_one_map(tmp_path: Path) -> None:
         pytest.raises(MapError, match='in use by another process that writes it'),
     ):
         SessionMap(MapConfig(path=str(tmp_path / 'link.db')))
+
+
+def test_the_maps_fingerprint_with_another_dimension_is_another_model(tmp_path: Path) -> None:
+    config = MapConfig(path=str(tmp_path / 'a.map'))
+    forged = dataclasses.replace(MODEL, dimension=MODEL.dimension + 1)
+    with SessionMap(config) as session_map:
+        # An empty map takes either: whichever came first, the true one is not locked out.
+        session_map.adopt_model(forged)
+        session_map.adopt_model(MODEL)
+        drive(session_map, 'one', 0.0, 1.0)
+        for _ in range(2):
+            with pytest.raises(MapError, match=r'd = 3, not 4'):
+                session_map.adopt_model(forged)
+            session_map.end_session() if session_map.running_session_id else None
+    with SessionMap(config) as again:
+        assert (again.model, len(again)) == (MODEL, 6)
+        with pytest.raises(MapError, match=r'd = 3, not 4'):
+            again.adopt_model(forged)
+    assert MapStore.open_read_only(Path(config.path)).model == MODEL
+
+
+def test_other_metadata_of_the_same_model_is_not_written_each_time(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written: list[ModelInfo] = []
+    monkeypatch.setattr(MapStore, 'write_model', lambda _, info, **__: written.append(info))
+    with SessionMap(MapConfig(path=str(tmp_path / 'a.map'))) as session_map:
+        for number in range(20):
+            session_map.adopt_model(dataclasses.replace(MODEL, metadata={'number': str(number)}))
+    assert [info.metadata for info in written] == [{'number': '0'}]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import array
 import math
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from offradar_ros.encoders.protocol import ModelInfo
+from offradar_ros.mapping.store import MapStore
 from offradar_ros.nodes.encoder_node import EncoderNode
 from offradar_ros.nodes.map_server_node import MapServerNode
 from offradar_ros.nodes.query_node import QueryNode
@@ -79,7 +81,7 @@ def test_an_image_without_the_configured_metadata_columns_is_refused(observer: O
     node = start_node(EncoderNode, {'radar.metadata_columns': '11'})
     send = observer.publisher(Image, 'radar_data/b_scan_image', qos.SCANS)
     send(image(width=8))
-    wait_until(lambda: node.status.drops['wrong_size'] == 1)
+    wait_until(lambda: node.status.drops['no_metadata'] == 1)
 
 
 def test_repeated_and_backward_stamps_are_dropped_and_a_restart_is_not(
@@ -271,7 +273,7 @@ def test_clocks_that_disagree_are_in_the_diagnostics(mapping: Mapping) -> None:
         mapping.fix(fix(100 * SECOND + k * SECOND // 10))
         mapping.embed(embedding_message(embedding(63 * SECOND + k * SECOND // 10), 'radar'))
         wait_until(partial(handled, k + 1))
-    wait_until(lambda: 'TAI is 37 s ahead of UTC' in mapping.node.status.warning)
+    wait_until(lambda: any('TAI is 37 s ahead of UTC' in trouble.text for trouble in mapping.node.troubles()))
 
 
 def test_embeddings_of_another_model_never_reach_the_map(mapping: Mapping) -> None:
@@ -341,3 +343,62 @@ def test_no_scan_is_lost_if_the_model_arrives_after_the_first_ones(observer: Obs
     observer.publisher(DiagnosticStatus, 'embedding/model', qos.LATCHED)(model_message(MODEL))
     wait_until(lambda: len(node.stage.map) == 1)
     assert node.status.drops == {}
+
+
+def test_a_refused_model_does_not_replace_the_one_that_is_kept_for_the_next_activation(mapping: Mapping) -> None:
+    hostile = model_message(MODEL)
+    hostile.values[1].value = '1000000000000'
+    mapping.model(hostile)
+    wait_until(lambda: mapping.node.status.drops['wrong_fields'] == 1)
+    for transition in ('deactivate', 'cleanup', 'configure', 'activate'):
+        getattr(mapping.node, f'trigger_{transition}')()
+    wait_until(lambda: mapping.node.stage.map.model == MODEL)
+    # What was refused is tried again too: it may have been a full disk.
+    assert mapping.node.status.drops['wrong_fields'] == 2
+
+
+@pytest.mark.parametrize('dimension', ['9', '1000000000000'])
+def test_a_forged_dimension_leaves_the_map_as_it_was(
+    observer: Observer, start_node: StartNode, tmp_path: Path, dimension: str
+) -> None:
+    path = tmp_path / 'town.db'
+    mapping = Mapping(observer, start_node, **{'map.path': str(path)})
+    mapping.fix(fix(10 * SECOND))
+    mapping.fix(fix(11 * SECOND))
+    mapping.embed(embedding_message(embedding(10 * SECOND + 1), 'radar'))
+    wait_until(lambda: mapping.places == 1)
+    forged = model_message(MODEL)
+    forged.values[1].value = dimension
+    mapping.model(forged)
+    wait_until(lambda: mapping.node.status.drops.total() == 1)
+    assert observer.call(Trigger, 'map_server/end_session', Trigger.Request()).success
+    mapping.node.close()
+    stored = MapStore.open_read_only(path)
+    assert (stored.model, len(stored.places)) == (MODEL, 1)
+
+
+@pytest.mark.parametrize('topic', ['embedding', 'map/updates', 'map/descriptors'])
+@pytest.mark.parametrize(('name', 'value'), [('offset', 2**31 - 4), ('offset', 2**32 - 4), ('count', 2**29)])
+def test_a_cloud_with_an_overflowing_field_is_counted(
+    observer: Observer, start_node: StartNode, topic: str, name: str, value: int
+) -> None:
+    node = start_node(QueryNode)
+    profile = {'embedding': qos.RESULTS, 'map/updates': qos.UPDATES, 'map/descriptors': qos.LATCHED}[topic]
+    cloud = descriptors_message(PlaceRows(places(), MODEL.fingerprint, committed=True), 0)
+    if topic == 'embedding':
+        cloud = embedding_message(embedding(), 'radar')
+    setattr(cloud.fields[0], name, value)
+    observer.publisher(PointCloud2, topic, profile)(cloud)
+    wait_until(lambda: node.status.drops == {'wrong_fields': 1})
+
+
+@pytest.mark.parametrize('node_type', [EncoderNode, QueryNode, MapServerNode])
+def test_a_stamp_that_is_none_is_counted_once(
+    observer: Observer, start_node: StartNode, node_type: type[StageNode]
+) -> None:
+    node = start_node(node_type)
+    message: Any = image() if node_type is EncoderNode else embedding_message(embedding(), 'radar')
+    message.header.stamp.nanosec = 2**32 - 1
+    topic = 'radar_data/b_scan_image' if node_type is EncoderNode else 'embedding'
+    observer.publisher(type(message), topic, qos.SCANS)(message)
+    wait_until(lambda: node.status.drops == {'invalid_stamp': 1})

@@ -22,13 +22,13 @@ from lifecycle_msgs.srv import ChangeState, GetState
 from live_nodes import WAIT_S, Observer, StartNode, replay, wait_until
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, SetParameters
+from rclpy.parameter import Parameter as RclpyParameter
 from sensor_msgs.msg import Image, NavSatFix, PointCloud2
 from std_srvs.srv import Trigger
 
-from offradar_ros.encoders.onnx_file import read_metadata
+from offradar_ros.encoders.onnx_model import read_onnx
 from offradar_ros.encoders.pretrained import find_weights
 from offradar_ros.encoders.protocol import ModelInfo
-from offradar_ros.encoders.weights_header import WeightsHeader
 from offradar_ros.lab.live.node_processes import Stack, isolated_environment
 from offradar_ros.mapping.store import MapStore
 from offradar_ros.nodes.encoder_node import EncoderNode
@@ -108,7 +108,7 @@ def test_without_parameters_the_encoder_is_the_one_that_ships(observer: Observer
     observer.add(node)
     received = observer.collect(DiagnosticStatus, 'embedding/model', qos.LATCHED)
     model = wait_until(lambda: received)[0]
-    shipped = WeightsHeader.from_metadata(read_metadata(find_weights('compact', ('.onnx',))), 'compact.onnx')
+    shipped = read_onnx(find_weights('compact', ('.onnx',))).header
     assert (model.name, model.hardware_id) == ('variational', shipped.fingerprint)
     node.close()
 
@@ -237,7 +237,7 @@ def test_sessions_are_services(
 ) -> None:
     path = tmp_path / 'map.db'
     descriptors = observer.collect(PointCloud2, 'map/descriptors', qos.LATCHED)
-    with stack({'map.path': str(path)}) as nodes:
+    with stack({'map.path': str(path), 'map.allow_destructive': True}) as nodes:
         nodes.wait_until_ready()
         assert not trigger(observer, 'end_session').success
         assert trigger(observer, 'start_session').success
@@ -258,6 +258,23 @@ def test_sessions_are_services(
         cleared = trigger(observer, 'clear')
         assert cleared.success
         assert Path(cleared.message.rpartition(' ')[2]).exists()
+
+
+@pytest.mark.parametrize('service', ['undo_session', 'clear'])
+def test_no_caller_takes_a_drive_away_unless_a_parameter_allows_it(
+    observer: Observer, start_node: StartNode, tmp_path: Path, service: str
+) -> None:
+    server = start_node(MapServerNode, {'map.path': str(tmp_path / 'map.db')})
+    refused = trigger(observer, service)
+    assert not refused.success
+    assert f'{service} takes mapped drives away' in refused.message
+    assert 'map.allow_destructive:=true' in refused.message
+    # Whoever may call the service may set parameters too: this one only changes at start.
+    (result,) = server.set_parameters([RclpyParameter('map.allow_destructive', value=True)])
+    assert not result.successful
+    assert not trigger(observer, service).success
+    assert trigger(observer, 'end_session').success, 'the running session is still there'
+    assert not list(tmp_path.glob('*.bak'))
 
 
 def test_no_node_loads_torch(domain_id: int) -> None:
@@ -333,7 +350,8 @@ def test_a_map_too_large_for_a_message_is_read_from_its_file(
 ) -> None:
     monkeypatch.setattr(map_stage, 'MAX_MESSAGE_PLACES', 2)
     path = str(tmp_path / 'map.db')
-    start_node(MapServerNode, {'map.path': path, 'map.start_session': False, 'map.match_distance_m': 1.0})
+    parameters = {'map.path': path, 'map.start_session': False, 'map.match_distance_m': 1.0}
+    start_node(MapServerNode, parameters | {'map.allow_destructive': True})
     query = start_node(QueryNode, {'query.map_path': path})
     info = ModelInfo('ring_key', 'ab' * 32, 8, {})
     observer.publisher(DiagnosticStatus, 'embedding/model', qos.LATCHED)(model_message(info))

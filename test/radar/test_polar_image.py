@@ -172,8 +172,8 @@ def test_the_range_offset_is_passed_on() -> None:
         ({'data': b'\x01' * 19999}, 'short_data'),
         ({'data': bytes(20000)}, 'no_signal'),
         ({'config': RadarConfig()}, 'unknown_range_resolution'),
-        ({'config': RadarConfig(range_resolution_m=0.05, metadata_columns='11')}, 'wrong_size'),
-        ({'config': RadarConfig(metadata_columns='11'), 'width': 9, 'step': 50}, 'wrong_size'),
+        ({'config': RadarConfig(range_resolution_m=0.05, metadata_columns='11')}, 'no_metadata'),
+        ({'config': RadarConfig(metadata_columns='11'), 'width': 9, 'step': 50}, 'no_metadata'),
     ],
 )
 def test_invalid_images_are_refused_with_their_cause(changes: dict[str, Any], cause: str) -> None:

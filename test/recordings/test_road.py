@@ -9,11 +9,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from recorded_topics import fixes, record, scans
 from street_sequence import Repositioned, StreetSequence
 
 from offradar_ros.config import PositionConfig
 from offradar_ros.errors import DataError, RefusedInput
 from offradar_ros.geometry import GeoPoint, LocalFrame
+from offradar_ros.recordings.bags.topics import ChosenTopics
 from offradar_ros.recordings.bags.writer import write_bag
 from offradar_ros.recordings.datasets.oxford_writer import write_oxford
 from offradar_ros.recordings.road import Start, open_road, shared_frames, start_of
@@ -113,3 +115,16 @@ def test_folders_of_one_name_are_distinguished(street: Street, tmp_path: Path) -
         write_bag(street(count=3), tmp_path / folder / 'drive')
     road = open_road([tmp_path / 'monday' / 'drive', tmp_path / 'friday' / 'drive'])
     assert [drive.name for drive in road.drives] == ['monday/drive', 'friday/drive']
+
+
+def test_the_topics_that_are_chosen_are_those_of_every_bag(street: Street, tmp_path: Path) -> None:
+    paths = [tmp_path / name for name in ('a', 'b')]
+    for path in paths:
+        streams = [scans(street(count=3), '/front/scan'), scans(street(count=6), '/rear/scan')]
+        record(path, *streams, fixes(street(count=6), '/novatel/fix'), fixes(street(count=6), '/ublox/fix'))
+    with pytest.raises(DataError, match='choose one with --topic'):
+        open_road(paths)
+    with pytest.raises(DataError, match='choose one with --positions'):
+        open_road(paths, topics=ChosenTopics('/front/scan'))
+    road = open_road(paths, topics=ChosenTopics('/front/scan', '/ublox/fix'))
+    assert [len(drive) for drive in road.drives] == [3, 3]

@@ -197,3 +197,30 @@ def test_an_unreadable_file_leaves_the_map_unchanged(tmp_path: Path, searched: S
     with pytest.raises(MapError, match=r'a\.map'):
         searched.load_file(tmp_path / 'a.map')
     assert ids(searched.nearest(scan(), 2)) == [2, 1]
+
+
+def test_updates_are_bounded_though_no_query_ever_comes(searched: SearchedMap) -> None:
+    for i in range(1000):
+        searched.update(places((1000 + i % 10, (0.5, 0)), session=2), MODEL, committed=False)
+    assert len(searched._waiting_updates) == searched_map.MAX_WAITING_UPDATES
+
+
+def test_an_update_without_places_changes_nothing(searched: SearchedMap) -> None:
+    searched.update(places(), MODEL, committed=False)
+    assert ids(searched.nearest(scan(stamp=100), 1, include_running=True)) == [2]
+
+
+@pytest.mark.parametrize('committed', [True, False])
+@pytest.mark.parametrize(
+    ('column', 'value'),
+    [('positions_m', np.nan), ('positions_m', 1e300), ('uncertainties', -1.0), ('yaws_rad', np.inf)],
+)
+def test_places_that_are_nowhere_are_refused(searched: SearchedMap, committed: bool, column: str, value: float) -> None:
+    bad = places((1, (0, 0)), (9, (0, 0)))
+    getattr(bad, column)[1, ...] = value
+    with pytest.raises(RefusedInput, match='place 9 has') as refused:
+        searched.update(bad, MODEL, committed=committed)
+    assert refused.value.cause == 'invalid_place'
+    with pytest.raises(RefusedInput, match='place 9 has'):
+        searched.load(bad, MODEL)
+    assert ids(searched.nearest(scan(stamp=100), 3, include_running=True)) == [2, 1, 3]

@@ -70,3 +70,39 @@ def test_another_service_of_that_name_counts_for_nothing(make: Callable[[str], N
     wait_until(lambda: connections.count('some') or len(requests) > 2)
     assert connections.count('some') == 0
     assert not connections.is_complete('some')
+
+
+@pytest.mark.parametrize(
+    'answer',
+    [
+        '',
+        'no',
+        '[' * 50_000,
+        '{"/some": Infinity}',
+        '{"/some": 1e999}',
+        '{"/some": "1"}',
+        '{"/some": -1}',
+        '[1]',
+        'null',
+    ],
+)
+def test_the_service_of_another_package_may_answer_anything(make: Callable[[str], Node], answer: str) -> None:
+    source, watcher = make('source'), make('watcher')
+    source.create_publisher(Header, 'some', qos.RESULTS)
+    calls: list[str] = []
+
+    def serve(_request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        calls.append(answer)
+        response.message = answer
+        return response
+
+    source.create_service(Trigger, f'~/{SERVICE}', serve)
+    connections = Connections(watcher)
+    counts: list[int] = []
+
+    def asked_again() -> bool:
+        counts.append(connections.count('some'))
+        return len(calls) > 2
+
+    wait_until(asked_again)
+    assert set(counts) == {0}

@@ -6,14 +6,12 @@ import runpy
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 
 import pytest
 import setuptools
+from launch_stand_in import of_kind
 
 from offradar_ros.lab.live.node_processes import isolated_environment
 from offradar_ros.ros import dds_profile
@@ -89,44 +87,8 @@ def test_it_is_installed(monkeypatch: pytest.MonkeyPatch) -> None:
     assert 'params/offradar.yaml' in installed['share/offradar_ros/params']
 
 
-class Recorded:
-    """Stands for every class of `launch`, which need not be installed: it keeps its arguments."""
-
-    def __init__(self, *arguments: Any, **options: Any) -> None:
-        self.arguments, self.options = arguments, options
-
-
-@contextmanager
-def without_launch() -> Iterator[None]:
-    made = {
-        'launch': ('LaunchDescription',),
-        'launch.actions': ('DeclareLaunchArgument',),
-        'launch.substitutions': ('LaunchConfiguration', 'PathJoinSubstitution'),
-        'launch_ros': (),
-        'launch_ros.actions': ('Node',),
-        'launch_ros.parameter_descriptions': ('ParameterValue',),
-        'launch_ros.substitutions': ('FindPackageShare',),
-    }
-    with pytest.MonkeyPatch.context() as patch:
-        for name, classes in made.items():
-            module = ModuleType(name)
-            for each in classes:
-                setattr(module, each, type(each, (Recorded,), {}))
-            patch.setitem(sys.modules, name, module)
-        yield
-
-
-def launched() -> list[Any]:
-    with without_launch():
-        launch_file = runpy.run_path(str(PROJECT / 'launch' / 'offradar.launch.py'))
-        (actions,) = launch_file['generate_launch_description']().arguments
-    return list(actions)
-
-
 def test_the_launch_file_gives_it_to_its_nodes_alone() -> None:
-    actions = launched()
-    assert {type(action).__name__ for action in actions} == {'DeclareLaunchArgument', 'Node'}
-    nodes = [action for action in actions if type(action).__name__ == 'Node']
+    nodes = of_kind('Node')
     assert len(nodes) == 3
     for node in nodes:
         ((name, value),) = node.options['additional_env'].items()
@@ -138,7 +100,7 @@ def test_the_launch_file_keeps_a_users_profile(monkeypatch: pytest.MonkeyPatch, 
     monkeypatch.delenv(VARIABLE, raising=False)
     if named is not None:
         monkeypatch.setenv(VARIABLE, named)
-    (declared,) = (action for action in launched() if action.arguments[:1] == ('dds_profile',))
+    (declared,) = (action for action in of_kind('DeclareLaunchArgument') if action.arguments[:1] == ('dds_profile',))
     default = declared.options['default_value']
     if named:
         assert default == named

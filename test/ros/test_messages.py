@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import array
+import dataclasses
+import json
 import math
 from types import SimpleNamespace
 from typing import Any
@@ -17,7 +20,13 @@ from sensor_msgs.msg import PointCloud2, PointField
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.errors import RefusedInput
 from offradar_ros.ros.clouds import from_cloud
-from offradar_ros.ros.embedding_message import embedding_message, embedding_record, model_message, model_record
+from offradar_ros.ros.embedding_message import (
+    POINT,
+    embedding_message,
+    embedding_record,
+    model_message,
+    model_record,
+)
 from offradar_ros.ros.localisation_message import (
     localisation_message,
     localisation_pose_message,
@@ -31,6 +40,7 @@ from offradar_ros.ros.outcome_message import (
     rejection_record,
 )
 from offradar_ros.ros.place_message import (
+    VIEW,
     PlaceRows,
     descriptors_message,
     descriptors_record,
@@ -129,7 +139,7 @@ def test_places_are_unchanged_to_the_last_bit(count: int, dimension: int, commit
 
 def test_the_map_view_shows_uncertainty_as_intensity() -> None:
     places = table(5, 4)
-    points = from_cloud(transmitted(map_message(places, STAMP_NS)), ['x', 'y', 'z', 'intensity'], 'map')
+    points = from_cloud(transmitted(map_message(places, STAMP_NS)), VIEW, 'map')
     np.testing.assert_array_equal(points['intensity'], places.uncertainties)
     np.testing.assert_allclose(points['x'], places.positions_m[:, 0], rtol=1e-6)
 
@@ -215,10 +225,11 @@ def test_a_cloud_of_another_size_than_stated_is_refused(damage: dict[str, Any]) 
     mean = np.ones(4, np.float32)
     message = embedding_message(Embedding(STAMP_NS, mean, mean, MODEL), 'radar')
     fields = {
-        name: getattr(message, name) for name in ('fields', 'width', 'height', 'point_step', 'data', 'is_bigendian')
+        name: getattr(message, name)
+        for name in ('fields', 'width', 'height', 'point_step', 'row_step', 'data', 'is_bigendian')
     }
     with pytest.raises(RefusedInput):
-        from_cloud(SimpleNamespace(**(fields | damage)), ['mean'], 'embedding')
+        from_cloud(SimpleNamespace(**(fields | damage)), POINT, 'embedding')
 
 
 @settings(max_examples=50, deadline=None)
@@ -259,3 +270,142 @@ def test_a_localisation_is_ok_for_a_person_only_on_the_map() -> None:
 def test_a_message_of_another_kind_is_no_localisation() -> None:
     with pytest.raises(RefusedInput, match='localisation: expected state'):
         localisation_record(DiagnosticArray(), 'localisation')
+
+
+def a_model(**changes: str) -> DiagnosticStatus:
+    message = model_message(ModelInfo('ring_key', MODEL, 128, {'rings': '128'}))
+    for item in message.values:
+        item.value = changes.get(item.key, item.value)
+    return message
+
+
+@pytest.mark.parametrize(
+    ('changes', 'cause'),
+    [
+        ({'dimension': '1000000000000'}, 'wrong_fields'),
+        ({'dimension': '65537'}, 'invalid_model'),
+        ({'dimension': '0'}, 'invalid_model'),
+        ({'dimension': '-1'}, 'wrong_fields'),
+        ({'dimension': '1_2'}, 'wrong_fields'),
+        ({'dimension': '٣'}, 'wrong_fields'),
+        ({'dimension': '9' * 10_000}, 'wrong_fields'),
+        ({'fingerprint': 'ab' * 31}, 'invalid_model'),
+        ({'fingerprint': 'AB' * 32}, 'invalid_model'),
+        ({'fingerprint': 'zz' * 32}, 'invalid_model'),
+        ({'metadata': '{"a": "\\ud800"}'}, 'invalid_model'),
+        ({'metadata': '{"a": 1}'}, 'invalid_model'),
+        ({'metadata': '{"a": "%s"}' % ('x' * 70_000)}, 'invalid_model'),
+        ({'metadata': '[]'}, 'wrong_fields'),
+        ({'metadata': '[' * 200_000}, 'wrong_fields'),
+        ({'metadata': '{"a": ' * 1000 + '1' + '}' * 1000}, 'wrong_fields'),
+        ({'metadata': '{"a": "%s"}' % ('x' * 2**21)}, 'wrong_fields'),
+    ],
+)
+def test_a_model_is_checked_before_anything_is_made_of_it(changes: dict[str, str], cause: str) -> None:
+    with pytest.raises(RefusedInput, match='embedding/model: ') as refusal:
+        model_record(a_model(**changes), 'embedding/model')
+    assert refusal.value.cause == cause
+
+
+def test_a_model_of_very_many_values_or_with_a_long_name_is_refused() -> None:
+    message = a_model()
+    message.values = [*message.values, *message.values * 100]
+    with pytest.raises(RefusedInput, match='expected fingerprint'):
+        model_record(message, 'embedding/model')
+    message = a_model()
+    message.name = 'x' * 10**6
+    with pytest.raises(RefusedInput, match='printable name') as refusal:
+        model_record(message, 'embedding/model')
+    assert len(str(refusal.value)) < 200
+
+
+@pytest.mark.parametrize(('seconds', 'nanoseconds'), [(-1, 0), (-(2**31), 5), (1, 10**9), (0, 2**32 - 1)])
+def test_a_stamp_that_is_none_is_refused_in_every_kind_of_message(seconds: int, nanoseconds: int) -> None:
+    rejection = rejection_message(Rejection(1, Reason.MAP_EMPTY, 1.0, 1.5, (), ''))
+    covariance = np.eye(2)
+    found = Localisation(1, LocalisationState.LOST, 0.0, None, 0.0, np.zeros(2), covariance)
+    read: list[tuple[Any, Any]] = [
+        (
+            embedding_message(Embedding(1, np.ones(2, np.float32), np.ones(2, np.float32), MODEL), 'radar'),
+            embedding_record,
+        ),
+        (match_message(Match(1, 0.5, 1.1, CANDIDATES)), match_record),
+        (rejection, rejection_record),
+        (localisation_message(found), localisation_record),
+    ]
+    for message, record in read:
+        message.header.stamp.sec, message.header.stamp.nanosec = seconds, nanoseconds
+        with pytest.raises(RefusedInput, match='header stamp') as refusal:
+            record(transmitted(message), 'topic')
+        assert refusal.value.cause == 'invalid_stamp'
+
+
+@pytest.mark.parametrize('column', ['stamp_nanosec', 'session_id'])
+def test_a_place_that_a_table_cannot_hold_is_refused(column: str) -> None:
+    message = descriptors_message(PlaceRows(table(3, 4), MODEL, committed=True), STAMP_NS)
+    offset = next(field.offset for field in message.fields if field.name == column)
+    at = message.point_step + offset
+    message.data[at : at + 4] = array.array('B', b'\xff\xff\xff\xff')
+    with pytest.raises(RefusedInput, match='no valid stamp or session id') as refusal:
+        descriptors_record(message, 'map/updates')
+    assert refusal.value.cause == 'invalid_place'
+
+
+@pytest.mark.parametrize(
+    'candidates',
+    [
+        '[' * 200_000,
+        '5',
+        '{}',
+        '[5]',
+        '[[]]',
+        '[{}]',
+        json.dumps([{}] * 1001),
+        *(
+            json.dumps(
+                [{'place_id': 1, 'distance': 1.0, 'uncertainty': 1.0, 'x': 1, 'y': 1, 'z': 1, 'yaw': None} | wrong]
+            )
+            for wrong in (
+                {'place_id': -1},
+                {'place_id': 1.5},
+                {'place_id': 2**32},
+                {'x': 'far'},
+                {'x': True},
+                {'x': math.nan},
+                {'y': math.inf},
+                {'z': 10**400},
+                {'distance': None},
+                {'uncertainty': [1.0]},
+                {'yaw': math.inf},
+            )
+        ),
+    ],
+)
+def test_candidates_that_are_none_are_refused(candidates: str) -> None:
+    message = rejection_message(Rejection(STAMP_NS, Reason.UNCERTAIN, 2.0, 1.5, CANDIDATES, ''))
+    message.status[0].values[-1].value = candidates
+    with pytest.raises(RefusedInput, match='rejections: expected reason') as refusal:
+        rejection_record(message, 'rejections')
+    assert refusal.value.cause == 'wrong_fields'
+
+
+@pytest.mark.parametrize('changes', [{'x_m': math.inf}, {'z_m': math.nan}, {'yaw_rad': -math.inf}])
+def test_a_match_with_a_place_that_is_nowhere_is_refused(changes: dict[str, float]) -> None:
+    place = Candidate(7, 0.5, 0.25, dataclasses.replace(Pose(1.0, 2.0, 3.0, 0.5), **changes))
+    with pytest.raises(RefusedInput, match='not finite') as refusal:
+        match_record(match_message(Match(STAMP_NS, 0.5, 1.1, (place,))), 'matches')
+    assert refusal.value.cause == 'invalid_place'
+
+
+@pytest.mark.parametrize('count', [0, 1001])
+def test_a_match_has_as_many_places_as_one_can_ask_for(count: int) -> None:
+    message = match_message(Match(STAMP_NS, 0.5, 1.1, CANDIDATES[:1] * count))
+    with pytest.raises(RefusedInput, match=f'{count} places') as refusal:
+        match_record(message, 'matches')
+    assert refusal.value.cause == 'wrong_size'
+
+
+def test_a_frame_of_endless_length_is_not_repeated() -> None:
+    mean = np.ones(2, np.float32)
+    message = embedding_message(Embedding(STAMP_NS, mean, mean, MODEL), 'x' * 10**6)
+    assert message.header.frame_id == 'x' * 256

@@ -13,6 +13,8 @@ from offradar_ros.config import RadarConfig
 from offradar_ros.errors import RefusedInput
 from offradar_ros.ros import navtech
 
+FIRST_NS = 11_750_000_000
+
 
 def configuration(**changes: Any) -> SimpleNamespace:
     fields = {
@@ -33,7 +35,9 @@ def b_scan(rows: int = 400, encoders: list[int] | None = None) -> SimpleNamespac
         height=rows, width=100, step=100, encoding='8UC1', data=power.tobytes(),
     )  # fmt: skip
     angles = [(7 + 14 * row) % 5600 for row in range(rows)] if encoders is None else encoders
-    return SimpleNamespace(b_scan_img=image, encoder_values=angles, timestamps=list(range(rows)))
+    return SimpleNamespace(
+        b_scan_img=image, encoder_values=angles, timestamps=[FIRST_NS + 625_000 * row for row in range(rows)]
+    )
 
 
 def test_bin_size_is_in_tenths_of_a_millimetre() -> None:
@@ -58,7 +62,7 @@ def test_rows_lie_at_their_encoder_angles() -> None:
     np.testing.assert_allclose(scan.azimuths_rad, (7 + 14 * np.arange(400)) / 5600 * 2 * np.pi)
     assert scan.stamp_ns == 12_000_000_034
     assert scan.range_resolution_m == pytest.approx(0.0438)
-    np.testing.assert_array_equal(scan.azimuth_stamps_ns, np.arange(400))
+    np.testing.assert_array_equal(scan.azimuth_stamps_ns, FIRST_NS + 625_000 * np.arange(400))
 
 
 def test_rows_turn_in_the_configured_direction() -> None:
@@ -82,3 +86,28 @@ def test_the_package_is_found_when_installed(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setitem(sys.modules, 'navtech_msgs', ModuleType('navtech_msgs'))
     monkeypatch.setitem(sys.modules, 'navtech_msgs.msg', messages)
     assert navtech.message_types() == (int, float)
+
+
+@pytest.mark.parametrize(
+    ('name', 'value'),
+    [
+        ('range_offset', float('nan')),
+        ('range_offset', float('-inf')),
+        ('range_offset', 1e30),
+        ('range_gain', float('nan')),
+        ('bin_size', float('inf')),
+        ('azimuth_samples', 65535),
+        ('encoder_size', 1),
+    ],
+)
+def test_settings_that_would_spoil_every_later_scan_are_refused(name: str, value: float) -> None:
+    with pytest.raises(RefusedInput, match='radar configuration') as refused:
+        navtech.configured(RadarConfig(), configuration(**{name: value}))
+    assert refused.value.cause == 'wrong_configuration'
+
+
+def test_row_stamps_beyond_63_bits_are_left_out() -> None:
+    config = navtech.configured(RadarConfig(), configuration())
+    message = b_scan()
+    message.timestamps = [2**64 - 1] * 400
+    assert navtech.scan_from_b_scan(message, config).azimuth_stamps_ns is None

@@ -100,15 +100,17 @@ def test_an_exception_concerns_one_item(
     assert 'ValueError: damaged' in capfd.readouterr().err
 
 
-def returns_when_finished(slow: Slow, call: Callable[[], None]) -> None:
-    """Check that the call waits for the item that `slow` handles."""
-    calling = threading.Thread(target=call)
+def returns_when_finished(slow: Slow, call: Callable[[], list[Any]]) -> list[Any]:
+    """Check that the call waits for the item that `slow` handles; returns what it returned."""
+    returned: list[Any] = []
+    calling = threading.Thread(target=lambda: returned.extend(call()))
     calling.start()
     time.sleep(0.05)
     assert calling.is_alive()
     slow.finish()
     calling.join(WAIT_S)
     assert not calling.is_alive()
+    return returned
 
 
 def test_stop_waits_for_the_item_in_progress_and_forgets_the_rest(make: Callable[..., NewestWorker[int]]) -> None:
@@ -117,9 +119,12 @@ def test_stop_waits_for_the_item_in_progress_and_forgets_the_rest(make: Callable
     worker.put(0)
     slow.wait_until_busy()
     worker.put(1)
-    returns_when_finished(slow, worker.stop)
-    worker.put(2)
-    worker.stop()
+    assert worker.unfinished == 2
+    assert worker.busy_s > 0.0
+    assert returns_when_finished(slow, worker.stop) == [1]
+    assert not worker.put(2)
+    assert worker.stop() == []
+    assert (worker.unfinished, worker.busy_s) == (0, 0.0)
     assert slow.begun == slow.done == [0]
     assert overtaken == []
 
@@ -130,9 +135,9 @@ def test_forget_waits_for_the_item_in_progress_and_the_worker_continues(make: Ca
     worker.put(0)
     slow.wait_until_busy()
     worker.put(1)
-    returns_when_finished(slow, worker.forget)
+    assert returns_when_finished(slow, worker.forget) == [1]
     assert slow.done == [0]
-    worker.put(2)
+    assert worker.put(2)
     slow.wait_until_busy()
     slow.finish()
     worker.forget()

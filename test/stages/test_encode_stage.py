@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -68,9 +69,71 @@ def test_every_scan_except_a_repeated_one_has_one_answer(sent: Sent) -> None:
         newest = tenths
 
 
-def test_other_exceptions_pass_through() -> None:
+def answer_of(encoder: StubEncoder, level: int = 9) -> tuple[int, str]:
+    """Width of the embedding, and the cause of the problem; the next scan is encoded all the same."""
+    stage = EncodeStage(encoder, 1.0)
+    encoded = stage.encode(1, lambda: scan_of(1, level))
+    assert encoded.embedding is not None
+    assert (encoded.embedding.stamp_ns, encoded.embedding.model) == (1, MODEL.fingerprint)
+    stage.encoder = StubEncoder()
+    following = stage.encode(2, lambda: scan_of(2)).embedding
+    assert following is not None
+    assert len(following.mean) == 2
+    return len(encoded.embedding.mean), encoded.problem.cause if encoded.problem else ''
+
+
+def test_a_defect_of_a_decoder_is_answered_as_invalid() -> None:
     def decode() -> PolarScan:
         raise ZeroDivisionError
 
-    with pytest.raises(ZeroDivisionError):
-        EncodeStage(StubEncoder(), 1.0).encode(1, decode)
+    encoded = EncodeStage(StubEncoder(), 1.0).encode(1, decode)
+    assert encoded.embedding is not None
+    assert len(encoded.embedding.mean) == 0
+    assert encoded.problem is not None
+    assert encoded.problem.cause == 'internal_error'
+    assert 'ZeroDivisionError' in str(encoded.problem)
+
+
+@pytest.mark.parametrize('error', [RuntimeError('out of\nmemory'), MemoryError(), ValueError('shape'), SystemExit(3)])
+def test_a_scan_that_the_encoder_fails_at_is_answered_as_invalid(error: BaseException) -> None:
+    class Failing(StubEncoder):
+        def encode(self, scan: PolarScan) -> Embedding:
+            raise error
+
+    assert answer_of(Failing()) == (0, 'encoder_failed')
+    problem = EncodeStage(Failing(), 1.0).encode(1, lambda: scan_of(1)).problem
+    assert str(problem).startswith(f'stub failed: {type(error).__name__}')
+    assert '\n' not in str(problem)
+
+
+def test_what_no_embedding_can_be_is_answered_as_invalid() -> None:
+    class Returning(StubEncoder):
+        def __init__(self, returned: object) -> None:
+            self.returned = returned
+
+        def encode(self, scan: PolarScan) -> Embedding:
+            return self.returned  # type: ignore[return-value]
+
+    def embedding(mean: list[float], variance: list[float], stamp: int = 1, model: str = 'ab' * 32) -> Embedding:
+        return Embedding(stamp, np.array(mean, np.float32), np.array(variance, np.float32), model)
+
+    assert answer_of(Returning(embedding([1.0, 2.0], [1.0, 0.0]))) == (2, '')
+    for returned in (
+        embedding([1.0, math.nan], [1.0, 1.0]),
+        embedding([1.0, math.inf], [1.0, 1.0]),
+        embedding([1.0, 2.0], [1.0, math.nan]),
+        embedding([1.0, 2.0], [1.0, -1.0]),
+        embedding([1.0, 2.0, 3.0], [1.0, 1.0, 1.0]),
+        embedding([1.0, 2.0], [1.0]),
+        embedding([], []),
+        embedding([1.0, 2.0], [1.0, 1.0], stamp=2),
+        embedding([1.0, 2.0], [1.0, 1.0], model='cd' * 32),
+        Embedding(1, np.ones((2, 1), np.float32), np.ones((2, 1), np.float32), MODEL.fingerprint),
+        None,
+    ):
+        assert answer_of(Returning(returned)) == (0, 'invalid_output')
+
+
+def test_the_faults_of_a_scan_s_rows_are_passed_on() -> None:
+    scan = dataclasses.replace(scan_of(1), row_faults={'saturated': 3})
+    assert EncodeStage(StubEncoder(), 1.0).encode(1, lambda: scan).row_faults == {'saturated': 3}

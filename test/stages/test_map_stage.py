@@ -566,3 +566,42 @@ def test_positions_that_are_none_never_reach_the_map(stage: MapStage) -> None:
     with pytest.raises(RefusedInput) as refused:
         stage.add_pose(-SECOND, Pose(0.0, 0.0))
     assert refused.value.cause == 'invalid_stamp'
+
+
+def test_an_embedding_that_is_never_merged_does_not_wait(stage: MapStage) -> None:
+    stage.add_pose(*at(1.0))
+    hostile = [
+        embedding(1e9, model='cd' * 32),
+        embedding(1e9, dimension=3),
+        dataclasses.replace(embedding(1e9), mean=np.full(2, np.nan, np.float32)),
+        dataclasses.replace(embedding(1e9), mean=np.full(2, 1e36, np.float32)),
+        embedding(-1.0),
+        embedding(2.0**31),
+    ]
+    causes = [cause for bad in hostile for _, cause in brief(stage.add_embedding(bad))]
+    assert causes == ['wrong_model', *['invalid_embedding'] * 5]
+    # Their stamps do not make a sound scan one of an earlier recording.
+    assert brief(stage.add_embedding(embedding(1.25))) == []
+    assert brief(stage.add_embedding(embedding(1e9, model='cd' * 32))) == [(1e9, 'wrong_model')]
+    assert brief(stage.add_pose(*at(1.5))) == [(1.25, 12.5)]
+
+
+def test_scans_of_one_stamp_do_not_fill_the_memory(stage: MapStage, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('offradar_ros.mapping.pending.MAX_WAITING', 10)
+    refused = [one for _ in range(50) for one in brief(stage.add_embedding(embedding(1.25)))]
+    assert refused == [(1.25, 'too_many_waiting')] * 40
+
+
+def test_a_model_of_another_dimension_is_refused_as_another_model(stage: MapStage) -> None:
+    stage.add_pose(*at(1.0))
+    stage.add_embedding(embedding(1.0))
+    with pytest.raises(RefusedInput, match='d = 2, not 3') as refused:
+        stage.adopt_model(dataclasses.replace(MODEL, dimension=3))
+    assert refused.value.cause == 'wrong_model'
+
+
+@pytest.mark.parametrize('altitude_m', [1e308, -1e308, 1e6])
+def test_an_altitude_that_is_none_never_becomes_that_of_the_origin(altitude_m: float) -> None:
+    with pytest.raises(RefusedInput, match='not on the Earth') as refused:
+        GeoPoint(51.75, -1.25, altitude_m)
+    assert refused.value.cause == 'invalid_position'

@@ -10,7 +10,9 @@ import pytest
 from offradar_ros.config import MapConfig, QueryConfig
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.errors import MapError, RefusedInput
+from offradar_ros.mapping.place_check import MAX_MEAN_VALUE
 from offradar_ros.mapping.sessions import SessionMap
+from offradar_ros.retrieval.confidence import shipped_confidences
 from offradar_ros.stages.query import QueryStage
 from offradar_ros.types import Embedding, Match, Place, PlaceTable, Pose
 
@@ -90,3 +92,47 @@ def test_a_map_too_large_for_a_message_needs_a_file(tmp_path: Path) -> None:
     stage = QueryStage(QueryConfig(map_path=str(tmp_path / 'a.map')))
     stage.read_file()
     assert isinstance(stage.query(scan()), Match)
+
+
+def test_a_map_that_cannot_be_localised_in_is_told_of_once_and_queries_go_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    model = next(iter(shipped_confidences()))
+    monkeypatch.setattr('offradar_ros.belief.place_graph.MAX_PAIRS', 2)
+    stage = QueryStage(QueryConfig())
+    stage.load(table((0, 0), (1, 1), (2, 2)), model)
+    stage.query(dataclasses.replace(scan(), model=model))
+    assert stage.not_localised == ''
+    with pytest.raises(RefusedInput, match='3 pairs of places'):
+        stage.localise()
+    for stamp_ns in (6, 7):
+        answer = stage.query(dataclasses.replace(scan(), model=model, stamp_ns=stamp_ns))
+        assert answer.candidates
+        assert stage.localise() is None
+    assert '3 pairs of places' in stage.not_localised
+    assert stage.relocalise().detail == stage.not_localised
+    stage.load(table((0, 0), (1, 1)), model)
+    stage.query(dataclasses.replace(scan(), model=model, stamp_ns=8))
+    assert stage.localise() is not None
+
+
+def test_the_service_says_so_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('offradar_ros.belief.place_graph.MAX_PAIRS', 2)
+    stage = QueryStage(QueryConfig())
+    stage.load(table((0, 0), (1, 1), (2, 2)), next(iter(shipped_confidences())))
+    assert '3 pairs of places' in stage.relocalise().detail
+
+
+@pytest.mark.parametrize('variance', [0.0, 1e-38, 3e38])
+@pytest.mark.parametrize('value', [MAX_MEAN_VALUE, -MAX_MEAN_VALUE, 1e-38])
+@pytest.mark.filterwarnings('error')
+def test_an_extreme_embedding_is_answered_and_does_not_spoil_the_belief(value: float, variance: float) -> None:
+    model = next(iter(shipped_confidences()))
+    stage = QueryStage(QueryConfig())
+    stage.load(table((0, 0), (1, 1), (-value, value)), model)
+    extreme = Embedding(5, np.full(2, value, np.float32), np.full(2, variance, np.float32), model)
+    answer = stage.query(extreme)
+    assert 0.0 <= answer.p_right <= 1.0 and answer.candidates
+    assert stage.localise() is not None
+    sound = stage.query(dataclasses.replace(scan(), stamp_ns=6, model=model))
+    assert (0.0 <= sound.p_right <= 1.0, sound.candidates[0].distance) == (True, 0.0)
+    found = stage.localise()
+    assert found is not None and 0.0 <= found.p_on_map <= 1.0 and np.isfinite(found.position_m).all()

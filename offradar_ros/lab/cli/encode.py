@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from offradar_ros.cli.bag_topics import Positions, Topic
 from offradar_ros.cli.interrupt import resumable
 from offradar_ros.cli.progress import progress_bar
 from offradar_ros.config import load_config
@@ -25,6 +26,7 @@ from offradar_ros.lab.cli.evaluation_options import (
 )
 from offradar_ros.lab.evaluation.evaluate import Options, encode_drives
 from offradar_ros.lab.evaluation.recorded_drives import RecordedSource
+from offradar_ros.recordings.bags.topics import ChosenTopics
 
 
 def encode(
@@ -37,6 +39,8 @@ def encode(
     maps: Maps = None,
     queries: Queries = None,
     exclusion_s: ExclusionS = None,
+    topic: Topic = '',
+    positions: Positions = '',
     params: Params = None,
     streets: Streets = None,
     processes: Processes = 0,
@@ -51,7 +55,7 @@ def encode(
         bar=progress_bar,
         note=print_note,
         streets=streets,
-        recorded=RecordedSource(data, config.radar, config.position),
+        recorded=RecordedSource(data, config.radar, config.position, ChosenTopics(topic, positions)),
         encoder=config.encoder,
         processes=processes,
         threads=threads,

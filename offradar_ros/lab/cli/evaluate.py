@@ -9,6 +9,7 @@ from typing import Annotated, Optional
 import typer
 from rich.console import Console
 
+from offradar_ros.cli.bag_topics import Positions, Topic
 from offradar_ros.cli.install_hints import pip_hint
 from offradar_ros.cli.interrupt import resumable
 from offradar_ros.cli.progress import progress_bar
@@ -37,6 +38,7 @@ from offradar_ros.lab.evaluation.recorded_uncertainty import RecordedScans
 from offradar_ros.lab.evaluation.results.file import RESULTS_FILE
 from offradar_ros.lab.evaluation.table import tables
 from offradar_ros.lab.evaluation.thresholds import NOT_DEPLOYED, Deployed
+from offradar_ros.recordings.bags.topics import ChosenTopics
 from offradar_ros.retrieval.thresholds import threshold_at
 
 THRESHOLD = frozenset({'query.delta', 'query.levels', 'query.level'})
@@ -53,6 +55,8 @@ def evaluate(
     queries: Queries = None,
     exclusion_s: ExclusionS = None,
     leave_out_m: LeaveOutM = None,
+    topic: Topic = '',
+    positions: Positions = '',
     params: Params = None,
     streets: Streets = None,
     clean_scans: Annotated[
@@ -88,7 +92,7 @@ def evaluate(
         note=print_note,
         streets=streets,
         recorded_scans=_recorded_scans(clean_scans, compared_scans or [], config.radar),
-        recorded=RecordedSource(data, config.radar, config.position),
+        recorded=RecordedSource(data, config.radar, config.position, ChosenTopics(topic, positions)),
         encoder=config.encoder,
         deployed=Deployed(threshold_at(config.query), config.query.model) if in_use else NOT_DEPLOYED,
         query=config.query,

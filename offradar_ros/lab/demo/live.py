@@ -21,10 +21,12 @@ from offradar_ros.lab.demo.drives import DemoDrive, ProgressBars
 from offradar_ros.lab.live.node_processes import Stack
 from offradar_ros.lab.live.spin_thread import SpinThread
 from offradar_ros.mapping.store import MapStore
-from offradar_ros.recordings.bags.reader import Bag, scan_topic
+from offradar_ros.recordings.bags.reader import Bag
+from offradar_ros.recordings.bags.scan_topic import scan_topic
 from offradar_ros.ros import qos
 from offradar_ros.ros.answer_log import REPLIES
 from offradar_ros.ros.connections import Connections
+from offradar_ros.ros.initialise import initialise
 from offradar_ros.ros.localisation_message import localisation_record
 from offradar_ros.ros.outcome_message import match_record, rejection_record
 from offradar_ros.types import Localisation, Outcome, PlaceTable
@@ -132,7 +134,7 @@ class _Listener:
 @contextmanager
 def _listening(domain_id: int) -> Iterator[_Listener]:
     context = Context()
-    rclpy.init(context=context, domain_id=domain_id)
+    initialise([], context=context, domain_id=domain_id)
     listener = _Listener(context)
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(listener.node)

@@ -13,6 +13,7 @@ from offradar_ros.config import PositionConfig, RadarConfig
 from offradar_ros.lab.drives.drive import Drive
 from offradar_ros.lab.drives.recorded import drive_of_scans, part_of_split, recorded_drive
 from offradar_ros.lab.evaluation.protocol import VALIDATION, Group, Protocol, Recorded
+from offradar_ros.recordings.bags.topics import ChosenTopics
 from offradar_ros.recordings.datasets.splits import read_split
 from offradar_ros.recordings.road import open_road
 from offradar_ros.recordings.source import open_source
@@ -32,11 +33,15 @@ class Recordings(NamedTuple):
 
 @dataclasses.dataclass(frozen=True)
 class RecordedSource:
-    """Where recorded drives are and how they are read; `root` is the folder of those that a protocol names."""
+    """Where recorded drives are and how they are read.
+
+    `root` is the folder of those that a protocol names; `topics` are chosen of each bag.
+    """
 
     root: Path | None = None
     radar: RadarConfig = dataclasses.field(default_factory=RadarConfig)
     position: PositionConfig = dataclasses.field(default_factory=PositionConfig)
+    topics: ChosenTopics = dataclasses.field(default_factory=ChosenTopics)
 
     def path(self, name: str) -> Path:
         """Path of a folder that a protocol names."""
@@ -96,7 +101,7 @@ def _opened(
 ) -> Iterator[Drive]:
     split = read_split(road.split) if road.split else None
     paths = [source.path(part.name) for part in parts]
-    opened = open_road(paths, radar=source.radar, position=source.position, name=road.name)
+    opened = open_road(paths, radar=source.radar, position=source.position, name=road.name, topics=source.topics)
     notes += opened.notes
     for index, (part, whole) in enumerate(zip(parts, opened.drives, strict=True)):
         tested = part_of_split(whole, split, tested=True) if split else whole
@@ -109,7 +114,7 @@ def _opened(
 
 def _validation(name: str, protocol: Protocol, source: RecordedSource) -> Drive:
     """Scans at equal steps of a recording, without their positions, which validation does not use."""
-    sequence = open_source(source.path(name), radar=source.radar)
+    sequence = open_source(source.path(name), radar=source.radar, topics=source.topics)
     rows = np.unique(np.linspace(0, len(sequence) - 1, protocol.validation.scans).round().astype(np.intp))
     drive = drive_of_scans(sequence, rows, f'{name}_1', name)
     return dataclasses.replace(drive, group=VALIDATION, mapped=False, queried=False)

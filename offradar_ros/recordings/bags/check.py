@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -9,19 +10,23 @@ from typing import NamedTuple
 import numpy as np
 
 from offradar_ros.config import PositionConfig, RadarConfig
-from offradar_ros.errors import RefusedInput
-from offradar_ros.messages import scan_from_image, stamp_ns
+from offradar_ros.errors import DataError, RefusedInput
+from offradar_ros.messages import stamp_ns
 from offradar_ros.positions.clocks import clock_problem
+from offradar_ros.recordings.bags.position_topic import position_topic
 from offradar_ros.recordings.bags.positions import arrival_offset_s, arrivals, position_topics, trajectory_of
-from offradar_ros.recordings.bags.reader import Bag, scan_topic
-from offradar_ros.recordings.bags.topics import FIX_TYPE
+from offradar_ros.recordings.bags.reader import Bag
+from offradar_ros.recordings.bags.scan_topic import DECODERS, scan_topic
+from offradar_ros.recordings.bags.topics import FIX_TYPE, ChosenTopics
 from offradar_ros.recordings.datasets.check.clocks import ScanClock
 from offradar_ros.recordings.datasets.check.coverage import coverage
 from offradar_ros.recordings.datasets.check.findings import Finding, Findings, counted, note, ok, problem
+from offradar_ros.recordings.datasets.check.scans import ROW_FAULTS
 from offradar_ros.recordings.datasets.check.sizes import Sizes
 from offradar_ros.recordings.datasets.check.stamps import check_stamps
 from offradar_ros.recordings.left_out import left_out_text
 from offradar_ros.recordings.replayed_positions import count_positioned
+from offradar_ros.recordings.row_tally import MENDED
 
 
 class _Scans(NamedTuple):
@@ -32,40 +37,65 @@ class _Scans(NamedTuple):
     clock: ScanClock
 
 
-def check_bag(path: str | Path, radar: RadarConfig | None = None, position: PositionConfig | None = None) -> Findings:
+def check_bag(
+    path: str | Path,
+    radar: RadarConfig | None = None,
+    position: PositionConfig | None = None,
+    topics: ChosenTopics | None = None,
+) -> Findings:
     """Read every message of a bag; DataError where it cannot be read at all."""
     with Bag(path) as bag:
-        found = tuple(_findings(bag, radar or RadarConfig(), position or PositionConfig()))
+        found = tuple(_findings(bag, radar or RadarConfig(), position or PositionConfig(), topics or ChosenTopics()))
     return Findings(Path(path), 'bag', found)
 
 
-def _findings(bag: Bag, radar: RadarConfig, position: PositionConfig) -> Iterator[Finding]:
+def _findings(bag: Bag, radar: RadarConfig, position: PositionConfig, chosen: ChosenTopics) -> Iterator[Finding]:
     for topic, count in bag.counts.items():
         yield ok(f'topic {topic}: {counted(count, "message")} of {bag.topics[topic]}')
-    topic = scan_topic(bag)
+    for (topic, msgtype), count in bag.left_out.items():
+        yield problem(f'topic {topic}: {counted(count, "message")} of a second type, {msgtype}: not read')
+    try:
+        topic = scan_topic(bag, radar, chosen.scans)
+    except DataError as error:
+        yield problem(str(error))
+        return
+    yield ok(f'scans: {topic}')
     scans = _Scans([], [], ScanClock())
     sizes = Sizes()
     refused: dict[str, list[str]] = {}
+    mended: Counter[str] = Counter()
     for raw in bag.messages([topic]):
         message = bag.decode(raw)
-        scans.logs_ns.append(raw.log_ns)
-        scans.stamps_ns.append(stamp_ns(message.header.stamp))
         try:
-            scan = scan_from_image(message, radar)
+            stamp = stamp_ns(message.header.stamp)
+            scans.stamps_ns.append(stamp)
+            scans.logs_ns.append(raw.log_ns)
+            scan = DECODERS[raw.msgtype](message, radar)
         except RefusedInput as refusal:
             refused.setdefault(refusal.cause, []).append(str(refusal))
         else:
             sizes.add(scan, f'at {scan.stamp_ns} ns')
             scans.clock.add(scan)
+            mended.update(fault for fault in scan.row_faults if fault in MENDED)
     yield from sizes.findings()
     for cause, messages in sorted(refused.items()):
         yield problem(f'{counted(len(messages), "scan")} would be refused ({cause}): {messages[0]}')
+    for fault, count in mended.items():
+        yield problem(f'{ROW_FAULTS[fault]}: {counted(count, "scan")}')
     yield from check_stamps(np.array(scans.stamps_ns, np.int64))
-    yield from _positions(bag, scans, position)
-
-
-def _positions(bag: Bag, scans: _Scans, position: PositionConfig) -> Iterator[Finding]:
     topics = position_topics(bag)
+    try:
+        positions = position_topic(bag, topic, chosen.positions)
+    except DataError as error:
+        yield problem(str(error))
+    else:
+        if positions is not None:
+            yield ok(f'positions: {positions}')
+            topics = [positions] if chosen.positions else topics
+    yield from _positions(bag, topics, scans, position)
+
+
+def _positions(bag: Bag, topics: list[str], scans: _Scans, position: PositionConfig) -> Iterator[Finding]:
     if not topics:
         yield note('no positions: this bag can be queried with, not mapped')
     for topic in topics:

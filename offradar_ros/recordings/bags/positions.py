@@ -22,7 +22,7 @@ class Arrival(NamedTuple):
 
     Attributes:
         log_ns: when it was recorded.
-        stamp_ns: its header's stamp.
+        stamp_ns: its header's stamp; −1 where that is none.
         position: what it holds, or why that is no position.
     """
 
@@ -46,12 +46,14 @@ def arrivals(bag: Bag, topic: str) -> Iterator[Arrival]:
     """Every message of a topic of positions, in the order in which it was recorded."""
     for raw in bag.messages([topic]):
         message = bag.decode(raw)
+        stamp = -1
         position: GeoPoint | Pose | RefusedInput
         try:
+            stamp = stamp_ns(message.header.stamp)
             position = point_from_fix(message) if raw.msgtype == FIX_TYPE else pose_from_odometry(message)
         except RefusedInput as refusal:
             position = refusal
-        yield Arrival(raw.log_ns, stamp_ns(message.header.stamp), position)
+        yield Arrival(raw.log_ns, stamp, position)
 
 
 def trajectory_of(found: Iterable[Arrival], *, geodetic: bool) -> Trajectory:
@@ -77,7 +79,8 @@ def arrival_offset_s(scans: Iterable[tuple[int, int]], found: Iterable[Arrival])
     following = next(waiting, None)
     for log_ns, stamp in scans:
         while following is not None and following.log_ns <= log_ns:
-            clocks.add_position(following.log_ns, following.stamp_ns)
+            if following.stamp_ns >= 0:
+                clocks.add_position(following.log_ns, following.stamp_ns)
             following = next(waiting, None)
         clocks.add_scan(log_ns, stamp)
     return clocks.offset_s()

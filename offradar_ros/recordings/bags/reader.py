@@ -1,21 +1,27 @@
-"""rosbag2 folders (MCAP or SQLite storage) as raw messages."""
+"""rosbag2 recordings (folders, or single MCAP or SQLite files) as raw messages."""
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
+import re
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+from rosbags.interfaces import Connection, QosDurability
 from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
 from offradar_ros.errors import DataError, RefusedInput
-from offradar_ros.recordings.bags.topics import IMAGE_TYPE
+from offradar_ros.recordings.bags.bag_check import check_bag_files, require_all_read
+from offradar_ros.recordings.bags.bag_facts import joined
+from offradar_ros.recordings.bags.storage import readable_paths, unreadable
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
+_ZSTD = b'\x28\xb5\x2f\xfd'
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -29,17 +35,38 @@ class RawMessage:
 
 
 class Bag:
-    """An open rosbag2 folder; every failure of reading is a DataError that names it."""
+    """An open rosbag2 recording; every failure of reading is a DataError that names it.
 
-    def __init__(self, path: str | Path) -> None:
+    A topic that was recorded with two message types counts as one of that type which has more messages; `left_out` says
+    how many messages of the other there are.
+    """
+
+    def __init__(self, path: str | Path, paths: tuple[Path, ...] | None = None) -> None:
+        """Open the recording `path`; `paths` are those of an earlier `Bag` of it, whose files need no second look."""
         self.path = Path(path)
-        if not self.path.exists():
-            raise DataError(f'{self.path}: no such bag')
-        if self.path.is_dir() and not (self.path / 'metadata.yaml').exists():
-            raise DataError(f'{self.path}: no metadata.yaml: not a rosbag2 folder, or a recording that was cut off')
+        self.paths = readable_paths(self.path) if paths is None else paths
+        self.topics: dict[str, str] = {}
+        """Topic names and their message types."""
+        self._readers: list[Reader] = []
+        self._open = contextlib.ExitStack()
         with self._named_errors():
-            self._reader = Reader(self.path)
-            self._reader.open()
+            self._facts = joined([check_bag_files(each) for each in self.paths])
+            try:
+                for each in self.paths:
+                    reader = Reader(each)
+                    reader.open()
+                    self._open.callback(reader.close)
+                    require_all_read(self.path, reader)
+                    self._readers.append(reader)
+                self._counts = Counter[tuple[str, str]]()
+                for connection in self._connections():
+                    self._counts[connection.topic, connection.msgtype] += connection.msgcount
+                for (topic, msgtype), count in self._counts.items():
+                    if count > self._counts.get((topic, self.topics.get(topic, '')), -1):
+                        self.topics[topic] = msgtype
+            except BaseException:
+                self._open.close()
+                raise
 
     @contextlib.contextmanager
     def _named_errors(self) -> Iterator[None]:
@@ -50,7 +77,7 @@ class Bag:
             raise
         except Exception as error:
             reason = (str(error).splitlines() or [type(error).__name__])[0]
-            raise DataError(f'{self.path}: not a readable rosbag2 recording ({reason})') from error
+            raise unreadable(self.path, re.sub('[;,.]? please report.*', '', reason)) from error
 
     def __enter__(self) -> Bag:
         return self
@@ -58,42 +85,62 @@ class Bag:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._reader.close()
+        self._open.close()
 
-    @property
-    def topics(self) -> dict[str, str]:
-        """Topic names and their message types."""
-        return {connection.topic: connection.msgtype for connection in self._reader.connections}
+    def _connections(self) -> Iterator[Connection]:
+        for reader in self._readers:
+            yield from reader.connections
 
     @property
     def counts(self) -> dict[str, int]:
         """Topic names and how many messages each has."""
-        return {topic: info.msgcount for topic, info in self._reader.topics.items()}
+        return {topic: self._counts[topic, msgtype] for topic, msgtype in sorted(self.topics.items())}
+
+    @property
+    def left_out(self) -> dict[tuple[str, str], int]:
+        """Messages of a second type on a topic, by topic and type: they are not read."""
+        return {(topic, kind): count for (topic, kind), count in self._counts.items() if self.topics[topic] != kind}
 
     @property
     def start_ns(self) -> int:
         """Log time of the first message."""
-        return int(self._reader.start_time)
+        return self._facts.start_ns
 
     @property
     def end_ns(self) -> int:
         """Log time just after the last message."""
-        return int(self._reader.end_time)
+        return self._facts.end_ns
 
     def topics_of(self, msgtype: str) -> list[str]:
         """Topics of one message type."""
         return [topic for topic, found in self.topics.items() if found == msgtype]
 
+    def is_latched(self, topic: str) -> bool:
+        """Whether the topic was recorded from a publisher that keeps its last message for late subscribers."""
+        return any(
+            profile.durability == QosDurability.TRANSIENT_LOCAL
+            for connection in self._connections()
+            if connection.topic == topic
+            for profile in getattr(connection.ext, 'offered_qos_profiles', ())
+        )
+
     def messages(
         self, topics: Sequence[str] | None = None, start_ns: int | None = None, stop_ns: int | None = None
     ) -> Iterator[RawMessage]:
         """Messages in order of log time, of all topics or of some."""
-        connections = [c for c in self._reader.connections if topics is None or c.topic in topics]
-        if not connections:
-            return
-        with self._named_errors():
-            for connection, log_ns, raw in self._reader.messages(connections, start=start_ns, stop=stop_ns):
-                yield RawMessage(connection.topic, connection.msgtype, log_ns, bytes(raw))
+        read = {topic: kind for topic, kind in self.topics.items() if topics is None or topic in topics}
+        for reader in self._readers:
+            connections = [c for c in reader.connections if read.get(c.topic) == c.msgtype]
+            if not connections:
+                continue
+            with self._named_errors():
+                for connection, log_ns, raw in reader.messages(connections, start=start_ns, stop=stop_ns):
+                    cdr = bytes(raw)
+                    if cdr.startswith(_ZSTD):
+                        raise unreadable(
+                            self.path, 'its messages are compressed one by one: give the folder with its metadata.yaml'
+                        )
+                    yield RawMessage(connection.topic, connection.msgtype, log_ns, cdr)
 
     def decode(self, message: RawMessage) -> Any:
         """The message as an object with its fields as attributes."""
@@ -106,15 +153,3 @@ def decode_message(cdr: bytes, msgtype: str) -> Any:
     definition = TYPES.get_msgdef(msgtype)
     read = definition.deserialize_cdr_le if cdr[1] else definition.deserialize_cdr_be
     return read(cdr[4:], 0, definition.cls, TYPES)[0]
-
-
-def scan_topic(bag: Bag) -> str:
-    """The one topic of polar images; DataError if there is none or it is not the only one."""
-    topics = bag.topics_of(IMAGE_TYPE)
-    if len(topics) == 1:
-        return topics[0]
-    wanted = [topic for topic in topics if topic.endswith(('b_scan_image', 'radar/polar', 'Navtech/Polar'))]
-    if len(wanted) == 1:
-        return wanted[0]
-    held = ', '.join(topics) or 'none'
-    raise DataError(f'{bag.path}: expected one topic of {IMAGE_TYPE} with polar scans, found {held}')

@@ -1,8 +1,8 @@
-"""Any RadarSequence to a rosbag2 folder with MCAP storage (zstd chunks).
+"""Any RadarSequence to a rosbag2 folder with MCAP storage (zstd chunks, checksums of every byte).
 
-A bag is written within ``OUT.partial`` and moved out when it is complete, so that an interrupted run never leaves a bag
-that looks complete: a rosbag2 folder without ``metadata.yaml`` opens nowhere. A bag that it replaces is moved aside,
-to ``OUT.replaced``, and removed only when the new one is in its place.
+A bag is written within ``OUT.TOKEN.partial`` and moved out when it is complete, so that an interrupted run never leaves
+a bag that looks complete: a rosbag2 folder without ``metadata.yaml`` opens nowhere. A bag that it replaces is moved
+aside, to ``OUT.replaced``, and removed only when the new one is in its place.
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ import heapq
 import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
 from offradar_ros.errors import DataError, RefusedInput
 from offradar_ros.geometry import LocalFrame, Trajectory
-from offradar_ros.radar.navtech_rows import has_metadata, join_rows
-from offradar_ros.radar.row_stamps import has_unset_rows, with_stamp_of_scan
+from offradar_ros.radar.navtech_rows import join_rows
+from offradar_ros.recordings.bags.mcap_checksums import write_checksums
 from offradar_ros.recordings.bags.reader import TYPES
 from offradar_ros.recordings.bags.topics import FIX, FIX_TYPE, IMAGE_TYPE, ODOMETRY, ODOMETRY_TYPE, SCANS
 from offradar_ros.recordings.new_folder import new_folder
@@ -31,14 +31,6 @@ POSITION_MARGIN_NS = 5 * 10**9
 Progress = Callable[[int, int], None]
 Unreadable = Callable[[int, DataError | RefusedInput], None]
 _Stamped = tuple[int, int, str, Any]
-
-
-class _Told(NamedTuple):
-    """Who is told of progress, of scans that cannot be read and of those that are written."""
-
-    progress: Progress
-    unreadable: Unreadable
-    written: Callable[[PolarScan], None]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,13 +57,11 @@ def write_bag(
     options: BagOptions | None = None,
     progress: Progress | None = None,
     unreadable: Unreadable | None = None,
-    written: Callable[[PolarScan], None] | None = None,
 ) -> Path:
     """Write scans, ``gps/fix`` and ``ground_truth/odometry`` in order of time; returns the folder.
 
     Positions are those of the drive and of the few seconds around it, so that its ends can be interpolated. A scan that
     cannot be read is an error, unless `unreadable(index, error)` is given and returns: then the scan is left out.
-    `written` gets each scan that is written.
     Raises DataError if the sequence is empty, no scan can be read, or `out` exists, is not a bag that may be replaced,
     or cannot be written.
     """
@@ -80,8 +70,7 @@ def write_bag(
     if not len(sequence):
         raise DataError(f'{sequence.name}: holds no scans: nothing to convert')
     with new_folder(out, overwrite=options.overwrite) as draft:
-        told = _Told(progress or (lambda _done, _total: None), unreadable or _stop, written or (lambda _scan: None))
-        _write(sequence, draft, options, told)
+        _write(sequence, draft, options, progress or (lambda _done, _total: None), unreadable or _stop)
     return out
 
 
@@ -89,13 +78,15 @@ def _stop(_index: int, error: DataError | RefusedInput) -> None:
     raise error
 
 
-def _write(sequence: RadarSequence, path: Path, options: BagOptions, told: _Told) -> None:
+def _write(
+    sequence: RadarSequence, path: Path, options: BagOptions, progress: Progress, unreadable: Unreadable
+) -> None:
     writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
     writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
     trajectory = _covering(sequence, options.position_offset_ns)
     with writer:
         connections = {SCANS: writer.add_connection(SCANS, IMAGE_TYPE, typestore=TYPES)}
-        streams: list[Iterator[_Stamped]] = [_scans(sequence, options, told)]
+        streams: list[Iterator[_Stamped]] = [_scans(sequence, options, progress, unreadable)]
         if trajectory is not None:
             if trajectory.geodetic:
                 connections[FIX] = writer.add_connection(FIX, FIX_TYPE, typestore=TYPES)
@@ -105,6 +96,7 @@ def _write(sequence: RadarSequence, path: Path, options: BagOptions, told: _Told
         for stamp_ns, _rank, topic, message in heapq.merge(*streams, key=lambda item: item[:2]):
             connection = connections[topic]
             writer.write(connection, stamp_ns, TYPES.serialize_cdr(message, connection.msgtype))
+    write_checksums(path / f'{path.name}.mcap')
 
 
 def _covering(sequence: RadarSequence, offset_ns: int) -> Trajectory | None:
@@ -130,15 +122,8 @@ def _header(stamp_ns: int, frame_id: str) -> Any:
 
 
 def image_message(scan: PolarScan, *, plain: bool, encoder_size: int = 5600) -> Any:
-    """The scan as Navtech's driver sends it (8UC1, rows = azimuths), with metadata columns unless `plain`.
-
-    Row stamps that are no time are replaced, and columns that no reader would recognise are left out.
-    """
-    rows = scan.power
-    if not plain and scan.azimuth_stamps_ns is not None:
-        joined = join_rows(with_stamp_of_scan(scan) if has_unset_rows(scan) else scan, encoder_size)
-        # Columns that would not be recognised would be read as power.
-        rows = joined if has_metadata(joined) else scan.power
+    """The scan as Navtech's driver sends it (8UC1, rows = azimuths), with metadata columns unless `plain`."""
+    rows = scan.power if plain or scan.azimuth_stamps_ns is None else join_rows(scan, encoder_size)
     height, width = rows.shape
     return TYPES.types[IMAGE_TYPE](
         header=_header(scan.stamp_ns, 'radar'),
@@ -151,19 +136,20 @@ def image_message(scan: PolarScan, *, plain: bool, encoder_size: int = 5600) -> 
     )
 
 
-def _scans(sequence: RadarSequence, options: BagOptions, told: _Told) -> Iterator[_Stamped]:
+def _scans(
+    sequence: RadarSequence, options: BagOptions, progress: Progress, unreadable: Unreadable
+) -> Iterator[_Stamped]:
     errors: list[DataError | RefusedInput] = []
     for index in range(len(sequence)):
         try:
             scan = sequence.scan(index)
         except (DataError, RefusedInput) as error:
-            told.unreadable(index, error)
+            unreadable(index, error)
             errors.append(error)
         else:
             message = image_message(scan, plain=options.plain, encoder_size=options.encoder_size)
-            told.written(scan)
             yield scan.stamp_ns, 1, SCANS, message
-        told.progress(index + 1, len(sequence))
+        progress(index + 1, len(sequence))
     if len(errors) == len(sequence):
         raise DataError(f'{sequence.name}: none of its {len(sequence)} scans can be read: {errors[0]}')
 

@@ -6,22 +6,34 @@ is named by the stamp of its last line.
 
 from __future__ import annotations
 
+import dataclasses
+import math
+from collections import Counter
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
+from offradar_ros.bounded_input import read_bounded
 from offradar_ros.config import RadarConfig
 from offradar_ros.errors import DataError, RefusedInput
+from offradar_ros.radar.encoder_counts import LARGEST_SHARE_MENDED
 from offradar_ros.radar.image import scan_from_rows
-from offradar_ros.recordings.datasets.folders import files_of, first_folder, lines_of, sequence_folder
+from offradar_ros.radar.navtech_rows import measured_rows
+from offradar_ros.recordings.datasets.folders import files_of, first_folder, sequence_folder
 from offradar_ros.recordings.datasets.mulran import candidate_folders, position_files
 from offradar_ros.recordings.datasets.sequence import RecordedSequence, in_stamp_order
-from offradar_ros.recordings.datasets.stamp_names import parse_stamp_ns, stamp_of_name
+from offradar_ros.recordings.datasets.stamp_names import stamp_of_name
 from offradar_ros.types import PolarScan
 
 LOOKS_FOR = '<ns>.csv, one a scan, also under ray/ or sensor_data/radar/ray/ (MulRan ray form)'
 _LEADING = 4
 _FEWEST_COLUMNS = 64
+_LARGEST_COUNT = 65535
+_FIRST_SCANS = 5
+_MOST_READ = 2**18
+# As text, and some for stamp and angle of the row.
+_BYTES_OF_A_VALUE = 5
 _REMARKS = (
     'ray without polar_oxford_form: nothing is missing, azimuths and stamps of rows are in the files, but text is read '
     'slowly, and a scan has the stamp of its last row (offradar convert makes a bag of it)',
@@ -32,7 +44,7 @@ def locate(path: Path) -> Path | None:
     """The folder of scans, if this is the layout."""
     folder = first_folder(path, candidate_folders('ray'), '.csv') or path
     scans = _scan_files(folder)
-    return folder if scans and _is_ray(scans[0]) else None
+    return folder if any(_is_ray(scan) for scan in scans[:_FIRST_SCANS]) else None
 
 
 def _scan_files(folder: Path) -> list[Path]:
@@ -40,10 +52,13 @@ def _scan_files(folder: Path) -> list[Path]:
 
 
 def _is_ray(path: Path) -> bool:
+    """Whether one of the first lines has as many columns as a scan has range bins; the others may be damaged."""
     try:
-        with path.open(encoding='ascii') as file:
-            return file.readline().count(',') >= _FEWEST_COLUMNS
-    except (OSError, UnicodeDecodeError):
+        if not path.is_file():
+            return False
+        with path.open('rb') as file:
+            return any(line.count(b',') >= _FEWEST_COLUMNS for line in file.read(_MOST_READ).splitlines())
+    except OSError:
         return False
 
 
@@ -65,31 +80,51 @@ def open_ray(folder: Path, radar: RadarConfig) -> RecordedSequence:
 
 
 def read_ray_scan(path: Path, stamp_ns: int, radar: RadarConfig) -> PolarScan:
-    """One scan of a ray file. DataError names the line that is damaged; RefusedInput as `scan_from_rows`."""
-    lines = lines_of(path, 'ascii')
+    """One scan of a ray file; a damaged line is a row without power.
+
+    DataError names the first line that is damaged if more than `LARGEST_SHARE_MENDED` are; RefusedInput as
+    `measured_rows` and `scan_from_rows`.
+    """
+    try:
+        # A byte that is no text damages its line only.
+        text = read_bounded(path, _BYTES_OF_A_VALUE * radar.max_image_bytes).decode('ascii', errors='replace')
+    except OSError as error:
+        raise DataError(f'{path}: cannot be read ({error.strerror})') from None
+    lines = text.splitlines()
     if not lines:
         raise DataError(f'{path}: empty file: expected a line an azimuth')
-    columns = lines[0].count(',') + 1
-    stamps = np.empty(len(lines), np.int64)
-    angles = np.empty(len(lines), np.float64)
-    power = np.empty((len(lines), max(columns - _LEADING, 0)), np.uint8)
+    columns = Counter(line.count(',') + 1 for line in lines).most_common(1)[0][0]
+    stamps, counts = np.zeros(len(lines), np.int64), np.zeros(len(lines), np.int64)
+    power = np.zeros((len(lines), max(columns - _LEADING, 0)), np.uint8)
+    sound = np.zeros(len(lines), np.bool_)
+    damage: list[str] = []
     for row, line in enumerate(lines):
-        cells = line.split(',')
-        if len(cells) != columns or columns <= _LEADING:
-            raise DataError(
-                f'{path}, line {row + 1}: expected stamp, azimuth, encoder, counter and powers in {columns} columns, '
-                f'got {len(cells)}'
-            )
         try:
-            stamps[row] = parse_stamp_ns(cells[0])
-            angles[row] = np.radians(float(cells[1]))
-            powers = np.array(cells[_LEADING:]).astype(np.int64)
+            stamps[row], counts[row], power[row] = _row_of(line, columns, radar.encoder_size)
+            sound[row] = True
         except (ValueError, OverflowError) as error:
-            raise DataError(f'{path}, line {row + 1}: {error}') from None
-        if powers.min() < 0 or powers.max() > 255 or not np.isfinite(angles[row]):
-            raise DataError(f'{path}, line {row + 1}: expected a finite azimuth and powers of 0 to 255')
-        power[row] = powers
+            damage.append(f'{path}, line {row + 1}: {error}')
+    if len(damage) > max(1.0, LARGEST_SHARE_MENDED * len(lines)):
+        raise DataError(f'{damage[0]} ({len(damage)} of {len(lines)} lines are damaged)')
     try:
-        return scan_from_rows(power, angles, stamps, stamp_ns, radar)
+        rows = measured_rows(counts, stamps, sound, power, radar, stamp_ns)
+        if damage:
+            rows = dataclasses.replace(rows, faults=rows.faults | {'damaged': len(damage)})
+        return scan_from_rows(power, rows, stamp_ns, radar)
     except RefusedInput as refusal:
         raise RefusedInput(refusal.cause, f'{path}: {refusal}') from None
+
+
+def _row_of(line: str, columns: int, encoder_size: int) -> tuple[int, int, NDArray[np.int64]]:
+    """Stamp in ns, encoder count and powers of a line; ValueError says what is wrong with it."""
+    cells = line.split(',')
+    if len(cells) != columns or columns <= _LEADING:
+        raise ValueError(f'expected stamp, azimuth, encoder, counter and powers in {columns} columns, got {len(cells)}')
+    azimuth_deg, powers = float(cells[1]), np.array(cells[_LEADING:]).astype(np.int64)
+    if powers.min() < 0 or powers.max() > 255 or not math.isfinite(azimuth_deg):
+        raise ValueError('expected a finite azimuth and powers of 0 to 255')
+    # The azimuth was computed from the encoder; a row whose encoder is missing may still have it.
+    count = int(cells[2]) or round(azimuth_deg * encoder_size / 360.0)
+    if not 0 <= count <= _LARGEST_COUNT:
+        raise ValueError(f'expected an encoder count of 0 to {_LARGEST_COUNT}, got {count}')
+    return int(cells[0]), count, powers

@@ -41,12 +41,12 @@ def _reader(radar: RadarConfig, azimuth_axis: str, metadata_columns: str) -> Cal
 
 
 def first_row_stamp(path: Path, radar: RadarConfig) -> int | None:
-    """Time of the first row; None where the file cannot be read."""
+    """Time of the first row; None where the file cannot be read, or has none that can be used."""
     try:
-        _, row_stamps_ns, _ = split_rows(read_gray_png(path, radar.max_image_bytes), radar.encoder_size)
+        rows, _ = split_rows(read_gray_png(path, radar.max_image_bytes), radar)
     except (DataError, RefusedInput):
         return None
-    return int(row_stamps_ns[0])
+    return None if rows.stamps_ns is None else int(rows.stamps_ns[0])
 
 
 def stamps_of(files: Sequence[Path], radar: RadarConfig) -> tuple[list[int], list[str]]:

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import yaml
 from commands import RING_KEY
+from recorded_topics import fixes, record, scans
 from street_sequence import ORIGIN, StreetSequence
 from typer.testing import CliRunner
 
@@ -135,6 +136,28 @@ def test_own_recordings(street_bag: Callable[..., Path], tmp_path: Path, done: C
     results = read_results(tmp_path / 'results.json')
     assert results.groups['own']['5']['ring_key'].at_deployed_threshold is None
     assert math.isnan(results.maintenance['own']['5']['ring_key'].recall_at_1['QM'])
+
+
+@pytest.mark.parametrize('command', ['encode', 'evaluate'])
+def test_the_topics_of_own_recordings_are_chosen(
+    street: Callable[..., Any],
+    tmp_path: Path,
+    done: Callable[..., str],
+    refused: Callable[..., str],
+    command: str,
+) -> None:
+    call: list[object] = [command, 'own', '--method', 'ring_key', '--cache', tmp_path / 'cache']
+    call += ['--out', tmp_path / 'out', '--no-pictures'] if command == 'evaluate' else []
+    for option, name in (('--map', 'monday'), ('--query', 'friday')):
+        front, rear = street(count=8), street(count=16)
+        positions = [fixes(rear, topic) for topic in ('/novatel/fix', '/ublox/fix')]
+        record(tmp_path / name, scans(front, '/front/scan'), scans(rear, '/rear/scan'), *positions)
+        call += [option, tmp_path / name]
+    assert 'choose one with --topic' in refused(*call)
+    assert 'choose one with --positions' in refused(*call, '--topic', '/front/scan')
+    output = done(*call, '--topic', '/front/scan', '--positions', '/ublox/fix')
+    if command == 'encode':
+        assert 'ring_key: 16 scans of 2 drives encoded' in output
 
 
 def test_a_calibrated_encoder_is_evaluated_with_its_threshold(

@@ -167,15 +167,44 @@ def test_ray_files(tmp_path: Path, scan_writers: Writers, folder: str) -> None:
     assert scan.azimuth_stamps_ns[-1] == START_NS
 
 
-@pytest.mark.parametrize(
-    ('old', 'new'),
-    [('\n', ',7\n'), (',42653,', ',42653,256,'), (f'{START_NS - 399 * 625_000}', 'x'), (',42653,', ',42653,-')],
-)
-def test_a_damaged_ray_file_is_named_by_line(tmp_path: Path, scan_writers: Writers, old: str, new: str) -> None:
+DAMAGED_LINES: dict[str, Callable[[str], str]] = {
+    'another column': lambda line: line + ',7',
+    'a power of 256': lambda line: line.rpartition(',')[0] + ',256',
+    'a power below 0': lambda line: line.rpartition(',')[0] + ',-1',
+    'no stamp': lambda line: 'x' + line.partition(',')[1] + line.partition(',')[2],
+    'no line': lambda line: '',
+    'no text': lambda line: line[:40] + '\xe9' + line[41:],
+    'an azimuth that is no number': lambda line: ','.join([line.split(',')[0], 'nan', *line.split(',')[2:]]),
+}
+
+
+@pytest.mark.parametrize('kind', DAMAGED_LINES)
+@pytest.mark.parametrize('count', [1, 40])
+def test_a_damaged_line_of_a_ray_file_is_a_row_without_power(
+    tmp_path: Path, scan_writers: Writers, kind: str, count: int
+) -> None:
+    lines = ray_text(scan_writers, START_NS, 100).splitlines()
+    at = np.linspace(0, 399, count).astype(int)
+    for row in at:
+        lines[row] = DAMAGED_LINES[kind](lines[row])
+    (tmp_path / f'{START_NS}.csv').write_text('\n'.join(lines) + '\n', encoding='latin-1')
+    scan = open_sequence(tmp_path, radar=RadarConfig(range_resolution_m=0.06)).scan(0)
+    assert scan.row_faults == {'damaged': count, 'no_power': count}
+    assert scan.azimuths_rad == pytest.approx((9 + 14 * np.arange(400)) * 2 * np.pi / 5600)
+    sound = np.delete(np.arange(400), at)
+    assert np.array_equal(scan.power[sound], scan_writers['scan'](START_NS, 100, 400).power[sound])
+    assert not scan.power[at].any()
+
+
+@pytest.mark.parametrize('kind', DAMAGED_LINES)
+def test_a_ray_file_of_damaged_lines_is_named_by_the_first(tmp_path: Path, scan_writers: Writers, kind: str) -> None:
     path = tmp_path / f'{START_NS}.csv'
-    path.write_text(ray_text(scan_writers, START_NS, 100).replace(old, new, 1))
+    lines = ray_text(scan_writers, START_NS, 100).splitlines()
+    for row in range(100, 141):
+        lines[row] = DAMAGED_LINES[kind](lines[row])
+    path.write_text('\n'.join(lines), encoding='latin-1')
     sequence = open_sequence(tmp_path, radar=RadarConfig(range_resolution_m=0.06))
-    with pytest.raises(DataError, match=rf'{START_NS}\.csv, line [12]: '):
+    with pytest.raises(DataError, match=rf'{START_NS}\.csv, line 101: .*41 of 400 lines are damaged'):
         sequence.scan(0)
 
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from offradar_ros.errors import DataError, RefusedInput
-from offradar_ros.radar.row_stamps import has_unset_rows
+from offradar_ros.radar.encoder_counts import LARGEST_SHARE_MENDED, WAY_OUT
 from offradar_ros.recordings.datasets.check.findings import Finding, counted, first_few, note, ok, problem
 from offradar_ros.recordings.datasets.check.sizes import Sizes
 from offradar_ros.recordings.datasets.sequence import RecordedSequence
@@ -18,10 +18,26 @@ from offradar_ros.types import PolarScan
 _ROW_STAMP_SLACK_NS = 50_000_000
 # Neighbouring rows further apart than this many typical steps have lost a row between them.
 _LOST_ROW_STEPS = 1.5
+# What is the same for every scan, so that one line names them all.
 _REFUSALS = {
     'no_signal': 'no signal, every power value is zero',
-    'wrong_size': 'rows without the metadata columns that this layout has',
+    'no_metadata': 'rows without the metadata columns that this layout has: read another layout (--layout), or set '
+    'radar.metadata_columns to 0 if all bytes are power, or radar.row_angles to equal if the first 11 are not',
+    'no_row_angles': f'encoder counts that are zero, constant or decreasing: {WAY_OUT}',
+    'unsound_rows': f'over {LARGEST_SHARE_MENDED:.0%} of the encoder counts contradict the others: {WAY_OUT}',
+    'uneven_rows': f'encoder counts that repeat or jump, a large part of the circle is empty: {WAY_OUT}',
+    'turned_image': 'an image that is turned or mirrored, its metadata columns are not at the start of the rows: turn '
+    'it back',
 }
+ROW_FAULTS = {
+    'angle_interpolated': 'encoder counts that contradict the others, their azimuths are interpolated',
+    'stamp_interpolated': 'row stamps that contradict the others, interpolated',
+    'stamp_unusable': "row stamps of a clock that was never set, or in no order: the scan's stamp is taken instead",
+    'damaged': 'damaged lines, rows without power',
+    'no_power': 'azimuths without any power (partial rotation)',
+    'saturated': 'azimuths whose every power value is 255',
+}
+"""What `PolarScan.row_faults` counts, in words."""
 
 
 def check_scans(
@@ -59,20 +75,20 @@ def check_scans(
         sizes.add(scan, file)
         for fault in _faults(scan):
             faults.setdefault(fault, []).append(file)
-        if scan.azimuth_stamps_ns is not None:
+        if scan.azimuth_stamps_ns is not None and 'stamp_unusable' not in scan.row_faults:
             anchors[_anchor(scan)] += 1
     yield from sizes.findings()
     for fault, files in faults.items():
-        yield problem(f'{fault}: {counted(len(files), "scan")} ({first_few(files)})')
+        found = note if fault == ROW_FAULTS['saturated'] else problem
+        yield found(f'{fault}: {counted(len(files), "scan")} ({first_few(files)})')
     for anchor, count in anchors.most_common():
         if anchor:
             yield ok(f'stamp of the scan is that of its {anchor} row: {counted(count, "scan")}')
 
 
 def _faults(scan: PolarScan) -> Iterator[str]:
-    unmeasured = int(np.count_nonzero(~scan.power.any(axis=1)))
-    if unmeasured:
-        yield 'azimuths without any power (partial rotation)'
+    for fault in scan.row_faults:
+        yield ROW_FAULTS[fault]
     steps = np.diff(np.sort(scan.azimuths_rad))
     if len(steps) == 0:
         yield 'a single azimuth'
@@ -84,13 +100,8 @@ def _faults(scan: PolarScan) -> Iterator[str]:
     if np.count_nonzero(steps < 0.5 * typical):
         yield 'azimuths measured twice (encoder steps of less than half the usual)'
     stamps = scan.azimuth_stamps_ns
-    if stamps is None:
+    if stamps is None or 'stamp_unusable' in scan.row_faults:
         return
-    if has_unset_rows(scan):
-        yield "row stamps that are no time, as of a clock never set: convert takes the scan's stamp instead"
-        return
-    if np.any(np.diff(stamps) < 0):
-        yield 'row stamps that go backwards'
     early, late = int(stamps.min()) - _ROW_STAMP_SLACK_NS, int(stamps.max()) + _ROW_STAMP_SLACK_NS
     if not early <= scan.stamp_ns <= late:
         yield 'stamp of the scan is not within the stamps of its rows'

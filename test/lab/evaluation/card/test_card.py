@@ -8,7 +8,7 @@ import re
 from pathlib import Path
 
 import pytest
-from street_evaluation import StreetEvaluation
+from street_evaluation import StreetEvaluation, fingerprint_of
 
 from offradar_ros.encoders.weights import read_header
 from offradar_ros.errors import DataError
@@ -31,7 +31,7 @@ def sources(tmp_path: Path) -> CardSources:
     weights = tmp_path / 'ours.safetensors'
     weights.write_bytes(b'weights')
     (tmp_path / 'config.yaml').write_text('method: variational\n')
-    return CardSources('mine', weights, 'ours' * 8, 'offradar card …', '## Limits\n\nOne street.', tmp_path)
+    return CardSources('mine', weights, fingerprint_of('ours'), 'offradar card …', '## Limits\n\nOne street.', tmp_path)
 
 
 @pytest.fixture
@@ -115,7 +115,7 @@ def recorded(results: Results) -> Results:
 def test_a_card_of_other_weights_is_refused(street_evaluation: StreetEvaluation, sources: CardSources) -> None:
     results = street_evaluation.results
     with pytest.raises(DataError, match='the results are of'):
-        make_card(results, dataclasses.replace(sources, fingerprint='stun' * 8))
+        make_card(results, dataclasses.replace(sources, fingerprint=fingerprint_of('stun')))
     with pytest.raises(DataError, match='method ours'):
         make_card(dataclasses.replace(results, methods={'stun': results.methods['stun']}), sources)
 

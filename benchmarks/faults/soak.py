@@ -1,0 +1,249 @@
+"""The three nodes at many times real time, with bursts: every scan is answered or counted, and memory does not grow."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping
+
+import numpy as np
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from live_scans import Recording, read_recording
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from scipy.stats import theilslopes
+from sensor_msgs.msg import Image, NavSatFix, PointCloud2
+from std_srvs.srv import Trigger
+
+from faults.flipped_files import PROJECT
+from faults.free_domains import free_domains
+from faults.result import Result, Settings
+from offradar_ros.lab.live.node_processes import Stack
+from offradar_ros.lab.live.spin_thread import SpinThread
+from offradar_ros.messages import STAMP, STAMP_OFFSET, header_stamp_ns
+from offradar_ros.nodes.encoder_node import SCANS
+from offradar_ros.recordings.bags.topics import FIX
+from offradar_ros.ros import qos
+
+NAME = 'soak'
+PACE_HZ = 40.0
+"""Ten times a radar that turns four times a second."""
+BURST_HZ = 300.0
+CYCLE_S, BURST_S = 4.0, 1.0
+SESSION_S = 10.0
+WARM_UP_SHARE = 1 / 3
+"""Share of the time before memory is expected to stay as it is."""
+GROWTH_MB_PER_MIN = 1.0
+"""A slope of a node's memory above this, and a rise above `RISE_MB`, is a leak."""
+RISE_MB = 3.0
+PARAMETERS: Mapping[str, object] = {
+    'encoder.threads': 1,
+    'map.match_distance_m': 1.0,
+    'map.start_session': False,
+    # The radar's own receiver of the answers must not be what loses them.
+    'qos_overrides./matches.publisher.depth': 1000,
+    'qos_overrides./rejections.publisher.depth': 1000,
+}
+
+
+def run(settings: Settings) -> list[Result]:
+    """Drive the nodes."""
+    seconds = settings.soak_s * min(settings.scale, 1.0)
+    recording = read_recording(PROJECT / 'bags' / 'session_1')
+    parameters = {**PARAMETERS, 'map.path': settings.folder / 'soak.db'}
+    started_s = time.monotonic()
+    with free_domains(1) as (domain_id,), Stack(settings.folder / 'logs', domain_id, parameters) as nodes:
+        nodes.wait_until_ready()
+        with Radar(recording, domain_id) as radar:
+            radar.connect()
+            memory = drive(nodes, radar, seconds)
+            radar.settle()
+            tally = radar.tally()
+    ended = {name: node.process.returncode for name, node in nodes.nodes.items()}
+    examples = [f'{name}: exit status {status}' for name, status in ended.items() if status]
+    examples += [
+        f'{name}: a traceback in its log' for name, node in nodes.nodes.items() if 'Traceback' in node.log.read_text()
+    ]
+    crashes = len(examples)
+    for name, samples in memory.items():
+        slope, rise = growth(samples)
+        if slope > GROWTH_MB_PER_MIN and rise > RISE_MB:
+            examples.append(f'{name}: memory grows by {slope:.2f} MB a minute')
+    if tally.lost:
+        examples.append(f'scans: {tally}')
+    figures = {'sent': tally.sent, 'counted': tally.counted, 'sessions': radar.sessions} | {
+        f'{name} MB/min': round(growth(samples)[0], 3) for name, samples in memory.items()
+    }
+    return [
+        Result(
+            NAME,
+            f'{seconds:.0f} s at {PACE_HZ:g} to {BURST_HZ:g} scans a second',
+            tally.sent,
+            refused=tally.counted,
+            same=tally.answered,
+            differences=tally.twice + len(examples) - crashes - bool(tally.lost),
+            crashes=crashes,
+            losses=abs(tally.lost),
+            seconds=time.monotonic() - started_s,
+            figures=figures,
+            examples=tuple(examples),
+        )
+    ]
+
+
+@dataclasses.dataclass(frozen=True)
+class Tally:
+    """What became of the scans: `counted` is what the nodes' diagnostics say was not answered."""
+
+    sent: int
+    answered: int
+    twice: int
+    counted: int
+
+    @property
+    def lost(self) -> int:
+        """Scans that are neither answered nor counted; negative where more were counted than are missing."""
+        return self.sent - self.answered - self.counted
+
+
+def growth(samples: list[tuple[float, float]]) -> tuple[float, float]:
+    """Robust slope in MB a minute, and rise in MB, of (seconds, MB) after the warm-up."""
+    later = np.array(samples[int(len(samples) * WARM_UP_SHARE) :])
+    if len(later) < 4:
+        return 0.0, 0.0
+    quarter = max(1, len(later) // 4)
+    rise = float(np.median(later[-quarter:, 1]) - np.median(later[:quarter, 1]))
+    return float(theilslopes(later[:, 1], later[:, 0] / 60.0)[0]), rise
+
+
+def drive(nodes: Stack, radar: Radar, seconds: float) -> dict[str, list[tuple[float, float]]]:
+    """Send scans for that long, with a burst in each cycle and a new session now and then; memory once a second."""
+    memory: dict[str, list[tuple[float, float]]] = {name: [] for name in nodes.nodes}
+    started_s = sampled_s = session_s = time.monotonic()
+    while (elapsed_s := time.monotonic() - started_s) < seconds:
+        rate_hz = BURST_HZ if elapsed_s % CYCLE_S > CYCLE_S - BURST_S else PACE_HZ
+        sent_s = time.monotonic()
+        radar.send()
+        if sent_s - sampled_s >= 1.0:
+            sampled_s = sent_s
+            for name, usage in nodes.usage().items():
+                memory[name].append((elapsed_s, usage.resident_bytes / 1e6))
+        if sent_s - session_s >= SESSION_S:
+            session_s = sent_s
+            radar.next_session()
+        time.sleep(max(0.0, sent_s + 1.0 / rate_hz - time.monotonic()))
+    return memory
+
+
+class Radar:
+    """Publishes scans and positions, and keeps the stamps of the answers."""
+
+    def __init__(self, recording: Recording, domain_id: int) -> None:
+        self._recording = recording
+        self._context = Context()
+        rclpy.init(context=self._context, domain_id=domain_id)
+        self._node = Node('soak_radar', context=self._context)
+        self._scans = self._node.create_publisher(Image, SCANS, qos.SCANS)
+        self._fixes = self._node.create_publisher(NavSatFix, FIX.lstrip('/'), qos.POSITIONS)
+        self._sent: list[int] = []
+        self._answers: Counter[int] = Counter()
+        self._diagnostics: dict[str, dict[str, str]] = {}
+        for kind, topic in ((PointCloud2, 'matches'), (DiagnosticArray, 'rejections')):
+            self._node.create_subscription(kind, topic, self._on_answer, qos.UPDATES, raw=True)
+        self._node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, qos.RESULTS)
+        self._clients = {
+            name: self._node.create_client(Trigger, f'map_server/{name}') for name in ('start_session', 'end_session')
+        }
+        executor = SingleThreadedExecutor(context=self._context)
+        executor.add_node(self._node)
+        self._spin = SpinThread(executor)
+        self.sessions = 0
+
+    def __enter__(self) -> Radar:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._spin.stop()
+        self._node.destroy_node()
+        rclpy.shutdown(context=self._context)
+
+    def connect(self) -> None:
+        """Send scans until they are answered: from then on every node counts what it does not receive."""
+        self._call('start_session')
+        deadline_s = time.monotonic() + 60.0
+        while len(self._answers) < 8:
+            if time.monotonic() > deadline_s:
+                raise SystemExit('error: no scan was answered within 60 s')
+            self.send()
+            time.sleep(0.2)
+        self._await(lambda: self._waiting() == 0)
+        # Those before the nodes had found one another are in no count.
+        self._sent = [stamp for stamp in self._sent if stamp in self._answers]
+        self._baseline = self._counted()
+
+    def send(self) -> None:
+        """One scan with its position, stamped now; each stamp is later than the one before."""
+        index = len(self._sent) % len(self._recording.scans)
+        stamp_ns = time.time_ns()
+        self._scans.publish(stamped(self._recording.scans[index], stamp_ns))
+        self._fixes.publish(stamped(self._recording.fixes[index], stamp_ns))
+        self._sent.append(stamp_ns)
+
+    def next_session(self) -> None:
+        """End the session and start another."""
+        self._call('end_session')
+        self._call('start_session')
+        self.sessions += 1
+
+    def settle(self) -> None:
+        """A few scans at rest, after which every gap before them has been seen, and time for the last report."""
+        for _ in range(8):
+            self.send()
+            time.sleep(0.25)
+        self._await(lambda: self.tally().lost == 0)
+
+    def tally(self) -> Tally:
+        """What has become of the scans so far, by the last reports."""
+        answered = sum(stamp in self._answers for stamp in self._sent)
+        twice = sum(self._answers[stamp] > 1 for stamp in self._sent)
+        return Tally(len(self._sent), answered, twice, self._counted() - self._baseline)
+
+    def _counted(self) -> int:
+        encoder, query = self._diagnostics.get('encoder', {}), self._diagnostics.get('query', {})
+        own = ('scans.lost_before_arrival', 'scans.overtaken', 'scans.inactive')
+        return sum(int(encoder.get(key, 0)) for key in own) + int(query.get('embeddings.lost_before_arrival', 0))
+
+    def _waiting(self) -> int:
+        return int(self._diagnostics.get('encoder', {}).get('scans.waiting', 0))
+
+    def _await(self, done: Callable[[], bool], timeout_s: float = 10.0) -> None:
+        deadline_s = time.monotonic() + timeout_s
+        while not done() and time.monotonic() < deadline_s:
+            time.sleep(0.1)
+
+    def _call(self, name: str) -> str:
+        client = self._clients[name]
+        if not client.wait_for_service(30.0):
+            raise SystemExit(f'error: no service {name}')
+        future = client.call_async(Trigger.Request())
+        self._await(future.done, 60.0)
+        if not future.done() or not future.result().success:
+            raise SystemExit(f'error: {name}: {future.result().message if future.done() else "no answer in 60 s"}')
+        return str(future.result().message)
+
+    def _on_answer(self, cdr: bytes) -> None:
+        self._answers[header_stamp_ns(cdr)] += 1
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            self._diagnostics[status.name.partition(':')[0]] = {item.key: item.value for item in status.values}
+
+
+def stamped(cdr: bytes, stamp_ns: int) -> bytes:
+    """The same message with another stamp."""
+    changed = bytearray(cdr)
+    STAMP.pack_into(changed, STAMP_OFFSET, *divmod(stamp_ns, 10**9))
+    return bytes(changed)

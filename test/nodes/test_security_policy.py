@@ -1,0 +1,166 @@
+"""The shipped SROS2 policy: its form, what it grants against what the nodes use, and nodes that never start open."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import pytest
+from live_nodes import Observer, StartNode, wait_until
+from rclpy.node import NodeNameNonExistentError
+
+from offradar_ros.cli.session import SERVICES, Action
+from offradar_ros.lab.live.node_processes import Stack
+from offradar_ros.nodes.encoder_node import EncoderNode
+from offradar_ros.nodes.map_server_node import DESTRUCTIVE, MapServerNode
+from offradar_ros.nodes.query_node import QueryNode
+from offradar_ros.ros.stage_node import StageNode
+
+POLICY = Path(__file__).resolve().parents[2] / 'params' / 'sros2' / 'policy.xml'
+RULES = ('publish', 'subscribe', 'reply', 'request')
+GRAPH = {'publish': 'publisher', 'subscribe': 'subscriber', 'reply': 'service', 'request': 'client'}
+NODES = {'encoder': EncoderNode, 'map_server': MapServerNode, 'query': QueryNode}
+NAVTECH = {'/radar_data/b_scan_msg', '/radar_data/configuration_data'}
+"""Subscribed to only where `navtech_msgs` is installed."""
+IN_A_BAG = {'/gps/fix', '/ground_truth/odometry', '/odometry'}
+"""A replay publishes those of them that are in its bag."""
+
+Grants = dict[str, set[str]]
+
+
+def grants(enclave: str, node: str) -> Grants:
+    """The full names that a node of an enclave may publish, subscribe to, reply to and request."""
+    found: Grants = {rule: set() for rule in RULES}
+    tree = ElementTree.parse(POLICY).getroot()
+    (profile,) = tree.findall(f'enclaves/enclave[@path="/offradar/{enclave}"]/profiles/profile[@node="{node}"]')
+    for expressions in profile:
+        (rule,) = expressions.keys()
+        for name in expressions:
+            text = name.text or ''
+            absolute = text if text.startswith('/') else f'/{text.replace("~", node, 1)}'
+            found[rule].add(absolute)
+    return found
+
+
+def used(observer: Observer, node: str) -> Grants:
+    """The same, as the graph shows that a running node uses it; nothing while it has not been discovered."""
+
+    def names(kind: str) -> set[str]:
+        try:
+            return {name for name, _ in getattr(observer.node, f'get_{kind}_names_and_types_by_node')(node, '/')}
+        except NodeNameNonExistentError:
+            return set()
+
+    return {rule: names(kind) for rule, kind in GRAPH.items()}
+
+
+def uses(observer: Observer, node: str, expected: Grants) -> bool:
+    return used(observer, node) == expected
+
+
+def test_the_policy_has_the_form_of_sros2() -> None:
+    """That of sros2/policy/schemas/policy.xsd, version 0.2.0."""
+    policy = ElementTree.parse(POLICY).getroot()
+    assert (policy.tag, policy.attrib) == ('policy', {'version': '0.2.0'})
+    (enclaves,) = policy
+    assert enclaves.tag == 'enclaves'
+    paths = [enclave.get('path') for enclave in enclaves]
+    assert len(set(paths)) == len(paths)
+    for enclave in enclaves:
+        assert (enclave.tag, set(enclave.attrib)) == ('enclave', {'path'})
+        assert [child.tag for child in enclave] == ['profiles']
+        for profile in enclave[0]:
+            assert (profile.tag, set(profile.attrib)) == ('profile', {'ns', 'node'})
+            for expressions in profile:
+                assert expressions.tag in ('topics', 'services')
+                allowed = ('publish', 'subscribe') if expressions.tag == 'topics' else ('reply', 'request')
+                ((rule, qualifier),) = expressions.items()
+                assert rule in allowed
+                assert qualifier == 'ALLOW'
+                texts = [name.text or '' for name in expressions]
+                assert {name.tag for name in expressions} == {expressions.tag[:-1]}
+                assert len(set(texts)) == len(texts)
+                # An expression with a wildcard would grant names that nobody has looked at.
+                assert all(text.replace('/', '').replace('~', '').replace('_', '').isalnum() for text in texts)
+
+
+@pytest.mark.parametrize('source', ['fix', 'odometry'])
+def test_each_node_uses_what_it_is_granted_and_nothing_else(
+    observer: Observer, start_node: StartNode, source: str
+) -> None:
+    positions = {'fix': '/gps/fix', 'odometry': '/ground_truth/odometry'}
+    for name, kind in NODES.items():
+        parameters: dict[str, Any] = {'use_sim_time': True}
+        node: StageNode = start_node(kind, parameters | ({'position.source': source} if kind is MapServerNode else {}))
+        expected = grants(name, name)
+        expected['subscribe'] -= {topic for key, topic in positions.items() if key != source}
+        if '/radar_data/b_scan_msg' not in used(observer, name)['subscribe']:
+            expected['subscribe'] -= NAVTECH
+        wait_until(functools.partial(uses, observer, node.get_name(), expected))
+
+
+def test_a_replay_uses_what_it_is_granted(
+    observer: Observer, stack: Callable[..., Stack], street_bag: Callable[..., Path]
+) -> None:
+    with stack() as nodes:
+        nodes.wait_until_ready()
+        bag = street_bag('drive', count=4)
+        process = nodes.start('replay_node', [str(bag), '--session', '--loop', '0'], 'replay_forever')
+        granted = grants('replay', 'replay')
+        try:
+            # The clients of the session last for one call.
+            lasting = granted['request'] - {'/map_server/start_session', '/map_server/end_session'}
+            expected = granted | {'request': lasting}
+
+            def as_granted() -> bool:
+                found = used(observer, 'replay')
+                missing = set().union(*(expected[rule] - found[rule] for rule in RULES))
+                return all(found[rule] <= granted[rule] for rule in RULES) and missing <= IN_A_BAG
+
+            wait_until(as_granted)
+        finally:
+            process.stop()
+
+
+def test_who_may_take_drives_away() -> None:
+    services = {f'/map_server/{SERVICES[action]}' for action in Action}
+    destructive = {f'/map_server/{name}' for name in DESTRUCTIVE}
+    assert grants('session', 'offradar_session')['request'] == services - destructive
+    assert services <= grants('operator', 'offradar_session')['request']
+    for enclave, node in (*((name, name) for name in NODES), ('replay', 'replay'), ('replay', 'replay_end')):
+        assert not grants(enclave, node)['request'] & destructive
+
+
+def test_each_output_has_one_enclave_that_may_publish_it() -> None:
+    shared = {'/diagnostics', '/parameter_events', '/rosout', '/clock'}
+    written: dict[str, str] = {}
+    for enclave, node in (*((name, name) for name in NODES), ('replay', 'replay'), ('session', 'offradar_session')):
+        for topic in grants(enclave, node)['publish'] - shared:
+            assert topic not in written, f'{topic}: {written[topic]} and {enclave}'
+            written[topic] = enclave
+    assert written['/embedding'] == written['/embedding/model'] == 'encoder'
+    assert written['/map/descriptors'] == written['/map/updates'] == 'map_server'
+
+
+@pytest.mark.parametrize('name', ['encoder_node', 'map_server_node', 'query_node'])
+def test_a_node_never_starts_open_where_security_is_enforced(
+    stack: Callable[..., Stack], tmp_path: Path, name: str
+) -> None:
+    """Neither without security in the middleware, as in the wheels, nor with a keystore that is none."""
+    enclave = tmp_path / 'keystore' / 'enclaves' / 'offradar' / name.removesuffix('_node')
+    enclave.mkdir(parents=True)
+    for file in ('identity_ca.cert.pem', 'cert.pem', 'key.pem', 'permissions_ca.cert.pem'):
+        (enclave / file).write_text('not a key')
+    security = {
+        'ROS_SECURITY_ENABLE': 'true',
+        'ROS_SECURITY_STRATEGY': 'Enforce',
+        'ROS_SECURITY_KEYSTORE': str(tmp_path / 'keystore'),
+        'ROS_SECURITY_ENCLAVE_OVERRIDE': f'/offradar/{enclave.name}',
+    }
+    with stack(names=(name,), environment=security) as nodes:
+        node = nodes.nodes[name]
+        assert node.wait(60.0) != 0
+        assert 'active: ' not in node.log.read_text()
