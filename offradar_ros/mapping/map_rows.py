@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-import re
 import sqlite3
 from collections.abc import Iterator
 from typing import Any, NamedTuple
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 from offradar_ros.bounded_input import parse_json
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.geometry import GeoPoint
-from offradar_ros.mapping.place_check import MAX_COORDINATE_M
+from offradar_ros.mapping.place_check import MAX_COORDINATE_M, MAX_PLACE_ID, MAX_SESSION_ID, place_problem
 from offradar_ros.mapping.place_columns import capacity_for, place_of
 from offradar_ros.mapping.place_rows import (
     CONTENT_COLUMNS,
@@ -29,10 +28,6 @@ from offradar_ros.mapping.stored_map import Before, StoredSession
 from offradar_ros.records import structure
 from offradar_ros.types import PlaceTable
 
-MAX_DIMENSION = 65_536
-_FINGERPRINT = re.compile(r'[0-9a-f]{64}')
-MAX_ID = 2**62
-"""Ids of places are smaller."""
 STATES = {'running', 'ended', 'interrupted', 'undone'}
 _BATCH = 1024
 """Rows read at once: few enough for the processor's cache."""
@@ -59,13 +54,9 @@ class MapRows:
         meta = self._meta()
         self.created = str(meta['created'])
         self.model = structure(ModelInfo, meta['model']) if meta['model'] else None
-        if self.model and not (_FINGERPRINT.fullmatch(self.model.fingerprint) and 1 <= self.dimension <= MAX_DIMENSION):
-            raise ValueError(
-                f'its model has the dimension {self.dimension} and the fingerprint {self.model.fingerprint!r:.80}'
-            )
         self.origin = structure(GeoPoint, meta['origin']) if meta['origin'] else None
         self.next_place_id = meta['next_place_id']
-        if type(self.next_place_id) is not int or not 0 <= self.next_place_id <= MAX_ID:
+        if type(self.next_place_id) is not int or not 0 <= self.next_place_id <= MAX_PLACE_ID + 1:
             raise ValueError(f'the id of the next place is {self.next_place_id}')
         self.sessions = self._sessions()
         self._session_ids = np.array([session.session_id for session in self.sessions], np.int64)
@@ -175,13 +166,9 @@ class MapRows:
             raise ValueError(f'it should hold {self.seal.sums[name].rows} rows of {name}, and not these {found.rows}')
 
     def _require_possible(self, table: PlaceTable) -> None:
-        finite = (table.positions_m, table.uncertainties, table.means)
-        if not all(np.isfinite(values).all() for values in finite) or np.isinf(table.yaws_rad).any():
-            raise ValueError('a place holds a value that is not finite')
-        if not (np.abs(table.positions_m) <= MAX_COORDINATE_M).all():
-            raise ValueError(f'a place is farther than {MAX_COORDINATE_M:g} m from the origin')
-        if not (table.uncertainties >= 0.0).all():
-            raise ValueError('a place has a negative uncertainty')
+        problem = place_problem(table)
+        if problem:
+            raise ValueError(problem)
         self._require_known_ids(table.place_ids)
         self._require_known_sessions(table.session_ids)
 
@@ -196,7 +183,7 @@ class MapRows:
 
 def _session(session_id: int, name: str, stamp_ns: int, state: str, text: str) -> StoredSession:
     report = parse_json(text)
-    if not 0 < session_id <= np.iinfo(np.int32).max or state not in STATES or not isinstance(report, dict):
+    if not 0 < session_id <= MAX_SESSION_ID or state not in STATES or not isinstance(report, dict):
         raise ValueError(f'session {session_id} is not possible')
     counts = [report.get(name) for name in ('inserted', 'replaced')]
     if state != 'undone' and not all(type(count) is int and count >= 0 for count in counts):

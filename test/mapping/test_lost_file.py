@@ -240,6 +240,13 @@ def test_a_file_that_was_only_touched_is_used_again(opened: SessionMap) -> None:
 def test_the_same_rows_on_other_pages_are_taken_for_what_they_are(opened: SessionMap) -> None:
     """SQLite remembers pages of the file that was overwritten."""
     path = Path(opened.config.path)
+    opened.undo_session()
+    for start_m in range(200, 3000, 30):
+        drive(opened, 1.0, float(start_m))
+        opened.end_session()
+    opened.undo_session()
+    drive(opened, 0.5)
+    opened.save()
     with contextlib.closing(sqlite3.connect(path, isolation_level=None)) as connection:
         connection.execute('VACUUM INTO ?', [str(path.with_name('vacuumed'))])
         connection.execute('SELECT * FROM places').fetchall()
@@ -556,3 +563,28 @@ def test_a_commit_whose_outcome_is_not_known_is_done_again(opened: SessionMap) -
     store._connection = connection
     opened.end_session()
     assert sessions_of(Path(opened.config.path))[-1] == (3, 'ended')
+
+
+def test_a_log_that_was_removed_behind_a_reader_takes_nothing_with_it(tmp_path: Path) -> None:
+    """The reader keeps the commit from being moved into the file, and nobody else could find the log."""
+    path = tmp_path / 'a.map'
+    make_map(path, 1.0)
+    code = """
+        import subprocess
+        import sys
+        from small_maps import *
+        path = Path(sys.argv[1])
+        session_map = open_map(path)
+        drive(session_map, 0.7)
+        session_map.save()
+        reader = subprocess.Popen([sys.executable, '-c', sys.argv[2], sys.argv[1]], stdin=-1, stdout=-1, text=True)
+        reader.stdout.readline()
+        for suffix in ('-wal', '-shm'):
+            path.with_name(path.name + suffix).unlink()
+        session_map.end_session()
+        reader.kill()
+        reader.wait()
+        die()
+    """
+    killed(code, path, READER)
+    assert sessions_of(path) == [(1, 'ended'), (2, 'ended')]

@@ -70,6 +70,7 @@ def server(stack: Callable[..., Stack], path: Path) -> Stack:
         'map.path': str(path),
         'map.start_session': False,
         'map.autosave_s': 0.0,
+        'map.allow_destructive': True,
         'position.source': 'odometry',
     }
     return stack(parameters, names=('map_server_node',))

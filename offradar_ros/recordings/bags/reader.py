@@ -60,7 +60,9 @@ class Bag:
                     self._readers.append(reader)
                 self._counts = Counter[tuple[str, str]]()
                 for connection in self._connections():
-                    self._counts[connection.topic, connection.msgtype] += connection.msgcount
+                    held = connection.topic, connection.msgtype
+                    # Not what a table of the file says, which no checksum need cover.
+                    self._counts[held] = self._facts.counts[held]
                 for (topic, msgtype), count in self._counts.items():
                     if count > self._counts.get((topic, self.topics.get(topic, '')), -1):
                         self.topics[topic] = msgtype
