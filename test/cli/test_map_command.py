@@ -59,6 +59,8 @@ def test_what_is_not_a_file_is_refused_at_once(refused: Callable[..., str], tmp_
     for name in ('fifo', '.', 'loop', 'x' * 300, '/dev/zero'):
         assert str(tmp_path / name) in refused('map', tmp_path / name)
         assert refused('map', tmp_path / name, '--backup', tmp_path / 'copy')
+    for name in ('fifo', '.', '/dev/zero'):
+        assert 'not a file: expected the path of a map file' in refused('map', tmp_path / name)
     assert not (tmp_path / 'copy').exists()
 
 
