@@ -36,8 +36,12 @@ MessageT = TypeVar('MessageT')
 
 
 def _stamp_of(message: Any) -> int | None:
+    """Stamp of a message's header; None without one, and for one that is none: whoever handles it refuses it."""
     header = getattr(message, 'header', None)
-    return None if header is None else stamp_ns(header.stamp)
+    try:
+        return None if header is None else stamp_ns(header.stamp)
+    except RefusedInput:
+        return None
 
 
 LOG_PERIOD_S = 5.0
