@@ -330,5 +330,5 @@ def test_what_is_not_a_file_is_not_waited_for(tmp_path: Path) -> None:
     for path in (tmp_path, tmp_path / 'fifo', Path('/dev/zero')):
         with pytest.raises(MapError, match='not a file: expected the path of a map file'):
             read_map(path)
-        with pytest.raises(MapError, match=r'not a file: expected|a folder: expected'):
-            open_map(path)
+    with pytest.raises(MapError, match='not a file: expected'):
+        open_map(tmp_path / 'fifo')
