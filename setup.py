@@ -35,7 +35,9 @@ setup(
     python_requires=f'>=3.{PYTHON_3[0]}',
     install_requires=[
         'setuptools',
+        'backports.zstd>=1.0',
         'cattrs>=22.2',
+        'lz4>=4.0',
         'numpy>=1.26',
         'onnxruntime>=1.18',
         'opencv-python-headless>=4.8',

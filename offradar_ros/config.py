@@ -12,8 +12,11 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
+from offradar_ros.bounded_input import parse_yaml
 from offradar_ros.errors import ConfigError
 from offradar_ros.records import flatten, read_tree, replace, to_yaml
+from offradar_ros.whole_file import write_whole_file
+from offradar_ros.yaml_digest import digest_line
 
 Value = bool | int | float | str
 NODE_PARAMETERS = frozenset({'use_sim_time', 'autostart', 'start_type_description_service'})
@@ -579,8 +582,14 @@ def load_config(path: str | Path | None = None, overrides: Mapping[str, Any] | N
     return replace_values(config, overrides or {})
 
 
-def write_parameters(path: str | Path, values: Mapping[str, Value], comment: str = '') -> None:
-    """Write dotted names as a ROS parameter file for every node (``/**``); ConfigError if it cannot be written."""
+def write_parameters(
+    path: str | Path, values: Mapping[str, Value], comment: str = '', with_digest: bool = False
+) -> None:
+    """Write dotted names as a ROS parameter file for every node (``/**``), whole or not at all.
+
+    `with_digest`: for a file that a program wrote and nobody need edit: `read_parameters` then refuses other values.
+    ConfigError if it cannot be written: then a file at `path` is as it was.
+    """
     tree: dict[str, Any] = {}
     for name, value in values.items():
         *groups, leaf = name.split('.')
@@ -590,7 +599,9 @@ def write_parameters(path: str | Path, values: Mapping[str, Value], comment: str
         branch[leaf] = value
     text = to_yaml({'/**': {'ros__parameters': tree}})
     header = ''.join(f'# {line}\n' for line in comment.splitlines())
+    if with_digest:
+        header += digest_line(parse_yaml(text))
     try:
-        Path(path).write_text(header + text, encoding='utf-8')
+        write_whole_file(path, (header + text).encode())
     except OSError as error:
         raise ConfigError(f'{path}: the parameter file cannot be written ({error.strerror})') from error

@@ -9,10 +9,10 @@ import os
 import stat
 import sys
 import traceback
-from collections.abc import Callable
-from typing import TextIO
+from collections.abc import Callable, Iterator
+from pathlib import Path
 
-from offradar_ros.errors import OffradarError
+from offradar_ros.errors import DataError, OffradarError
 
 DEFECT = 'a defect in offradar_ros, and not in what it was given: please report it with the lines above'
 REMEDIES = {
@@ -82,6 +82,28 @@ def special_file(path: str | os.PathLike[str]) -> str:
         return ''
 
 
+def require_ordinary_files(path: Path) -> None:
+    """DataError for a FIFO, socket or device at a path, or anywhere in the folder that it is.
+
+    Libraries that read recordings open whatever has the right name. Folders that may not be read are left to them.
+    """
+    for each in [path, *_below(path)]:
+        if kind := special_file(each):
+            raise DataError(f'{each}: is {kind}: expected a file or a folder')
+
+
+def _below(folder: Path) -> Iterator[Path]:
+    """What is below a folder and neither a file nor a folder by its entry there."""
+    waiting = [folder]
+    while waiting:
+        with contextlib.suppress(OSError), os.scandir(waiting.pop()) as entries:
+            for entry in entries:
+                if entry.is_dir(follow_symlinks=False):
+                    waiting.append(Path(entry.path))
+                elif not entry.is_file():
+                    yield Path(entry.path)
+
+
 def run_guarded(program: Callable[[], int]) -> int:
     """Exit status of a program; whatever it raises becomes one line on stderr.
 
@@ -129,14 +151,4 @@ def _flush() -> None:
     for stream in (sys.stdout, sys.stderr):
         # None: it was closed before the program started.
         if stream is not None and not stream.closed:
-            try:
-                stream.flush()
-            except OSError:
-                _abandon(stream)
-                raise
-
-
-def _abandon(stream: TextIO) -> None:
-    """Write the rest to nowhere: it would fail again when the interpreter ends, and change the exit status."""
-    with contextlib.suppress(OSError, ValueError), open(os.devnull, 'wb') as nowhere:  # noqa: PTH123 - a device
-        os.dup2(nowhere.fileno(), stream.fileno())
+            stream.flush()

@@ -29,6 +29,7 @@ from cattrs.gen import make_dict_structure_fn
 from offradar_ros.bounded_input import add_float_resolver, parse_json, parse_yaml, read_text
 from offradar_ros.errors import ConfigError, OffradarError
 from offradar_ros.whole_file import write_whole_file
+from offradar_ros.yaml_digest import AlteredError, check_digest
 
 RecordT = TypeVar('RecordT')
 
@@ -123,13 +124,22 @@ def require_writable(path: Path) -> None:
 
 
 def read_tree(path: str | Path) -> Any:
-    """The content of a YAML or JSON file, as plain types; ConfigError if it cannot be read."""
+    """The content of a YAML or JSON file, as plain types.
+
+    ConfigError if it cannot be read, or has a digest (`yaml_digest`) of other values.
+    """
     is_json = Path(path).suffix == '.json'
     try:
         text = read_text(path)
-        return parse_json(text) if is_json else parse_yaml(text)
+        if is_json:
+            return parse_json(text)
+        tree = parse_yaml(text)
+        check_digest(text, tree)
+        return tree
     except FileNotFoundError:
         raise ConfigError(f'{path}: no such file') from None
+    except AlteredError as error:
+        raise ConfigError(f'{path}: {error}') from None
     # ValueError: PyYAML on a date such as 2001-99-99.
     except (OSError, ValueError, yaml.YAMLError) as error:
         raise ConfigError(

@@ -13,7 +13,7 @@ from typing import IO
 import pytest
 from unprivileged import obey_permissions
 
-from offradar_ros.entry_point import REMEDIES, explain, run_guarded, special_file
+from offradar_ros.entry_point import REMEDIES, explain, require_ordinary_files, run_guarded, special_file
 from offradar_ros.errors import DataError, RefusedInput
 
 PROJECT = Path(__file__).resolve().parent.parent
@@ -84,36 +84,67 @@ def test_a_defect_shows_its_traceback_and_ends_with_one_line(capsys: pytest.Capt
     assert printed[-1].startswith('error: a defect in offradar_ros')
 
 
-@pytest.mark.parametrize(('error', 'status'), [(KeyboardInterrupt(), 130), (MemoryError(), 1), (BrokenPipeError(), 1)])
-def test_the_exit_status_of_a_program_that_is_cut_off(error: BaseException, status: int) -> None:
+@pytest.mark.parametrize(
+    ('error', 'status', 'said'),
+    [
+        (KeyboardInterrupt(), 130, 'interrupted\n'),
+        (MemoryError(), 1, 'error: out of memory: close other programs, or use a smaller input\n'),
+        (BrokenPipeError(), 1, ''),
+    ],
+)
+def test_the_exit_status_of_a_program_that_is_cut_off(
+    capsys: pytest.CaptureFixture[str], error: BaseException, status: int, said: str
+) -> None:
     def program() -> int:
         raise error
 
     assert run_guarded(program) == status
+    assert capsys.readouterr().err == said
 
 
-def test_a_reader_that_stops_reading_is_no_error() -> None:
-    process = subprocess.Popen(
-        [*OFFRADAR, 'parameters'], cwd=PROJECT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+def guarded(
+    body: str, redirection: str = '', environment: dict[str, str] | None = None
+) -> subprocess.CompletedProcess[bytes]:
+    """A process that does no more than `body` within the guard, with its output redirected by a shell."""
+    program = f'import sys; from offradar_ros.entry_point import run_guarded; sys.exit(run_guarded(lambda: {body}))'
+    return subprocess.run(
+        ['sh', '-c', f'exec "$0" -c "$1" {redirection}', sys.executable, program],
+        env={**os.environ, 'PYTHONPATH': str(PROJECT), **(environment or {})},
+        capture_output=True,
+        timeout=WAIT_S,
+        check=False,
     )
-    assert process.stdout is not None
-    assert process.stderr is not None
-    process.stdout.close()
-    assert process.stderr.read() == ''
-    process.stderr.close()
-    assert process.wait(WAIT_S) == 1
 
 
 def test_output_that_cannot_be_written_is_an_error() -> None:
-    with Path('/dev/full').open('w') as full:
-        assert_refused(ended('parameters', stdout=full), 'No space left on device')
+    ran = guarded("print('x') or 0", '>/dev/full')
+    assert ran.returncode == 1
+    assert ran.stderr == b'error: No space left on device: free some space, or write elsewhere\n'
+
+
+def test_a_reader_that_stops_reading_is_no_error() -> None:
+    for body in ("print('x') or 0", "[print('x' * 100) for _ in range(10_000)] and 0"):
+        program = f'from offradar_ros.entry_point import run_guarded; raise SystemExit(run_guarded(lambda: {body}))'
+        process = subprocess.Popen(
+            [sys.executable, '-c', program], cwd=PROJECT, stdout=subprocess.PIPE, stderr=subprocess.PIPE
+        )
+        assert process.stdout is not None
+        process.stdout.close()
+        _, said = process.communicate(timeout=WAIT_S)
+        assert (process.returncode, said) == (1, b'')
 
 
 def test_a_program_without_stdout_and_stderr_ends_as_usual() -> None:
-    command = f'exec {sys.executable} -m offradar_ros.cli.main {{}} >&- 2>&-'
-    for arguments, status in (('parameters', 0), ('check /no/such/folder', 1)):
-        ran = subprocess.run(['sh', '-c', command.format(arguments)], cwd=PROJECT, timeout=WAIT_S, check=False)
-        assert ran.returncode == status
+    assert guarded("print('x') or 0", '>&- 2>&-').returncode == 0
+    ran = guarded("open('/no/such/file') and 0", '2>&-')
+    assert (ran.returncode, ran.stdout) == (1, b'')
+
+
+@pytest.mark.parametrize('encoding', ['ascii', 'latin-1', 'utf-8'])
+def test_what_an_encoding_does_not_have_is_printed_as_an_escape(encoding: str) -> None:
+    ran = guarded(r"print('\u03b1 \udcff') or 0", environment={'PYTHONIOENCODING': encoding})
+    assert ran.returncode == 0, ran.stderr
+    assert ran.stdout.endswith(b' \\udcff\n')
 
 
 @pytest.fixture
@@ -185,6 +216,33 @@ def test_a_fifo_is_refused_and_not_waited_for(
     os.mkfifo(tmp_path / 'pipe')
     printed = refused(*(str(each).format(tmp_path / 'pipe') for each in arguments))
     assert f'{tmp_path / "pipe"}: is a FIFO: expected a file or a folder' in printed
+
+
+@pytest.mark.parametrize('command', [('check',), ('convert', 'out'), ('drive',), ('calibrate', '--out', 'car.yaml')])
+@pytest.mark.parametrize('name', ['metadata.yaml', 'a.mcap', 'radar/1547131046353776.png', 'gps/gps.csv', 'link'])
+def test_a_fifo_in_a_recording_is_refused_and_not_waited_for(
+    refused: Callable[..., str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    command: tuple[str, ...],
+    name: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / 'drive' / name
+    path.parent.mkdir(parents=True)
+    os.mkfifo(tmp_path / 'pipe')
+    path.symlink_to(tmp_path / 'pipe')
+    assert f'{path}: is a FIFO' in refused(command[0], tmp_path / 'drive', *command[1:])
+    path.unlink()
+    os.mkfifo(path)
+    assert f'{path}: is a FIFO' in refused(command[0], tmp_path / 'drive', *command[1:])
+
+
+def test_a_folder_without_special_files_is_accepted(tmp_path: Path) -> None:
+    (tmp_path / 'a').mkdir()
+    (tmp_path / 'a' / 'loop').symlink_to(tmp_path)
+    (tmp_path / 'a' / 'dangling').symlink_to(tmp_path / 'nothing')
+    require_ordinary_files(tmp_path)
 
 
 def test_a_working_folder_that_was_removed_is_one_line(tmp_path: Path) -> None:

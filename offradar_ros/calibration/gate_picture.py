@@ -9,7 +9,7 @@ import numpy as np
 
 from offradar_ros.calibration.error_control import Counts, interval
 from offradar_ros.calibration.gate_choice import PROBABILITIES, GateChoice
-from offradar_ros.calibration.reliability import save_picture
+from offradar_ros.calibration.picture_file import save_picture
 
 BINS = 10
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from offradar_ros.calibration.error_control import interval
+from offradar_ros.calibration.picture_file import save_picture
 from offradar_ros.calibration.threshold_choice import ThresholdChoice
-from offradar_ros.errors import ConfigError
 
 BINS = 10
 
@@ -35,14 +35,6 @@ def draw_reliability(choice: ThresholdChoice, path: Path) -> None:
         fontsize='medium',
     )
     save_picture(figure, path)
-
-
-def save_picture(figure: Any, path: Path) -> None:
-    """Write a figure of matplotlib; ConfigError where it cannot be written."""
-    try:
-        figure.savefig(path)
-    except (OSError, ValueError) as error:
-        raise ConfigError(f'{path}: the plot cannot be written ({error})') from error
 
 
 def _draw_bins(axis: Any, choice: ThresholdChoice) -> None:

@@ -1,6 +1,7 @@
 """Answers of a drive as a CSV file with a row for each scan, and their Recall@1."""
 
 import csv
+import io
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,6 +14,7 @@ from offradar_ros.errors import DataError
 from offradar_ros.recordings.drive import DriveResult
 from offradar_ros.recordings.truth import TOLERANCE_M, recall_at_1
 from offradar_ros.types import Localisation, Match, Outcome
+from offradar_ros.whole_file import write_whole_file
 
 COLUMNS = (
     'stamp_ns',
@@ -40,13 +42,14 @@ def write_answers(path: Path, result: DriveResult, positions: NDArray[np.float64
 
     `positions` (N, 2) and `errors` (N,) as `offradar_ros.recordings.truth` has them, metres in the ``map`` frame.
     """
+    table = io.StringIO(newline='')
+    writer = csv.writer(table, lineterminator='\n')
+    writer.writerow((*COLUMNS, *LOCALISATION_COLUMNS, *TRUTH_COLUMNS))
+    truth = np.column_stack([positions, errors]).tolist()
+    for outcome, found, true in zip(result.outcomes, result.localisations, truth, strict=True):
+        writer.writerow((*_answer(outcome), *_localisation(found), *map(_known, true)))
     try:
-        with path.open('w', encoding='utf-8', newline='') as file:
-            writer = csv.writer(file, lineterminator='\n')
-            writer.writerow((*COLUMNS, *LOCALISATION_COLUMNS, *TRUTH_COLUMNS))
-            truth = np.column_stack([positions, errors]).tolist()
-            for outcome, found, true in zip(result.outcomes, result.localisations, truth, strict=True):
-                writer.writerow((*_answer(outcome), *_localisation(found), *map(_known, true)))
+        write_whole_file(path, table.getvalue().encode())
     except OSError as error:
         raise DataError(f'{path}: cannot be written ({error.strerror})') from error
 

@@ -136,7 +136,7 @@ def calibrate(
         elif isinstance(choice, ThresholdChoice) and plot is not None:
             draw_reliability(choice, plot)
     values = _typed(given, config) | calibration.values
-    write_parameters(out, values, f'Written by offradar calibrate over {calibration.source}.')
+    write_parameters(out, values, f'Written by offradar calibrate over {calibration.source}.', with_digest=True)
     written = [f'{path}: {"replaced" if existed else "written"}' for path, existed in replaced.items()]
     for line in (*calibration.lines, *written):
         typer.echo(line)

@@ -21,6 +21,7 @@ from offradar_ros.encoders.protocol import Encoder, ModelInfo
 from offradar_ros.encoders.registry import make_encoder
 from offradar_ros.errors import DataError, MapError
 from offradar_ros.geometry import GeoPoint
+from offradar_ros.mapping.map_reader import status_of
 from offradar_ros.mapping.sessions import SessionMap
 from offradar_ros.mapping.store import MapStore
 from offradar_ros.recordings.bags.position_topic import position_topic
@@ -69,6 +70,8 @@ def drive(
         _print(result)
         if session is not None:
             _print_session(config, track_topic, result)
+        for warning in result.warnings:
+            typer.echo(f'warning: {warning}')
     errors = errors_m(result.outcomes, track)
     # Where the running session is searched too, its own places are near every scan.
     searched = session is not None and not config.query.exclude_current_session
@@ -88,7 +91,7 @@ def _read_only(path: str, model: ModelInfo) -> tuple[PlaceTable, Optional[GeoPoi
     """Places as of the last ended session, and where their frame starts; MapError if they are of another model."""
     if not path:
         return PlaceTable.from_places([], model.dimension), None
-    if not Path(path).exists():
+    if status_of(Path(path)) is None:
         raise MapError(f'{path}: no map file there: --session NAME starts one')
     stored = MapStore.open_read_only(Path(path))
     places = stored.committed()
@@ -109,9 +112,12 @@ def _mapped(
     with (
         SessionMap(config.map) as session_map,
         progress_bar(f'driving {opened.path.name}') as draw,
+        _rescued(session_map),
         _ended_by_interrupt(session_map),
         held_interrupt() as check,
     ):
+        for notice in session_map.notices:
+            typer.echo(notice)
 
         def progress(done: int, total: int) -> None:
             draw(done, total)
@@ -120,6 +126,18 @@ def _mapped(
         before = session_map.committed()
         result = drive_through(opened, config, encoder, session_map, session=session, topics=topics, progress=progress)
         return result, session_map.origin, before
+
+
+@contextlib.contextmanager
+def _rescued(session_map: SessionMap) -> Iterator[None]:
+    """Where the session cannot be written to its map, the whole map is written as a new file."""
+    try:
+        yield
+    except MapError as error:
+        if session_map.is_session_empty:
+            raise
+        rescued = session_map.rescue()
+        raise MapError(f'{error}; what was mapped is kept in {rescued}' if rescued else str(error)) from error
 
 
 @contextlib.contextmanager

@@ -10,13 +10,14 @@ from offradar_ros.cli.progress import progress_bar
 from offradar_ros.config import RadarConfig
 from offradar_ros.encoders.export.calibration_scans import SCANS, calibration_scans
 from offradar_ros.encoders.export.onnx_export import Compression, export_onnx
+from offradar_ros.encoders.export.onnx_probe import add_digest
 from offradar_ros.encoders.model_files import require_file, require_package
 from offradar_ros.encoders.pretrained import find_weights, pretrained_names
 from offradar_ros.encoders.weights_header import WeightsHeader
 from offradar_ros.errors import ConfigError, OffradarError
 from offradar_ros.recordings.source import LAYOUT_HELP, open_source
 
-SAFETENSORS = '.safetensors'
+SAFETENSORS, ONNX = '.safetensors', '.onnx'
 
 
 def export(
@@ -47,10 +48,17 @@ def export(
 
     An ONNX file holds the same model as its safetensors, with the same fingerprint. With --int8 or --low-rank it is
     another, faster model: its embeddings compare only with its own, and its thresholds must be calibrated again.
+    An ONNX file of an earlier version, without a digest, is copied with one: only if you trust what it holds.
     """
     if str(weights) in pretrained_names():
         weights = find_weights(str(weights), (SAFETENSORS,))
     require_file(weights)
+    if weights.suffix == ONNX:
+        if out.suffix == SAFETENSORS or half or unit_u or int8 or low_rank < 1.0 or calibrate:
+            raise ConfigError(f'{weights}: options are for .safetensors: an ONNX file only gets its digest, as ONNX')
+        header = add_digest(weights, out)
+        typer.echo(f'{out}: {header.fingerprint}, now with a digest of what {weights} holds')
+        return
     to_onnx, compressed = out.suffix != SAFETENSORS, int8 or low_rank < 1.0
     if to_onnx and (half or unit_u):
         raise ConfigError(f'{out}: --half and --unit-u are for .safetensors: export that to .onnx afterwards')

@@ -17,8 +17,7 @@ import typer
 from typer.core import TyperGroup
 
 from offradar_ros import __version__
-from offradar_ros.entry_point import run_guarded, special_file
-from offradar_ros.errors import DataError
+from offradar_ros.entry_point import require_ordinary_files, run_guarded
 
 COMMANDS = {
     'check': 'cli.check:check',
@@ -59,18 +58,22 @@ class _Commands(TyperGroup):
 
 
 def _of_files(command: Callable[..., Any]) -> Callable[..., Any]:
-    """The command, which refuses a path that is a FIFO or a device: it would wait for it for ever."""
-    for parameter in inspect.signature(command).parameters.values():
+    """The command, which refuses a path that is a FIFO or a device, or holds one: it would wait for it for ever."""
+    inputs = set()
+    for name, parameter in inspect.signature(command).parameters.items():
         for option in getattr(parameter.annotation, '__metadata__', ()):
             # To Typer, a path that cannot be read is wrong usage; to the command, a file that cannot be read.
             option.readable = False
+            if isinstance(option, typer.models.ArgumentInfo):
+                inputs.add(name)
 
     @functools.wraps(command)
     def checked(**options: Any) -> Any:
-        for value in options.values():
+        for name, value in options.items():
             for path in value if isinstance(value, (list, tuple)) else [value]:
-                if isinstance(path, Path) and (kind := special_file(path)):
-                    raise DataError(f'{path}: is {kind}: expected a file or a folder')
+                # The folder of an option may be any, such as the one that results are written to.
+                if isinstance(path, Path) and (name in inputs or not path.is_dir()):
+                    require_ordinary_files(path)
         return command(**options)
 
     return checked

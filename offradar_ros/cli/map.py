@@ -1,16 +1,19 @@
-"""`offradar map`: the contents of a map file."""
+"""`offradar map`: the contents of a map file, or a copy of it."""
 
 import datetime
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Optional
 
 import typer
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Column, Table
 
+from offradar_ros.errors import ConfigError
+from offradar_ros.mapping.map_reader import log_of
 from offradar_ros.mapping.store import MapStore
+from offradar_ros.mapping.whole_map import back_up
 from offradar_ros.mapping.writer_lock import has_writer
 
 REPORTED = {
@@ -24,13 +27,29 @@ REPORTED = {
 }
 
 
-def show_map(path: Annotated[Path, typer.Argument(help='SQLite map file.')]) -> None:
+def show_map(
+    path: Annotated[Path, typer.Argument(help='SQLite map file.')],
+    backup: Annotated[
+        Optional[Path], typer.Option(help='Copy the map to this file, also while a map server writes it.')
+    ] = None,
+    overwrite: Annotated[bool, typer.Option('--overwrite', help='Replace the file of --backup.')] = False,
+) -> None:
     """Print the model, the origin and the sessions of a map, without changing it."""
+    if backup is not None:
+        back_up(path, backup, overwrite=overwrite)
+        typer.echo(f'{backup}: the map as of the last save, written and read again')
+        return
+    if overwrite:
+        raise ConfigError('--overwrite replaces the file of --backup: give --backup FILE')
     # Before the file is read: a session that a process starts after this is not in the file that is read.
     is_written = has_writer(path)
     stored = MapStore.open_read_only(path)
     model, origin = stored.model, stored.origin
     typer.echo(f'{path}: {len(stored.places)} places')
+    if stored.is_log_foreign:
+        typer.echo(
+            f'note: {log_of(path).name} beside it belongs to another file, or another state of it: it was not read'
+        )
     if model:
         typer.echo(f'model: {model.name}, d = {model.dimension}, {model.fingerprint}')
     if origin:

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros.encoders.network_image import make_image
+from offradar_ros.encoders.probe import Probe, probe_image, require_sound
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.encoders.weights_header import WeightsHeader
-from offradar_ros.errors import RefusedInput
+from offradar_ros.errors import ModelError, RefusedInput
 from offradar_ros.types import Embedding, PolarScan
 
 
@@ -21,6 +22,7 @@ class ImageEncoder(abc.ABC):
     def __init__(self, header: WeightsHeader, path: str | Path, runs_on: str) -> None:
         """`runs_on`: ``cpu`` or ``cuda``, what the backend runs on."""
         self.header = header
+        self._path = path
         self.runs_on = runs_on
         self._to_image = make_image(header.config)
         self._info = ModelInfo(
@@ -45,6 +47,19 @@ class ImageEncoder(abc.ABC):
     @abc.abstractmethod
     def infer(self, images: NDArray[np.uint8]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Images (N, H, W) uint8 → mean and variance, both (N, d) float32, the outputs of the network."""
+
+    def require_sound(self, expected: Probe | None = None) -> None:
+        """Run the probe image; ModelError if its outputs are not those of a network in order, or not `expected`.
+
+        A backend calls it when it can run, so that a runtime that computes something else is never used.
+        """
+        outputs = self.infer(probe_image(self.header.config))
+        require_sound(outputs, self.header.config, self._path)
+        if expected is not None and expected.differs(*outputs):
+            raise ModelError(
+                f'{self._path}: {type(self).__name__} computes another embedding of a probe image than the exporter '
+                f'did: use another encoder.backend, or another version of that runtime'
+            )
 
     def image(self, scan: PolarScan) -> NDArray[np.uint8]:
         """The network's image of a scan, (H, W) uint8; RefusedInput ``no_signal`` if it is empty or all zero."""

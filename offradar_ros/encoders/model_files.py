@@ -1,19 +1,35 @@
-"""Model files on disk: checks with clear errors, and atomic writes."""
+"""Model files on disk: checks with clear errors, bounded reads and whole writes."""
 
 from __future__ import annotations
 
 import importlib.util
 from pathlib import Path
 
+from offradar_ros.bounded_input import read_bounded
 from offradar_ros.errors import ModelError
 from offradar_ros.whole_file import write_whole_file
+
+MAX_MODEL_BYTES = 2**31
+"""Largest weights file; a protocol buffer, such as ONNX, cannot be larger."""
 
 
 def require_file(path: str | Path) -> str:
     """`path` as text if the file exists; ModelError otherwise."""
-    if not Path(path).is_file():
+    try:
+        found = Path(path).is_file()
+    except OSError as error:
+        raise ModelError(f'{path}: cannot be read ({error.strerror})') from error
+    if not found:
         raise ModelError(f'{path}: no such weights file')
     return str(path)
+
+
+def read_model_file(path: str | Path) -> bytes:
+    """Content of a weights file; ModelError if it is missing, no regular file, unreadable or too large."""
+    try:
+        return read_bounded(require_file(path), MAX_MODEL_BYTES)
+    except OSError as error:
+        raise ModelError(f'{path}: cannot be read ({error.strerror or error})') from error
 
 
 def require_package(package: str, path: str | Path) -> None:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-import json
+import reprlib
 from typing import Any
 
+from offradar_ros.bounded_input import parse_json
 from offradar_ros.config import CartesianConfig, PolarGridConfig
 from offradar_ros.encoders.fingerprint import canonical_json
 from offradar_ros.encoders.registry import LEARNED
@@ -99,8 +100,8 @@ class NetworkConfig:
     def from_json(cls, text: str) -> NetworkConfig:
         """The settings from the text of `to_json`; ConfigError for any other text."""
         try:
-            tree = json.loads(text)
-        except (ValueError, RecursionError) as error:
+            tree = parse_json(text)
+        except ValueError as error:
             raise ConfigError(f'network settings: expected JSON ({error})') from error
         if not isinstance(tree, dict):
             raise ConfigError(f'network settings: expected an object, got {text[:200]!r}')
@@ -113,4 +114,4 @@ class NetworkConfig:
 
 def _expect(condition: bool, name: str, expected: str, value: Any) -> None:
     if not condition:
-        raise ConfigError(f'network setting {name}: expected {expected}, got {value!r}')
+        raise ConfigError(f'network setting {name}: expected {expected}, got {reprlib.repr(value)}')

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from offradar_ros.encoders.device import CPU_PROVIDER, CUDA_PROVIDER, cuda_unavailable, onnx_providers, used_device
 from offradar_ros.encoders.image_encoder import ImageEncoder
-from offradar_ros.encoders.model_files import first_line, require_file
-from offradar_ros.encoders.weights_header import WeightsHeader
+from offradar_ros.encoders.model_files import first_line
+from offradar_ros.encoders.onnx_model import read_onnx
 from offradar_ros.errors import ModelError
 
 WARNINGS_OFF = 3
@@ -34,10 +34,11 @@ class OnnxEncoder(ImageEncoder):
         # Spinning threads, which wait for the next scan, take several times the CPU time of the computation.
         options.add_session_config_entry('session.intra_op.allow_spinning', '0')
         providers = onnx_providers(device, onnxruntime.get_available_providers())
-        self._session = _session(require_file(path), options, providers, device)
-        header = WeightsHeader.from_metadata(self._session.get_modelmeta().custom_metadata_map, path)
-        super().__init__(header, path, used_device(device, self._session.get_providers()))
+        model = read_onnx(path)
+        self._session = _session(model.content, path, options, providers, device)
+        super().__init__(model.header, path, used_device(device, self._session.get_providers()))
         self._expect_shapes(path)
+        self.require_sound(model.probe)
 
     def infer(self, images: NDArray[np.uint8]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Images (N, H, W) uint8 → mean and variance, both (N, d) float32."""
@@ -66,15 +67,15 @@ def _threads_within_affinity() -> int:
     return cores if cores < (os.cpu_count() or cores) else 0
 
 
-def _session(path: str, options: Any, providers: Sequence[str], device: str) -> Any:
+def _session(content: bytes, path: str | Path, options: Any, providers: Sequence[str], device: str) -> Any:
     """A session. If the provider of a GPU cannot start, ``auto`` falls back to the CPU; ConfigError for ``cuda``."""
     try:
-        return onnxruntime.InferenceSession(path, options, providers=list(providers))
+        return onnxruntime.InferenceSession(content, options, providers=list(providers))
     except Exception as error:  # its exceptions have no common base class
         if CUDA_PROVIDER not in providers:
-            raise ModelError(f'{path}: not a readable ONNX file ({first_line(error)})') from error
+            raise ModelError(f'{path}: ONNX Runtime cannot run it ({first_line(error)})') from error
         # If the CPU cannot start it either, the file is the cause.
-        session = _session(path, options, (CPU_PROVIDER,), device)
+        session = _session(content, path, options, (CPU_PROVIDER,), device)
         if device == 'cuda':
             raise cuda_unavailable(f'ONNX Runtime could not start {CUDA_PROVIDER} ({first_line(error)})') from error
         return session

@@ -1,4 +1,4 @@
-"""Reads ONNX files without the onnx package: metadata entries, and weights in single precision.
+"""Reads ONNX files without the onnx package: metadata entries, references to other files, and single precision.
 
 An ONNX file is a protocol buffer, `ModelProto` of onnx.proto. A message is a sequence of fields, each a key (number · 8
 + wire type, a varint) and a value. Nested messages, strings and bytes have wire type 2 and start with their length.
@@ -6,13 +6,9 @@ An ONNX file is a protocol buffer, `ModelProto` of onnx.proto. A message is a se
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from pathlib import Path
+from collections.abc import Iterable, Iterator
 
 import numpy as np
-
-from offradar_ros.encoders.model_files import require_file
-from offradar_ros.errors import ModelError
 
 _VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5
 
@@ -20,50 +16,81 @@ _VARINT, _FIXED64, _BYTES, _FIXED32 = 0, 1, 2, 5
 _GRAPH, _METADATA = 7, 14
 _INITIALIZER = 5
 _KEY, _VALUE = 1, 2
-_DATA_TYPE, _RAW_DATA = 2, 9
+_DATA_TYPE, _RAW_DATA, _EXTERNAL_DATA, _DATA_LOCATION = 2, 9, 13, 14
 _FLOAT, _FLOAT16 = 1, 10
 
-Field = tuple[int, int, int | bytes]
+_TENSOR = 'tensor'
+_HOLDS = {
+    'model': {_GRAPH: 'graph', 20: 'training', 25: 'function'},
+    'training': {1: 'graph', 2: 'graph'},
+    'graph': {1: 'node', _INITIALIZER: _TENSOR, 15: 'sparse'},
+    'function': {7: 'node', 11: 'attribute'},
+    'node': {5: 'attribute'},
+    'attribute': {5: _TENSOR, 6: 'graph', 10: _TENSOR, 11: 'graph', 22: 'sparse', 23: 'sparse'},
+    'sparse': {1: _TENSOR, 2: _TENSOR},
+}
+"""Messages of onnx.proto that lead to a tensor: what a message holds in which field."""
+_DEEPEST = 32
+
+Field = tuple[int, int, 'int | memoryview']
 """Number, wire type and value of a field."""
 
 
-def read_metadata(path: str | Path) -> dict[str, str]:
-    """Metadata entries of an ONNX file; ModelError for a file that is missing or not ONNX."""
+def read_metadata(content: bytes) -> dict[str, str]:
+    """Metadata entries of an ONNX file; ValueError if it is not ONNX."""
     found = {}
-    try:
-        for number, _, value in _fields(_content(path)):
-            if number == _METADATA and isinstance(value, bytes):
-                entry = {key: text for key, _, text in _fields(value) if isinstance(text, bytes)}
-                found[entry[_KEY].decode()] = entry[_VALUE].decode()
-    except (ValueError, KeyError) as error:
-        raise ModelError(f'{path}: not a readable ONNX file ({error})') from error
+    for number, _, value in _fields(memoryview(content)):
+        if number == _METADATA and isinstance(value, memoryview):
+            entry = {key: bytes(text).decode() for key, _, text in _fields(value) if isinstance(text, memoryview)}
+            if _KEY not in entry or _VALUE not in entry:
+                raise ValueError('a metadata entry without key or value')
+            found[entry[_KEY]] = entry[_VALUE]
     return found
 
 
-def read_in_single_precision(path: str | Path) -> bytes:
+def metadata_entry(key: str, value: str) -> bytes:
+    """The bytes that add a metadata entry to an ONNX file when they are appended to it."""
+    pair: list[Field] = [(_KEY, _BYTES, memoryview(key.encode())), (_VALUE, _BYTES, memoryview(value.encode()))]
+    return _message([(_METADATA, _BYTES, memoryview(_message(pair)))])
+
+
+def has_external_data(content: bytes) -> bool:
+    """Whether any tensor of an ONNX file lies in another file; ValueError if it is not ONNX."""
+    return _leads_outside(memoryview(content), 'model', 0)
+
+
+def in_single_precision(content: bytes) -> bytes:
     """The content of a file with half-precision weights as float32, for runtimes without half precision.
 
-    ModelError as `read_metadata`.
+    ValueError if it is not ONNX.
     """
-    try:
-        model = list(_fields(_content(path)))
-        return _message(
-            (number, kind, _message(map(_widened_in_graph, _fields(value))) if number == _GRAPH else value)
-            if isinstance(value, bytes)
-            else (number, kind, value)
-            for number, kind, value in model
-        )
-    except (ValueError, KeyError) as error:
-        raise ModelError(f'{path}: not a readable ONNX file ({error})') from error
+    return _message(
+        (number, kind, memoryview(_message(map(_widened_in_graph, _fields(value)))) if number == _GRAPH else value)
+        if isinstance(value, memoryview)
+        else (number, kind, value)
+        for number, kind, value in _fields(memoryview(content))
+    )
 
 
-def _content(path: str | Path) -> bytes:
-    return Path(require_file(path)).read_bytes()
+def _leads_outside(message: memoryview, kind: str, depth: int) -> bool:
+    if depth > _DEEPEST:
+        raise ValueError(f'graphs within graphs, deeper than {_DEEPEST} levels')
+    for number, _, value in _fields(message):
+        if kind == _TENSOR:
+            if number == _EXTERNAL_DATA or (number == _DATA_LOCATION and value != 0):
+                return True
+        elif (
+            number in _HOLDS[kind]
+            and isinstance(value, memoryview)
+            and _leads_outside(value, _HOLDS[kind][number], depth + 1)
+        ):
+            return True
+    return False
 
 
 def _widened_in_graph(field: Field) -> Field:
     number, kind, value = field
-    if number != _INITIALIZER or not isinstance(value, bytes):
+    if number != _INITIALIZER or not isinstance(value, memoryview):
         return field
     tensor = list(_fields(value))
     if (_DATA_TYPE, _VARINT, _FLOAT16) not in tensor:
@@ -72,14 +99,15 @@ def _widened_in_graph(field: Field) -> Field:
     for inner in tensor:
         if inner[0] == _DATA_TYPE:
             widened.append((_DATA_TYPE, _VARINT, _FLOAT))
-        elif inner[0] == _RAW_DATA and isinstance(inner[2], bytes):
-            widened.append((_RAW_DATA, _BYTES, np.frombuffer(inner[2], '<f2').astype('<f4').tobytes()))
+        elif inner[0] == _RAW_DATA and isinstance(inner[2], memoryview):
+            wide = np.frombuffer(inner[2], '<f2').astype('<f4').tobytes()
+            widened.append((_RAW_DATA, _BYTES, memoryview(wide)))
         else:
             widened.append(inner)
-    return number, kind, _message(widened)
+    return number, kind, memoryview(_message(widened))
 
 
-def _fields(message: bytes) -> Iterator[Field]:
+def _fields(message: memoryview) -> Iterator[Field]:
     """Fields of a message in order; ValueError if it is truncated or not a message."""
     place = 0
     while place < len(message):
@@ -98,7 +126,7 @@ def _fields(message: bytes) -> Iterator[Field]:
         place += length
 
 
-def _varint(message: bytes, place: int) -> tuple[int, int]:
+def _varint(message: memoryview, place: int) -> tuple[int, int]:
     """A number in groups of 7 bits, the lowest first, and the index after it."""
     number = shift = 0
     while place < len(message) and shift < 64:
@@ -110,7 +138,7 @@ def _varint(message: bytes, place: int) -> tuple[int, int]:
     raise ValueError('not a protocol buffer, or truncated')
 
 
-def _message(fields: Iterator[Field] | list[Field] | map[Field]) -> bytes:
+def _message(fields: Iterable[Field]) -> bytes:
     """The serialised message of these fields."""
     parts = bytearray()
     for number, kind, value in fields:
@@ -118,7 +146,8 @@ def _message(fields: Iterator[Field] | list[Field] | map[Field]) -> bytes:
         if isinstance(value, int):
             parts += _varint_bytes(value)
         else:
-            parts += (_varint_bytes(len(value)) if kind == _BYTES else b'') + value
+            parts += _varint_bytes(len(value)) if kind == _BYTES else b''
+            parts += value
     return bytes(parts)
 
 

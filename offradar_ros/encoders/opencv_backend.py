@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from offradar_ros.encoders.device import cuda_unavailable
 from offradar_ros.encoders.image_encoder import ImageEncoder
-from offradar_ros.encoders.onnx_file import read_in_single_precision, read_metadata
-from offradar_ros.encoders.weights_header import WeightsHeader
+from offradar_ros.encoders.onnx_file import in_single_precision
+from offradar_ros.encoders.onnx_model import read_onnx
 from offradar_ros.errors import ModelError
 
 
@@ -27,19 +27,19 @@ class OpencvEncoder(ImageEncoder):
         """`threads` sets OpenCV's threads for the whole process, 0 leaves them; ConfigError for ``cuda``."""
         if device == 'cuda':
             raise cuda_unavailable('the opencv backend runs on the CPU only')
-        header = WeightsHeader.from_metadata(read_metadata(path), path)
-        if header.stored == 'int8':
+        model = read_onnx(path)
+        if model.header.stored == 'int8':
             raise ModelError(
                 f'{path}: OpenCV computes 8-bit integers differently from ONNX Runtime: pip install onnxruntime, or '
                 f'use weights in single or half precision'
             )
-        super().__init__(header, path, 'cpu')
+        super().__init__(model.header, path, 'cpu')
         if threads:
             cv2.setNumThreads(threads)
         try:
-            self._network = cv2.dnn.readNetFromONNX(np.frombuffer(read_in_single_precision(path), np.uint8))
+            self._network = cv2.dnn.readNetFromONNX(np.frombuffer(in_single_precision(model.content), np.uint8))
             # Missing operators are reported by the first run.
-            found = [output.shape for output in self._run(np.zeros((1, *header.config.image_shape), np.uint8))]
+            self.require_sound(model.probe)
         except cv2.error as error:
             # The last line of the message names the operator.
             reason = str(error).strip().splitlines()[-1][:300]
@@ -47,9 +47,6 @@ class OpencvEncoder(ImageEncoder):
                 f'{path}: OpenCV {cv2.__version__} cannot run it: pip install onnxruntime, or use a later OpenCV '
                 f'({reason})'
             ) from error
-        expected = [(1, header.config.dimension)] * 2
-        if found != expected:
-            raise ModelError(f'{path}: expected outputs mean and variance of shape {expected[0]}, got {found}')
 
     def infer(self, images: NDArray[np.uint8]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Images (N, H, W) uint8 → mean and variance, both (N, d) float32, one image after the other."""

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros import __version__
+from offradar_ros.bounded_input import parse_json
 from offradar_ros.encoders.fingerprint import canonical_json, fingerprint
-from offradar_ros.encoders.model_files import first_line, require_file, require_package, write_atomically
+from offradar_ros.encoders.model_files import first_line, require_package, write_atomically
 from offradar_ros.encoders.rad_vlad_rows import RowSettings
+from offradar_ros.encoders.safetensors_file import BLANK, read_safetensors, with_digest
 from offradar_ros.errors import ConfigError, ModelError
 from offradar_ros.records import structure, unstructure
 
@@ -71,24 +72,25 @@ class Codebook:
             'offradar.created_by': f'offradar_ros {__version__}',
             'offradar.description': self.description,
         }
-        write_atomically(path, save({'centres': np.ascontiguousarray(self.centres)}, metadata=metadata))
+        tensors = {'centres': np.ascontiguousarray(self.centres)}
+        write_atomically(path, with_digest(save(tensors, metadata={**metadata, **BLANK})))
 
 
 def load_codebook(path: str | Path) -> Codebook:
     """Read a file of `Codebook.save`; ModelError for a missing or damaged file, or one of another program."""
     require_package('safetensors', path)
     import safetensors  # noqa: PLC0415
+    from safetensors.numpy import load  # noqa: PLC0415
 
+    content, metadata = read_safetensors(path)
     try:
-        with safetensors.safe_open(require_file(path), framework='numpy') as opened:
-            metadata = opened.metadata() or {}
-            centres = opened.get_tensor('centres') if 'offradar.rad_vlad' in metadata else None
-    except (safetensors.SafetensorError, OSError, TypeError) as error:
+        centres = load(content)['centres'] if 'offradar.rad_vlad' in metadata else None
+    except (safetensors.SafetensorError, TypeError, KeyError, ValueError) as error:
         raise ModelError(f'{path}: not a readable safetensors file ({first_line(error)})') from error
     if centres is None:
         raise ModelError(f'{path}: not the centres of rad_vlad: its metadata has no offradar.rad_vlad')
     try:
-        settings = json.loads(metadata['offradar.rad_vlad'])
+        settings = parse_json(metadata['offradar.rad_vlad'])
         typical = settings.pop('typical_repetition')
         codebook = Codebook(
             structure(RowSettings, settings), centres, typical, metadata.get('offradar.description', '')

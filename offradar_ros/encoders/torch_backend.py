@@ -27,6 +27,7 @@ class TorchEncoder(ImageEncoder):
         if threads:
             torch.set_num_threads(threads)
         self._network = network.to(self._device)
+        self.require_sound()
 
     def infer(self, images: NDArray[np.uint8]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Images (N, H, W) uint8 → mean and variance, both (N, d) float32."""

@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 import safetensors
 from numpy.typing import NDArray
-from safetensors.numpy import save
+from safetensors.numpy import load, save
 
 from offradar_ros.encoders.fingerprint import fingerprint
-from offradar_ros.encoders.model_files import first_line, require_file, write_atomically
+from offradar_ros.encoders.model_files import first_line, write_atomically
 from offradar_ros.encoders.network_config import NetworkConfig
+from offradar_ros.encoders.safetensors_file import BLANK, read_safetensors, with_digest
 from offradar_ros.encoders.weights_header import WeightsHeader
 from offradar_ros.errors import ModelError
 
@@ -36,18 +37,13 @@ def save_weights(
     digest = fingerprint(config.method, dataclasses.asdict(config), _as_loaded(tensors))
     header = WeightsHeader(config, digest, description=description, stored='float16' if half else 'float32')
     contiguous = {name: np.ascontiguousarray(tensor).reshape(tensor.shape) for name, tensor in tensors.items()}
-    write_atomically(path, save(contiguous, metadata=header.to_metadata()))
+    write_atomically(path, with_digest(save(contiguous, metadata={**header.to_metadata(), **BLANK})))
     return header
 
 
 def read_header(path: str | Path) -> WeightsHeader:
     """Header of a weights file without its tensors; ModelError for a missing, damaged or other file."""
-    try:
-        with safetensors.safe_open(require_file(path), framework='numpy') as opened:
-            metadata = opened.metadata()
-    except (safetensors.SafetensorError, OSError) as error:
-        raise ModelError(f'{path}: not a readable safetensors file ({first_line(error)})') from error
-    return WeightsHeader.from_metadata(metadata or {}, path)
+    return WeightsHeader.from_metadata(read_safetensors(path)[1], path)
 
 
 def load_weights(path: str | Path) -> tuple[WeightsHeader, dict[str, NDArray[Any]]]:
@@ -55,12 +51,11 @@ def load_weights(path: str | Path) -> tuple[WeightsHeader, dict[str, NDArray[Any
 
     ModelError as `read_header`, and if the fingerprint of the tensors is not that in the header.
     """
-    header = read_header(path)
+    content, metadata = read_safetensors(path)
+    header = WeightsHeader.from_metadata(metadata, path)
     try:
-        with safetensors.safe_open(path, framework='numpy') as opened:
-            # The reader has a method `keys`, but is not a mapping.
-            tensors = _as_loaded({name: opened.get_tensor(name) for name in list(opened.keys())})
-    except (safetensors.SafetensorError, OSError, TypeError) as error:
+        tensors = _as_loaded(load(content))
+    except (safetensors.SafetensorError, TypeError, KeyError, ValueError) as error:
         raise ModelError(f'{path}: its tensors cannot be read ({first_line(error)})') from error
     found = fingerprint(header.config.method, dataclasses.asdict(header.config), tensors)
     if found != header.fingerprint:

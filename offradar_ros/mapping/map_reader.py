@@ -3,28 +3,31 @@
 from __future__ import annotations
 
 import contextlib
-import json
-import math
+import dataclasses
+import os
 import sqlite3
-from collections.abc import Callable, Iterator
+import stat
+import sys
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import NamedTuple, Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from offradar_ros.encoders.protocol import ModelInfo
+from offradar_ros.bounded_input import MAX_TEXT_BYTES
 from offradar_ros.errors import ConfigError, MapError, RefusedInput
-from offradar_ros.geometry import GeoPoint
 from offradar_ros.mapping import schema
-from offradar_ros.mapping.place_columns import PlaceColumns, capacity_for, place_of
-from offradar_ros.mapping.place_rows import CONTENT_COLUMNS, rows_to_table
-from offradar_ros.mapping.stored_map import Before, StoredMap, StoredSession, revert
-from offradar_ros.records import structure
+from offradar_ros.mapping.map_rows import MapRows, require_undoable
+from offradar_ros.mapping.place_columns import PlaceColumns
+from offradar_ros.mapping.seal import Seal
+from offradar_ros.mapping.stored_map import StoredMap, revert
 from offradar_ros.types import PlaceTable
 
-_BATCH = 1024
-"""Rows read at once: few enough for the processor's cache."""
+ALONE = 'mode=ro&immutable=1'
+"""How SQLite opens the file without the log beside it."""
+WITH_LOG = 'mode=ro'
+BUSY_TIMEOUT_S = 0.5
+"""Longest wait for a lock of another process; scans keep arriving meanwhile."""
 
 Content = TypeVar('Content')
 SinkT = TypeVar('SinkT', bound='PlaceSink')
@@ -41,9 +44,11 @@ def read_map(path: Path) -> StoredMap:
     """Read the map at `path`; MapError says what is wrong with it. The file and its folder are not changed.
 
     A file without a write-ahead log is read as immutable, because SQLite's ordinary read-only mode would leave a log
-    behind. If a writer starts meanwhile, the content is discarded and read again, concurrently with that writer.
+    behind. If a writer starts meanwhile, the content is discarded and read again, concurrently with that writer. A log
+    that does not belong to the file, as is left where another map is copied over one, is not read.
     """
-    return _consistently(path, _content)
+    stored, is_log_foreign = consistently(path, _content)
+    return dataclasses.replace(stored, is_log_foreign=is_log_foreign)
 
 
 def read_committed(path: Path, start: Callable[[int, int], SinkT]) -> tuple[str, SinkT]:
@@ -54,42 +59,83 @@ def read_committed(path: Path, start: Callable[[int, int], SinkT]) -> tuple[str,
     object.
     """
 
-    def stream(connection: sqlite3.Connection) -> tuple[str, SinkT]:
-        model, _, _ = _head(connection)
-        dimension = model.dimension if model else 0
-        running = connection.execute("SELECT max(session_id) FROM sessions WHERE state = 'running'").fetchone()[0]
-        before = {} if running is None else _contents_before(connection, dimension, running).get(running, {})
-        sink = start(dimension, _capacity(connection, dimension))
-        for rows in _batches(connection.execute(f'SELECT {CONTENT_COLUMNS} FROM places ORDER BY place_id')):
-            table = rows_to_table(rows, dimension)
+    def stream(rows: MapRows) -> tuple[str, SinkT]:
+        running = rows.running_session_id
+        # Without a running session nothing is selected, but every row is checked.
+        before = rows.before(-1 if running is None else running).get(running or -1, {})
+        sink = start(rows.dimension, rows.capacity())
+        for table, _ in rows.places():
             inside = {i: before[i] for i in before.keys() & set(table.place_ids.tolist())} if before else {}
-            try:
-                sink.upsert(revert(table, inside) if inside else table)
-            except RefusedInput as problem:
-                raise MapError(f'{path}: {problem}') from problem
-        return model.fingerprint if model else '', sink
+            sink.upsert(revert(table, inside) if inside else table)
+        return rows.model.fingerprint if rows.model else '', sink
 
-    return _consistently(path, stream)
+    return consistently(path, stream)[0]
 
 
-def _consistently(path: Path, read: Callable[[sqlite3.Connection], Content]) -> Content:
-    if not path.is_file():
-        raise MapError(f'{path}: no map file there')
-    if not path.stat().st_size:
-        raise MapError(f'{path}: an empty file, not a map: remove it to start a new map there')
+def check_map(path: Path, *, with_log: bool = True) -> tuple[Seal | None, bool]:
+    """Read every row of the map at `path` and keep none. MapError as `read_map`.
+
+    Returns its seal, None in version 1, and whether there was a log beside it that was read.
+    """
+
+    def check(rows: MapRows) -> Seal | None:
+        rows.before(-1)
+        for _ in rows.places():
+            pass
+        return rows.seal
+
+    _require_file(path)
+    is_with_log = with_log and file_state(path).log is not None
+    return _read(path, WITH_LOG if is_with_log else ALONE, check), is_with_log
+
+
+def _content(rows: MapRows) -> StoredMap:
+    columns, anchors = PlaceColumns(rows.dimension, rows.capacity()), [np.empty((0, 2))]
+    for table, anchors_m in rows.places():
+        columns.upsert(table)
+        anchors.append(anchors_m)
+    before = rows.before()
+    require_undoable(before, columns.table.place_ids)
+    return StoredMap(
+        model=rows.model,
+        origin=rows.origin,
+        next_place_id=rows.next_place_id,
+        columns=columns,
+        anchors_m=np.concatenate(anchors),
+        sessions=rows.sessions,
+        before=before,
+        seal=rows.seal,
+    )
+
+
+def consistently(path: Path, read: Callable[[MapRows], Content]) -> tuple[Content, bool]:
+    """What `read` returns for the map at `path`, all of one transaction, and whether a foreign log lies beside it.
+
+    `read` may be called again. MapError says what is wrong with the map.
+    """
+    _require_file(path)
     state = file_state(path)
     if state.log is None:
         try:
-            content = _read(path, 'mode=ro&immutable=1', read)
+            content = _read(path, ALONE, read)
         except MapError:
             if file_state(path) == state:
                 raise
         else:
             if file_state(path) == state:
-                return content
+                return content, False
             # Memory may not be enough for two copies of the map.
             del content
-    return _read(path, 'mode=ro', read)
+    try:
+        return _read(path, WITH_LOG, read), False
+    except _DamagedError as problem:
+        if file_state(path).log is None:
+            return _read(path, ALONE, read), False
+        # A sound map beside a log with which it is none: the log is of another file, or of another state of this one.
+        try:
+            return _read(path, ALONE, read), True
+        except MapError:
+            raise problem from None
 
 
 class FileState(NamedTuple):
@@ -105,119 +151,138 @@ class FileState(NamedTuple):
 
 
 def file_state(path: Path) -> FileState:
-    """State of the map at `path` now."""
-    return FileState(_state(path), _state(path.with_name(path.name + '-wal')))
+    """State of the map at `path` now; MapError where its folder cannot be read."""
+    return FileState(_state(path), _state(log_of(path)))
+
+
+def log_of(path: Path) -> Path:
+    """Where SQLite keeps the write-ahead log of a file."""
+    return path.with_name(path.name + '-wal')
+
+
+def rollback_log_of(path: Path) -> Path:
+    """Where SQLite keeps the log of a file that is not in WAL mode, which no map is."""
+    return path.with_name(path.name + '-journal')
+
+
+def open_sqlite(path: Path, mode: str) -> sqlite3.Connection:
+    """A connection that does nothing that a file could ask for; `mode` is part of a URI."""
+    connection = sqlite3.connect(
+        f'{path.resolve().as_uri()}?{mode}',
+        uri=True,
+        isolation_level=None,
+        check_same_thread=False,
+        timeout=BUSY_TIMEOUT_S,
+    )
+    if sys.version_info >= (3, 11):
+        connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MAX_TEXT_BYTES)
+    # Damaged text has a wrong digest; an error of SQLite's would not say that it is the content.
+    connection.text_factory = _decoded
+    connection.execute('PRAGMA trusted_schema = OFF')
+    connection.execute('PRAGMA cell_size_check = ON')
+    return connection
+
+
+def _decoded(text: bytes) -> str:
+    return text.decode('utf-8', 'surrogateescape')
+
+
+def status_of(path: Path) -> os.stat_result | None:
+    """Status of the file at `path`, None where there is none; MapError where that cannot be seen."""
+    try:
+        return path.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    except (OSError, ValueError) as error:
+        why = getattr(error, 'strerror', None) or error
+        raise MapError(f'{path}: cannot be read ({why}): check the path, and the permissions of its folder') from error
 
 
 def _state(path: Path) -> tuple[int, ...] | None:
-    try:
-        status = path.stat()
-    except FileNotFoundError:
-        return None
-    return (status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns) if status.st_size else None
+    status = status_of(path)
+    return (status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns) if status and status.st_size else None
 
 
-def _read(path: Path, mode: str, read: Callable[[sqlite3.Connection], Content]) -> Content:
+def _require_file(path: Path) -> None:
+    status = status_of(path)
+    if status is None:
+        raise MapError(f'{path}: no map file there')
+    if not stat.S_ISREG(status.st_mode):
+        raise MapError(f'{path}: not a file: expected the path of a map file')
+    if not status.st_size:
+        raise MapError(f'{path}: an empty file, not a map: remove it to start a new map there')
+
+
+class _DamagedError(MapError):
+    """What the file and the log beside it hold together is no map."""
+
+
+def _read(path: Path, mode: str, read: Callable[[MapRows], Content]) -> Content:
     try:
-        with contextlib.closing(sqlite3.connect(f'{path.resolve().as_uri()}?{mode}', uri=True)) as connection:
+        with contextlib.closing(open_sqlite(path, mode)) as connection:
+            connection.execute('PRAGMA query_only = ON')
             connection.execute('BEGIN')
-            _refuse_foreign(path, connection)
-            content = read(connection)
+            version = _require_map(path, connection)
+            rows = MapRows(connection, version)
+            if mode == WITH_LOG:
+                _require_own_log(path, rows)
+            content = read(rows)
             # The check reads backwards, which disks are slow at: now the pages are in memory, read forwards.
-            _refuse_damaged(path, connection)
+            _refuse_damaged(connection)
             return content
+    except sqlite3.OperationalError as error:
+        raise MapError(f'{path}: the map cannot be read ({error}); the file is not changed') from error
     except sqlite3.DatabaseError as error:
         if 'not a database' in str(error):
-            raise MapError(f'{path}: not a map: expected a SQLite file written by offradar') from error
-        raise MapError(f'{path}: the map is damaged or cannot be read ({error}); the file is not changed') from error
+            raise _DamagedError(f'{path}: not a map: expected a SQLite file written by offradar') from error
+        raise _DamagedError(f'{path}: the map is damaged ({_line(error)}); the file is not changed') from error
     except (ValueError, TypeError, KeyError, OverflowError, ConfigError, RefusedInput) as error:
-        raise MapError(f'{path}: the map is damaged ({error}); the file is not changed') from error
+        raise _DamagedError(f'{path}: the map is damaged ({_line(error)}); the file is not changed') from error
+    except MemoryError as error:
+        raise MapError(f'{path}: the map is too large for the memory of this computer') from error
+    except OSError as error:
+        raise MapError(f'{path}: the map cannot be read ({error.strerror})') from error
 
 
-def _refuse_foreign(path: Path, connection: sqlite3.Connection) -> None:
+def _line(error: Exception) -> str:
+    """An error in one line that can be printed, whatever a damaged file holds."""
+    return str(error).encode('ascii', 'backslashreplace').decode().replace('\n', ' ')
+
+
+def _require_map(path: Path, connection: sqlite3.Connection) -> int:
+    """The version of the map; MapError for another file."""
     application = int(connection.execute('PRAGMA application_id').fetchone()[0])
     version = int(connection.execute('PRAGMA user_version').fetchone()[0])
     if application != schema.APPLICATION_ID:
-        raise MapError(f'{path}: a SQLite file, but not a map written by offradar')
+        raise _DamagedError(f'{path}: a SQLite file, but not a map written by offradar')
     if version > schema.VERSION:
-        raise MapError(
+        raise _DamagedError(
             f'{path}: written by a newer version of offradar (map format {version}, this one reads {schema.VERSION})'
         )
+    if version < 1 or schema.objects(connection) != schema.expected_objects(version):
+        raise _DamagedError(f'{path}: the map is damaged (its tables are not those of a map); the file is not changed')
+    return version
 
 
-def _refuse_damaged(path: Path, connection: sqlite3.Connection) -> None:
+def _require_own_log(path: Path, with_log: MapRows) -> None:
+    """ValueError if the log that was read does not continue what the file holds without it.
+
+    The open transaction keeps a writer from moving newer content into the file meanwhile.
+    """
+    try:
+        with contextlib.closing(open_sqlite(path, ALONE)) as other:
+            alone = MapRows(other, _require_map(path, other))
+    except (sqlite3.Error, ValueError, TypeError, KeyError, ConfigError, RefusedInput, MapError):
+        # A process that was killed while it moved the log into the file: the log is needed.
+        return
+    if with_log.seal and alone.seal:
+        if not with_log.seal.follows(alone.seal):
+            raise ValueError('the log beside it belongs to another map, or to another state of this one')
+    elif (with_log.version, with_log.created) != (alone.version, alone.created):
+        raise ValueError('the log beside it belongs to another map')
+
+
+def _refuse_damaged(connection: sqlite3.Connection) -> None:
     problem = str(connection.execute('PRAGMA quick_check(1)').fetchone()[0])
     if problem != 'ok':
-        problem = problem.splitlines()[-1]
-        raise MapError(f'{path}: the map is damaged ({problem}); the file is not changed')
-
-
-def _content(connection: sqlite3.Connection) -> StoredMap:
-    model, origin, next_place_id = _head(connection)
-    dimension = model.dimension if model else 0
-    columns, anchors_m = _places(connection, dimension)
-    rows = connection.execute('SELECT session_id, name, stamp_ns, state, report FROM sessions ORDER BY session_id')
-    return StoredMap(
-        model=model,
-        origin=origin,
-        next_place_id=next_place_id,
-        columns=columns,
-        anchors_m=anchors_m,
-        sessions=tuple(
-            StoredSession(session_id, name, stamp_ns, state, json.loads(report))
-            for session_id, name, stamp_ns, state, report in rows
-        ),
-        before=_contents_before(connection, dimension),
-    )
-
-
-def _head(connection: sqlite3.Connection) -> tuple[ModelInfo | None, GeoPoint | None, int]:
-    """Model, origin and next place id."""
-    meta = {key: json.loads(value) for key, value in connection.execute('SELECT key, value FROM meta')}
-    model = structure(ModelInfo, meta['model']) if meta['model'] else None
-    origin = structure(GeoPoint, meta['origin']) if meta['origin'] else None
-    return model, origin, int(meta['next_place_id'])
-
-
-def _capacity(connection: sqlite3.Connection, dimension: int) -> int:
-    """Capacity for the places of the map and more, estimated by ids and file size: COUNT(*) would read all of it."""
-    newest = connection.execute('SELECT max(place_id) FROM places').fetchone()[0]
-    size = (connection.execute(f'PRAGMA {name}').fetchone()[0] for name in ('page_count', 'page_size'))
-    return capacity_for(min((newest or 0) + 1, math.prod(size) // max(4 * dimension, 1)))
-
-
-def _places(connection: sqlite3.Connection, dimension: int) -> tuple[PlaceColumns, NDArray[np.float64]]:
-    columns, anchors = PlaceColumns(dimension, _capacity(connection, dimension)), [np.empty((0, 2))]
-    cursor = connection.execute(f'SELECT {CONTENT_COLUMNS}, anchor_x_m, anchor_y_m FROM places ORDER BY place_id')
-    for batch in _batches(cursor):
-        columns.upsert(rows_to_table(batch, dimension))
-        anchors.append(np.array([row[9:] for row in batch], np.float64))
-    anchors_m = np.concatenate(anchors)
-    if not np.isfinite(anchors_m).all():
-        raise ValueError('a place has no finite position')
-    return columns, anchors_m
-
-
-def _contents_before(
-    connection: sqlite3.Connection, dimension: int, session_id: int | None = None
-) -> dict[int, Before]:
-    """By session, what its places held before it; only for `session_id` where that is given."""
-    before: dict[int, Before] = {}
-    cursor = connection.execute(
-        f'SELECT {CONTENT_COLUMNS}, by_session, existed FROM undo WHERE by_session = coalesce(?, by_session) '
-        'ORDER BY by_session, place_id',
-        (session_id,),
-    )
-    for batch in _batches(cursor):
-        for row in batch:
-            before.setdefault(row[9], {})[row[0]] = None
-        kept = [row for row in batch if row[10]]
-        table = rows_to_table(kept, dimension)
-        for i, row in enumerate(kept):
-            before[row[9]][row[0]] = place_of(table, i)
-    return before
-
-
-def _batches(cursor: sqlite3.Cursor) -> Iterator[list[Any]]:
-    while batch := cursor.fetchmany(_BATCH):
-        yield batch
+        raise ValueError(problem.splitlines()[-1])

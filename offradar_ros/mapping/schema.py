@@ -2,15 +2,22 @@
 
 `places` holds the map; `undo` holds, for each place that a session changed, its content before that session (`existed`
 0: the place did not exist). A session in state `running` was saved but not ended. An unknown yaw is NULL. `mean` is d
-little-endian float32. `meta` values are JSON.
+little-endian float32. `meta` values are JSON. Each row has a digest of itself; the row `seal` of `meta` counts and sums
+the digests of all others (see `seal`).
+
+Version 1 had no digests. It is read, and replaced by version 2 when it is opened to be written.
 """
 
 from __future__ import annotations
 
+import contextlib
+import functools
+import sqlite3
+
 APPLICATION_ID = 0x4F4D4150
 """`PRAGMA application_id` of a map, ASCII OMAP: it distinguishes a map from other SQLite files."""
 
-VERSION = 1
+VERSION = 2
 """`PRAGMA user_version`. A file of a newer version is refused."""
 
 _CONTENT = """
@@ -18,20 +25,47 @@ _CONTENT = """
     yaw_rad REAL, uncertainty REAL {null}, mean BLOB {null}
 """
 
-CREATE = f"""
-CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL);
+_TABLES = """
+CREATE TABLE meta (key TEXT PRIMARY KEY, value TEXT NOT NULL{digest}){keyed};
 CREATE TABLE sessions (
     session_id INTEGER PRIMARY KEY, name TEXT NOT NULL, stamp_ns INTEGER NOT NULL,
-    state TEXT NOT NULL CHECK (state IN ('running', 'ended', 'interrupted', 'undone')), report TEXT NOT NULL
+    state TEXT NOT NULL CHECK (state IN ('running', 'ended', 'interrupted', 'undone')), report TEXT NOT NULL{digest}
 );
 CREATE TABLE places (
-    place_id INTEGER PRIMARY KEY, {_CONTENT.format(null='NOT NULL')},
-    anchor_x_m REAL NOT NULL, anchor_y_m REAL NOT NULL
+    place_id INTEGER PRIMARY KEY, {filled},
+    anchor_x_m REAL NOT NULL, anchor_y_m REAL NOT NULL{digest}
 );
 CREATE TABLE undo (
-    by_session INTEGER NOT NULL, place_id INTEGER NOT NULL, existed INTEGER NOT NULL, {_CONTENT.format(null='')},
+    by_session INTEGER NOT NULL, place_id INTEGER NOT NULL, existed INTEGER NOT NULL, {empty}{digest},
     PRIMARY KEY (by_session, place_id)
-);
+){keyed};
+"""
+
+
+def _tables(digest: str, keyed: str) -> str:
+    filled, empty = _CONTENT.format(null='NOT NULL'), _CONTENT.format(null='')
+    return _TABLES.format(digest=digest, keyed=keyed, filled=filled, empty=empty)
+
+
+# Without row ids there is no index beside these tables that could contradict them.
+CREATE = f"""{_tables(', digest INTEGER NOT NULL', ' WITHOUT ROWID')}
 PRAGMA application_id = {APPLICATION_ID};
 PRAGMA user_version = {VERSION};
 """
+OF_VERSION = {1: _tables('', ''), 2: CREATE}
+"""The statements that make the tables of each version."""
+
+Objects = frozenset[tuple[object, ...]]
+
+
+def objects(connection: sqlite3.Connection) -> Objects:
+    """Every table, index, view and trigger of a file, with the statement that made it."""
+    return frozenset(connection.execute('SELECT type, name, tbl_name, sql FROM sqlite_master'))
+
+
+@functools.cache
+def expected_objects(version: int) -> Objects:
+    """`objects` of a map of this version; a file from elsewhere could hold more, such as triggers."""
+    with contextlib.closing(sqlite3.connect(':memory:')) as connection:
+        connection.executescript(OF_VERSION[version])
+        return objects(connection)

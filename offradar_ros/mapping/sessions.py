@@ -12,8 +12,9 @@ from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.errors import MapError, RefusedInput
 from offradar_ros.geometry import GeoPoint
 from offradar_ros.mapping.parent_map import Merge, MergeKind, ParentMap
+from offradar_ros.mapping.place_columns import PlaceColumns
 from offradar_ros.mapping.session_report import SessionReport, UndoReport, session_label
-from offradar_ros.mapping.store import MapStore
+from offradar_ros.mapping.store import LostMapError, MapStore
 from offradar_ros.mapping.stored_map import Before, StoredMap, StoredSession, revert
 from offradar_ros.types import Embedding, PlaceTable, Pose
 
@@ -55,6 +56,7 @@ class SessionMap:
         self._running: _Running | None = None
         self._undoable: list[tuple[StoredSession, Before]] = []
         self._next_session_id = 1
+        self._sessions: dict[int, StoredSession] = {}
         if config.path:
             self._store, stored = MapStore.open(Path(config.path))
             self._load(stored)
@@ -64,6 +66,10 @@ class SessionMap:
         self._parent = ParentMap(self.config, stored.model.dimension if stored.model else 0)
         self._parent.load(stored.columns, stored.anchors_m, stored.next_place_id)
         self._next_session_id = max((session.session_id for session in stored.sessions), default=0) + 1
+        for session in stored.sessions:
+            # The first write does the same in the file.
+            state = 'interrupted' if session.state == 'running' else session.state
+            self._sessions[session.session_id] = dataclasses.replace(session, state=state)
         for session in reversed([session for session in stored.sessions if session.state != 'undone']):
             before = stored.before.get(session.session_id, {})
             changed = session.report['inserted'] + session.report['replaced']
@@ -71,12 +77,36 @@ class SessionMap:
                 break
             if changed:
                 self._undoable.insert(0, (session, before))
+        if not len(self) and not self._undoable:
+            self._origin = None
 
     def close(self) -> None:
         """Close the file. Changes of a running session since its last save are lost."""
         if self._store:
             self._store.close()
             self._store = None
+
+    @property
+    def notices(self) -> tuple[str, ...]:
+        """What was done to the map file when it was opened, one line each, such as an upgrade."""
+        return self._store.notices if self._store else ()
+
+    @property
+    def is_file_complete(self) -> bool:
+        """Whether a copy of the map file alone is a copy of the map; not while a reader holds the log beside it."""
+        return self._store is None or self._store.is_folded
+
+    def require_file(self) -> None:
+        """MapError if the map file was removed, replaced or overwritten since it was opened."""
+        if self._store:
+            self._store.require_ours()
+
+    def rescue(self) -> Path | None:
+        """Write the whole map, with the running session as an interrupted one, as a new file; its path.
+
+        It is named ``<path>.rescued-<UTC stamp>.db``. MapError if it cannot be written; None for a map in memory.
+        """
+        return self._store.rescue(self._content('interrupted')) if self._store else None
 
     def __enter__(self) -> SessionMap:
         return self
@@ -142,11 +172,12 @@ class SessionMap:
         return self._running is None or not (self._running.merges or self._running.dropped)
 
     def start_session(self, name: str, stamp_ns: int) -> int:
-        """Start a session and return its id; MapError while another runs."""
+        """Start a session and return its id; MapError while another runs, and if the map file was taken away."""
         if self._running:
             raise MapError(
                 f'{session_label(self._running.session_id, self._running.name)} runs: end it or undo it first'
             )
+        self.require_file()
         session_id = self._next_session_id
         self._next_session_id += 1
         self._running = _Running(session_id, name, stamp_ns, len(self), self._parent.mean_uncertainty)
@@ -207,19 +238,31 @@ class SessionMap:
         self._undoable, self._running = undoable, None
         return report
 
-    def save(self) -> None:
+    def save(self, *, again: bool = False) -> bool:
         """Write the changes of the running session to disk, in case the process ends before the session does.
 
-        A stored session without an end is interrupted: its changes stay and can be undone.
+        A stored session without an end is interrupted: its changes stay and can be undone. Where the file was removed,
+        `again` writes the whole map there and returns true; otherwise that is an error, as is a file that was replaced.
         """
         if not self._store:
             raise MapError('map.path is empty: this map is kept in memory only and cannot be saved')
+        try:
+            self._store.require_ours()
+        except LostMapError:
+            if not again:
+                raise
+            self._store.write_again(self._content('running'))
+            if self._running and not self.is_session_empty:
+                self._running.unsaved.clear()
+                self._running.saved = True
+            return True
         running = self._running
         if running and not self.is_session_empty:
             report = self._report(running).as_dict()
             session = StoredSession(running.session_id, running.name, running.stamp_ns, 'running', report)
             self._write(session, running, [*self._undoable, (session, running.before)])
             running.saved = True
+        return False
 
     def undo_session(self) -> UndoReport:
         """Discard the running session, or else undo the one that ended last; MapError if there is none."""
@@ -236,18 +279,21 @@ class SessionMap:
         new = [place_id for place_id, place in before.items() if place is None]
         if self._store and (running is None or running.saved):
             self._store.undo_session(session, before, self._parent.anchors([place.place_id for place in old]))
+        if running is None or running.saved:
+            self._sessions[session.session_id] = session
         self._parent.restore(old)
         self._parent.remove(new)
         self._running = None
         if not running:
             self._undoable.pop()
+        self._forget_origin_of_nothing()
         return UndoReport(session.session_id, session.name, running is not None, len(new), len(old), len(self))
 
     def clear(self) -> Path | None:
         """Empty the map, after copying its file to ``<path>.<UTC stamp>.bak``; returns the copy's path.
 
-        Model and origin stay. A running session is saved and continues with the empty map. For a map in memory there is
-        no copy (None).
+        The model stays. A running session is saved and continues with the empty map, which has no origin. For a map in
+        memory there is no copy (None).
         """
         copy = None
         if self._store:
@@ -257,10 +303,30 @@ class SessionMap:
         self._parent = ParentMap(self.config, self._parent.dimension)
         self._parent.next_place_id = next_place_id
         self._undoable = []
+        self._sessions = {}
         if self._running:
             running = self._running
             self._running = _Running(running.session_id, running.name, running.stamp_ns, 0, math.nan)
+        self._forget_origin_of_nothing()
         return copy
+
+    def restart_session(self, cause: str) -> None:
+        """Discard what the running session mapped, as when its frame was wrong, and go on with it under another id.
+
+        Its scans count as dropped by `cause`. MapError without a session.
+        """
+        running = self._require_running()
+        self.undo_session()
+        self.start_session(running.name, running.stamp_ns)
+        dropped = running.dropped + collections.Counter({cause: running.merges.total()})
+        self._require_running().dropped.update(dropped)
+
+    def _forget_origin_of_nothing(self) -> None:
+        """An empty map has no origin: that of a drive that was undone may have been a wrong fix."""
+        if self._origin and not len(self) and not self._undoable:
+            if self._store:
+                self._store.write_origin(None)
+            self._origin = None
 
     def committed(self) -> PlaceTable:
         """The places as of the last ended session, in ascending order of id: what queries search."""
@@ -312,6 +378,10 @@ class SessionMap:
         )
 
     def _write(self, session: StoredSession, running: _Running, undoable: list[tuple[StoredSession, Before]]) -> None:
+        self._write_changes(session, running, [kept.session_id for kept, _ in undoable])
+        self._sessions[session.session_id] = session
+
+    def _write_changes(self, session: StoredSession, running: _Running, undoable: list[int]) -> None:
         if not self._store:
             return
         ids = sorted(running.unsaved)
@@ -321,6 +391,28 @@ class SessionMap:
             anchors_m=self._parent.anchors(ids),
             before={place_id: running.before[place_id] for place_id in ids},
             next_place_id=self._parent.next_place_id,
-            undoable=[kept.session_id for kept, _ in undoable],
+            undoable=undoable,
         )
         running.unsaved.clear()
+
+    def _content(self, state: str) -> StoredMap:
+        """The whole map, with the running session in this state."""
+        sessions, undoable = dict(self._sessions), self._undoable
+        if self._running and not self.is_session_empty:
+            running = self._running
+            report = self._report(running).as_dict()
+            session = StoredSession(running.session_id, running.name, running.stamp_ns, state, report)
+            sessions[session.session_id] = session
+            undoable = [*undoable, (session, running.before)]
+        places = self._parent.view
+        columns = PlaceColumns(self.dimension, len(places))
+        columns.upsert(places)
+        return StoredMap(
+            model=self._model,
+            origin=self._origin,
+            next_place_id=self._parent.next_place_id,
+            columns=columns,
+            anchors_m=self._parent.anchors(places.place_ids.tolist()),
+            sessions=tuple(sessions[session_id] for session_id in sorted(sessions)),
+            before={session.session_id: before for session, before in undoable if before},
+        )

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.geometry import GeoPoint
 from offradar_ros.mapping.place_columns import PlaceColumns, take_rows
+from offradar_ros.mapping.seal import Seal
 from offradar_ros.types import Place, PlaceTable
 
 Before = dict[int, Place | None]
@@ -41,6 +42,8 @@ class StoredMap:
         anchors_m: (N, 2) float64, east and north where each place was first mapped.
         sessions: every session, oldest first.
         before: for each session that can be undone, the content of its places before it.
+        seal: what identifies this content of the file; None for a file of version 1, and for content not yet written.
+        is_log_foreign: whether a log lies beside the file that does not belong to it, and was not read.
     """
 
     model: ModelInfo | None
@@ -50,6 +53,8 @@ class StoredMap:
     anchors_m: NDArray[np.float64]
     sessions: tuple[StoredSession, ...]
     before: Mapping[int, Before]
+    seal: Seal | None = None
+    is_log_foreign: bool = False
 
     @property
     def places(self) -> PlaceTable:
@@ -60,6 +65,35 @@ class StoredMap:
         """The map as of the last ended session."""
         running = [session.session_id for session in self.sessions if session.state == 'running']
         return revert(self.places, self.before.get(running[-1], {})) if running else self.places
+
+
+def difference(one: StoredMap, other: StoredMap) -> str:
+    """The first thing in which the content of two maps differs, in words; '' if they are the same."""
+    for name in ('model', 'origin', 'next_place_id', 'sessions'):
+        if getattr(one, name) != getattr(other, name):
+            return name
+    if not _are_equal(one.places, other.places):
+        return 'places'
+    if not np.array_equal(one.anchors_m, other.anchors_m):
+        return 'anchors'
+    if one.before.keys() != other.before.keys():
+        return 'undo'
+    for session, before in one.before.items():
+        changed = [(place_id, place is None) for place_id, place in before.items()]
+        if changed != [(place_id, place is None) for place_id, place in other.before[session].items()]:
+            return f'undo of session {session}'
+        if not _are_equal(*(_table_of(stored.before[session], stored.columns.dimension) for stored in (one, other))):
+            return f'undo of session {session}'
+    return ''
+
+
+def _table_of(before: Before, dimension: int) -> PlaceTable:
+    return PlaceTable.from_places([place for place in before.values() if place], dimension)
+
+
+def _are_equal(one: PlaceTable, other: PlaceTable) -> bool:
+    pairs = [(getattr(one, field.name), getattr(other, field.name)) for field in dataclasses.fields(PlaceTable)]
+    return all(a.dtype == b.dtype and np.array_equal(a, b, equal_nan=True) for a, b in pairs)
 
 
 def revert(places: PlaceTable, before: Before) -> PlaceTable:

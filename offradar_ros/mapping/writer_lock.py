@@ -50,10 +50,25 @@ class WriterLock:
                 time.sleep(0.01)
             os.close(file)
 
+    def keep(self, path: Path) -> None:
+        """Take the lock again if its file was removed; MapError if another process has it now."""
+        if not self._is_in_place():
+            taken = self._acquire(path)
+            os.close(self._file)
+            self._file = taken
+
     def release(self) -> None:
         """Release the lock."""
-        self._path.unlink(missing_ok=True)
+        # A file that somebody else made there, after ours was removed, is theirs.
+        if self._is_in_place():
+            self._path.unlink(missing_ok=True)
         os.close(self._file)
+
+    def _is_in_place(self) -> bool:
+        try:
+            return os.path.samestat(os.fstat(self._file), os.stat(self._path))  # noqa: PTH116
+        except OSError:
+            return False
 
 
 def has_writer(path: Path) -> bool:
@@ -62,7 +77,8 @@ def has_writer(path: Path) -> bool:
         file = os.open(_lock_file(path.resolve()), os.O_RDONLY | os.O_CLOEXEC)
     except FileNotFoundError:
         return False
-    except OSError:
+    # RuntimeError: a loop of links, in Python before 3.13.
+    except (OSError, RuntimeError):
         return True
     try:
         fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)

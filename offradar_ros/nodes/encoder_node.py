@@ -76,10 +76,12 @@ class EncoderNode(StageNode):
         self._model = self.publisher(DiagnosticStatus, 'embedding/model', qos.LATCHED)
         if self.config.radar.transport == 'raw':
             self._input, kind, handle = SCANS, Image, self._on_image
-            other = {'sensor_msgs/msg/CompressedImage': 'set radar.transport: compressed'}
+            other = {
+                'sensor_msgs/msg/CompressedImage': f'set radar.transport: compressed, and remap {COMPRESSED_SCANS}'
+            }
         else:
             self._input, kind, handle = COMPRESSED_SCANS, CompressedImage, self._on_compressed
-            other = {'sensor_msgs/msg/Image': 'set radar.transport: raw'}
+            other = {'sensor_msgs/msg/Image': f'set radar.transport: raw, and remap {SCANS}'}
         self._scans = self.subscribe(
             kind, self._input, qos.SCANS, handle, ledger=self._ledger, source="the radar's driver", instead=other
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 import traceback
 from collections.abc import Awaitable, Callable, Iterable, Iterator
 from functools import partial
@@ -24,6 +25,7 @@ from offradar_ros.errors import MapError, RefusedInput
 from offradar_ros.mapping.session_report import SessionReport
 from offradar_ros.mapping.sessions import SessionMap
 from offradar_ros.messages import point_from_fix, pose_from_odometry, stamp_ns
+from offradar_ros.positions.clocks import ArrivalClocks, clock_problem
 from offradar_ros.radar.seen_stamps import SeenStamps
 from offradar_ros.ros import qos
 from offradar_ros.ros.diagnostics import Trouble
@@ -36,6 +38,8 @@ from offradar_ros.ros.stage_node import StageNode
 from offradar_ros.stages.map import Form, MapStage, MapUpdate
 from offradar_ros.types import PlaceTable
 
+CLOCK_OFFSET_S = 2.0
+"""A larger difference between the latencies of embeddings and positions is one between their clocks."""
 DESTRUCTIVE = ('undo_session', 'clear')
 """The services that take mapped drives away; `map.allow_destructive` allows them."""
 POLL_S = 0.02
@@ -105,11 +109,14 @@ class MapServerNode(StageNode):
             )
         self._last_stamp_ns = self._last_position_ns = 0
         self._refused_model = ''
+        self._clocks = ArrivalClocks()
         self._map: SessionMap | None = None
 
     def configure(self) -> None:
         """Open the map."""
         self._map = SessionMap(self.config.map)
+        for notice in self._map.notices:
+            self.get_logger().warning(notice)
         self.stage = MapStage(self.config, self._map)
 
     def activated(self) -> None:
@@ -126,8 +133,14 @@ class MapServerNode(StageNode):
         if self._map.running_session_id is not None:
             _, report = self.stage.end_session()
             self.log_info(f'session ended at exit: {self._summary(report)}')
+        self._map.require_file()
         self._map.close()
         self._map = None
+
+    def rescue(self) -> str:
+        """Write the map that `close` could not write as a new file; MapError if that fails too."""
+        rescued = self._map.rescue() if self._map is not None else None
+        return f'the whole map was written to {rescued}' if rescued else ''
 
     def periodic(self) -> None:
         """Refresh the view and save the running session."""
@@ -136,6 +149,9 @@ class MapServerNode(StageNode):
             'places': str(len(session_map)),
             'mean_uncertainty': f'{session_map.mean_uncertainty:.4f}' if len(session_map) else '',
             'session': '' if session_map.running_session_id is None else str(session_map.running_session_id),
+            'file': 'complete'
+            if session_map.is_file_complete
+            else 'copy it with offradar map --backup: it is being read',
         }
         view = self.stage.changed_view()
         if view is not None:
@@ -151,14 +167,22 @@ class MapServerNode(StageNode):
             yield Trouble('not_saved', unsaved, is_error=True)
         elif self.config.map.path and (trouble := disk_trouble(Path(self.config.map.path))):
             yield trouble
-        if self.status.recent_reason('no_position', RECENT_S) and not self._positions.watch.is_silent:
-            apart_s = (self._last_position_ns - self._last_stamp_ns) / 1e9
-            yield Trouble(
-                'positions_apart',
-                f'scans have no position, though positions come: the last one is {abs(apart_s):.1f} s '
-                f'{"before" if apart_s < 0 else "after"} the last scan by their stamps: set both clocks by one '
-                'source, or raise position.wait_s or position.max_gap_s',
-            )
+        if problem := self.stage.problem():
+            yield Trouble('origin', problem, is_error=True)
+        # An embedding arrives later than its scan by what the encoder takes.
+        if clocks := clock_problem(self._clocks.offset_s(), CLOCK_OFFSET_S):
+            yield Trouble('clocks_apart', clocks)
+        elif self.status.recent_reason('no_position', RECENT_S) and not self._positions.watch.is_silent:
+            yield Trouble('positions_apart', f'scans have no position, though positions come: {self._why_apart()}')
+
+    def _why_apart(self) -> str:
+        apart_s, gap_s = (self._last_position_ns - self._last_stamp_ns) / 1e9, self.config.position.max_gap_s
+        if abs(apart_s) <= gap_s:
+            return f'more than position.max_gap_s = {gap_s:g} s lies between two of them: send more, or raise it'
+        return (
+            f'the last one is {abs(apart_s):.1f} s {"before" if apart_s < 0 else "after"} the last scan by their '
+            'stamps: set both clocks by one source, or raise position.wait_s if positions are late'
+        )
 
     def _maps_scans(self) -> bool:
         """Whether a session runs and scans come, so that the map lacks what does not."""
@@ -182,6 +206,7 @@ class MapServerNode(StageNode):
 
     def _on_embedding(self, message: PointCloud2) -> None:
         self._last_stamp_ns = stamp_ns(message.header.stamp)
+        self._clocks.add_scan(time.monotonic_ns(), self._last_stamp_ns)
         try:
             embedding = embedding_record(message, 'embedding')
             # One that could not be encoded may be encoded by a second encoder.
@@ -196,13 +221,20 @@ class MapServerNode(StageNode):
 
     def _on_fix(self, message: NavSatFix) -> None:
         self._last_position_ns = stamp_ns(message.header.stamp)
+        self._clocks.add_position(time.monotonic_ns(), self._last_position_ns)
         self._publish_updates(self.stage.add_point(stamp_ns(message.header.stamp), point_from_fix(message)))
 
     def _on_odometry(self, message: Odometry) -> None:
         self._last_position_ns = stamp_ns(message.header.stamp)
+        self._clocks.add_position(time.monotonic_ns(), self._last_position_ns)
         self._publish_updates(self.stage.add_pose(stamp_ns(message.header.stamp), pose_from_odometry(message)))
 
     def _publish_updates(self, updates: Iterable[MapUpdate]) -> None:
+        for left_out in self.stage.take_left_out():
+            self.refuse(left_out, 'position')
+        if self.stage.take_discarded():
+            self.get_logger().warning('what was mapped of this session lay around a wrong fix: discarded')
+            self._publish_committed()
         for update in updates:
             if update.problem:
                 self.refuse(update.problem, 'embedding')
@@ -282,8 +314,9 @@ class MapServerNode(StageNode):
         text = report.summary()
         if report.dropped.get('no_position') and not self._positions.watch.ever:
             name = self._positions.subscription.topic_name
-            why = self._positions.why_silent() if self.context.ok() else 'see the diagnostics'
-            text += f'; no position ever came on {name}: {why}'
+            # What was the matter during the drive: afterwards the receiver may be off.
+            why = self._positions.last_why or (self._positions.why_silent() if self.context.ok() else '')
+            text += f'; no position ever came on {name}{f": {why}" if why else ""}'
         return text
 
     def _undo_session(self) -> str:
@@ -292,8 +325,8 @@ class MapServerNode(StageNode):
         return str(undone)
 
     def _save(self) -> str:
-        self.stage.save()
-        return f'saved {len(self.stage.map)} places'
+        again = ', the whole map, where its file was removed' if self.stage.save() else ''
+        return f'saved {len(self.stage.map)} places{again}'
 
     def _clear(self) -> str:
         backup = self.stage.clear()

@@ -6,6 +6,7 @@ import math
 import sys
 import traceback
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -57,14 +58,7 @@ class QueryNode(StageNode):
         self.create_service(Trigger, '~/start_recording', self._start_recording)
         self._seen = SeenStamps(round(self.config.radar.restart_after_s * 1e9))
         self._answers = AnswerWatch()
-        self.subscribe(
-            PointCloud2,
-            'map/descriptors',
-            qos.LATCHED,
-            self._on_map,
-            source='map_server_node',
-            is_needed=lambda: not self.stage.places and not self.config.query.map_path,
-        )
+        self._map = self.subscribe(PointCloud2, 'map/descriptors', qos.LATCHED, self._on_map)
         self.subscribe(PointCloud2, 'map/updates', qos.UPDATES, self._on_update, ledger=self._update_ledger)
         self.subscribe(Odometry, 'odometry', qos.POSITIONS, self._on_odometry)
         self.subscribe(
@@ -95,14 +89,25 @@ class QueryNode(StageNode):
         self.status.facts |= {'places': str(self.stage.places), 'threshold': f'{self.stage.threshold:.4f}'}
         if math.isfinite(self.stage.mean_uncertainty):
             self.status.facts['mean_uncertainty'] = f'{self.stage.mean_uncertainty:.4f}'
-        self.status.warning = self.stage.warning
+        # Without a map, `troubles` says why.
+        self.status.warning = self.stage.warning if self.stage.places else ''
         if not_localised := self.stage.not_localised:
             self.status.facts['localisation'] = f'off: {not_localised}'
 
     def troubles(self) -> Iterator[Trouble]:
-        """All scans are rejected."""
-        if trouble := self._answers.trouble(self.status.counts):
+        """There is no map, or all scans are rejected."""
+        if not self.stage.places:
+            yield Trouble('no_map', f'no map to search: {self._why_no_map()}')
+        elif trouble := self._answers.trouble(self.status.counts):
             yield trouble
+
+    def _why_no_map(self) -> str:
+        path, name = self.config.query.map_path, self._map.subscription.topic_name
+        if path and not Path(path).exists():
+            return f'query.map_path: {path} does not exist yet'
+        if not path and not self.count_publishers(name):
+            return f'nobody publishes {name}: is map_server_node running, in this domain and namespace?'
+        return 'no session with a mapped scan has ended: call map_server/end_session after a drive with positions'
 
     def _on_map(self, message: PointCloud2) -> None:
         if is_read_the_file(message):

@@ -20,14 +20,16 @@ import rclpy
 import rclpy.signals
 from rclpy.node import Node
 
-from offradar_ros.entry_point import run_guarded
-from offradar_ros.errors import OffradarError
+from offradar_ros.entry_point import require_ordinary_files, run_guarded
+from offradar_ros.errors import DataError, OffradarError
 from offradar_ros.recordings.bags.reader import Bag
 from offradar_ros.recordings.bags.topics import ChosenTopics
 from offradar_ros.ros.answer_log import Answers
 from offradar_ros.ros.initialise import initialise, own_arguments, refusals_of_ros
 from offradar_ros.ros.player import Player, PlayOptions
 from offradar_ros.ros.session_client import SessionClient
+from offradar_ros.ros.topic_hints import publishers
+from offradar_ros.whole_file import write_whole_file
 
 
 def _arguments(argv: Sequence[str]) -> argparse.Namespace:
@@ -99,9 +101,18 @@ def _play(node: Node, argv: Sequence[str], arguments: argparse.Namespace) -> int
                 session = _end_session(node, argv, arguments.timeout)
                 print(session, flush=True)
         print(answers.summary(seconds), flush=True)
+        if answers.answered_twice and rclpy.ok():
+            counted = 'matches' if answers.matches else 'rejections'
+            node.get_logger().warning(
+                f'{answers.answered_twice} scans were answered twice: {counted} is published by '
+                f'{publishers(node, counted)}: launched twice?'
+            )
     if arguments.report:
         report = dataclasses.asdict(answers) | {'session': session, 'seconds': seconds}
-        arguments.report.write_text(json.dumps(report), encoding='utf-8')
+        try:
+            write_whole_file(arguments.report, json.dumps(report).encode())
+        except OSError as error:
+            raise DataError(f'{arguments.report}: the report cannot be written ({error.strerror})') from error
     if rclpy.ok():
         player.finish()
     return 1 if arguments.lockstep and answers.unanswered else 0
@@ -132,6 +143,7 @@ def main(args: list[str] | None = None) -> int:
 def _main(argv: list[str]) -> int:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     arguments = _arguments(own_arguments(argv))
+    require_ordinary_files(arguments.bag)
     node: Node | None = None
     try:
         initialise(argv)

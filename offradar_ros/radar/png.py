@@ -9,17 +9,24 @@ from __future__ import annotations
 import struct
 import zlib
 from pathlib import Path
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from offradar_ros.bounded_input import read_bounded
 from offradar_ros.config import RadarConfig
 from offradar_ros.errors import DataError, RefusedInput
 from offradar_ros.radar.image import decode_polar_image
 from offradar_ros.types import PolarScan
 
-_SIGNATURE = b'\x89PNG\r\n\x1a\n'
+SIGNATURE = b'\x89PNG\r\n\x1a\n'
+_CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
+_OTHER_CHUNKS = 1024**2
+_MOST_CHUNKS = 2**17
+_INFLATED_UNSEEN = 1024**2
+_PIECE = 1024**2
 
 
 def decode_png(source: str | Path | bytes, stamp_ns: int, config: RadarConfig) -> PolarScan:
@@ -42,10 +49,12 @@ def read_gray_png(source: str | Path | bytes, max_bytes: int) -> NDArray[np.uint
     """(height, width) uint8, contiguous. DataError as `decode_png`; RefusedInput('image_too_large')."""
     name = 'PNG data' if isinstance(source, bytes) else str(source)
     try:
-        data = source if isinstance(source, bytes) else Path(source).read_bytes()
+        data = source if isinstance(source, bytes) else read_bounded(source, 2 * max_bytes + _OTHER_CHUNKS)
     except OSError as error:
         raise DataError(f'{name}: cannot be read ({error.strerror})') from None
-    width, height = _checked_size(data, name)
+    width, height, depth, colour = check_png(data, name)
+    if (depth, colour) != (8, 0):
+        raise DataError(f'{name}: expected an 8-bit gray PNG, got bit depth {depth} and colour type {colour}')
     if width * height > max_bytes:
         raise RefusedInput(
             'image_too_large', f'{name}: {height} rows of {width} bytes is over radar.max_image_bytes = {max_bytes}'
@@ -59,13 +68,31 @@ def read_gray_png(source: str | Path | bytes, max_bytes: int) -> NDArray[np.uint
     return np.asarray(image, np.uint8)
 
 
-def _checked_size(data: bytes, name: str) -> tuple[int, int]:
-    """Width and height of a complete 8-bit gray PNG."""
-    if not data.startswith(_SIGNATURE):
+class PngHeader(NamedTuple):
+    """Of a PNG: pixels, bits of a channel, and colour type."""
+
+    width: int
+    height: int
+    depth: int
+    colour: int
+
+    @property
+    def most_pixel_bytes(self) -> int:
+        """Bytes of all rows, each with the byte of its filter, at most: interlaced images have more rows."""
+        row = self.width * _CHANNELS.get(self.colour, 4) * max(self.depth, 8) // 8 + 1
+        return 2 * row * (self.height + 7)
+
+
+def check_png(data: bytes, name: str) -> PngHeader:
+    """The header of a complete PNG whose checksums are right; DataError, with `name`, for any other data."""
+    if not data.startswith(SIGNATURE):
         raise DataError(f'{name}: not a PNG file' if data else f'{name}: empty file, expected a PNG')
-    size: tuple[int, int] | None = None
-    at = len(_SIGNATURE)
-    while at + 12 <= len(data):
+    header: PngHeader | None = None
+    pixels: list[memoryview] = []
+    at = len(SIGNATURE)
+    for _ in range(_MOST_CHUNKS):
+        if at + 12 > len(data):
+            break
         length, kind = struct.unpack_from('>I4s', data, at)
         end = at + 12 + length
         if end > len(data):
@@ -74,11 +101,32 @@ def _checked_size(data: bytes, name: str) -> tuple[int, int]:
         if zlib.crc32(memoryview(data)[at + 4 : end - 4]) != checksum:
             raise DataError(f'{name}: damaged PNG, the checksum of a {kind!r} chunk is wrong')
         if kind == b'IHDR' and length == 13:
-            width, height, depth, colour = struct.unpack_from('>IIBB', data, at + 8)
-            if (depth, colour) != (8, 0):
-                raise DataError(f'{name}: expected an 8-bit gray PNG, got bit depth {depth} and colour type {colour}')
-            size = (width, height)
-        if kind == b'IEND' and size is not None:
-            return size
+            header = PngHeader(*struct.unpack_from('>IIBB', data, at + 8))
+        if kind == b'IDAT':
+            pixels.append(memoryview(data)[at + 8 : end - 4])
+        if kind == b'IEND' and header is not None:
+            _require_bounded(pixels, header, name)
+            return header
         at = end
     raise DataError(f'{name}: truncated PNG, it ends after {len(data)} bytes')
+
+
+def _require_bounded(pixels: list[memoryview], header: PngHeader, name: str) -> None:
+    """DataError if the pixels inflate to more than the image: the decoder would inflate all, however much it is.
+
+    Small data is not inflated first: a thousand times as much is a matter of seconds.
+    """
+    left = header.most_pixel_bytes
+    if sum(map(len, pixels)) <= _INFLATED_UNSEEN:
+        return
+    decompressor = zlib.decompressobj()
+    try:
+        for part in pixels:
+            unread: bytes | memoryview = part
+            while unread and left >= 0 and not decompressor.eof:
+                left -= len(decompressor.decompress(unread, min(left + 1, _PIECE)))
+                unread = decompressor.unconsumed_tail
+    except zlib.error as error:
+        raise DataError(f'{name}: damaged PNG, its pixels cannot be decoded ({error})') from None
+    if left < 0:
+        raise DataError(f'{name}: damaged PNG, it holds more than its {header.height} rows of {header.width} pixels')

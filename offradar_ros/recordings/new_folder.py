@@ -1,38 +1,49 @@
-"""A folder that appears under its name only when it is complete: a bag or a data-set folder."""
+"""A folder that appears under its name only when it is complete and on the disk: a bag or a data-set folder."""
 
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import os
+import re
+import secrets
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
 from offradar_ros.errors import DataError
+from offradar_ros.whole_file import sync_folder
+
+_PARTIAL = re.compile(r'\.[0-9a-f]{16}\.partial')
 
 
 @contextlib.contextmanager
 def new_folder(out: Path, *, overwrite: bool, mark: str = 'metadata.yaml') -> Iterator[Path]:
     """Yields the folder to write, which is moved to `out` at the end, and removed if the block raises.
 
-    It is named like `out`, because a recording's file is named after its folder, and lies in ``OUT.partial``. DataError
-    if `out` exists and may not be replaced (only a folder with a file named `mark` may: by default, a bag), if files of
-    somebody else are in the way, or if it cannot be written.
+    It is named like `out`, because a recording's file is named after its folder, and lies in ``OUT.TOKEN.partial``,
+    a name that nobody can guess. What runs that were cut off left there is removed; that of a run that still writes is
+    not. DataError if `out` exists and may not be replaced (only a folder with a file named `mark` may: by default, a
+    bag), if files of somebody else are in the way, or if it cannot be written.
     """
     _require_name(out)
-    partial, aside = out.with_name(out.name + '.partial'), out.with_name(out.name + '.replaced')
+    partial = out.with_name(f'{out.name}.{secrets.token_hex(8)}.partial')
+    aside = out.with_name(out.name + '.replaced')
     try:
         _require_free(out, overwrite, mark)
-        _require_own_partial(partial, out.name)
         if os.path.lexists(aside):
             raise DataError(f'{aside}: in the way, left by a run that was cut off: move it to {out} or remove it')
-        shutil.rmtree(partial, ignore_errors=True)
+        _remove_left_by_others(out)
         partial.mkdir(parents=True)
-        try:
-            yield partial / out.name
-            _move(partial / out.name, out, aside)
-        finally:
-            shutil.rmtree(partial, ignore_errors=True)
+        with _locked(partial):
+            try:
+                yield partial / out.name
+                _sync(partial / out.name)
+                # Another run may have put one there in the meantime.
+                _require_free(out, overwrite, mark)
+                _move(partial / out.name, out, aside)
+            finally:
+                shutil.rmtree(partial, ignore_errors=True)
     except OSError as error:
         raise DataError(f'{out}: cannot be written ({error.strerror or error})') from error
 
@@ -52,23 +63,55 @@ def _require_free(out: Path, overwrite: bool, mark: str) -> None:
         raise DataError(f'{out}: exists and is not {kind}: not overwritten, choose another folder')
 
 
-def _require_own_partial(partial: Path, name: str) -> None:
-    """DataError where `partial` holds anything but the folder that an earlier run wrote."""
-    if not os.path.lexists(partial):
+@contextlib.contextmanager
+def _locked(folder: Path) -> Iterator[bool]:
+    """Yields whether the lock of a folder could be had, at once; OSError if `folder` is a link or no folder."""
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW | os.O_CLOEXEC)
+    try:
+        # The kernel lets go of it when the process ends, however it ends.
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        is_ours = True
+    except OSError:  # held, or a file system without locks
+        is_ours = False
+    try:
+        yield is_ours
+    finally:
+        os.close(descriptor)
+
+
+def _remove_left_by_others(out: Path) -> None:
+    """Remove what runs left that were cut off; anything else with such a name stays."""
+    if not out.parent.is_dir():
         return
-    ours = partial.is_dir() and not partial.is_symlink()
-    if not ours or any(found.name != name or not found.is_dir() for found in partial.iterdir()):
-        raise DataError(f'{partial}: in the way, and not left by an earlier run: move it or remove it')
+    for found in out.parent.iterdir():
+        if found.name.startswith(out.name) and _PARTIAL.fullmatch(found.name[len(out.name) :]):
+            with contextlib.suppress(OSError), _locked(found) as is_ours:
+                if is_ours and all(inner.name == out.name and inner.is_dir() for inner in found.iterdir()):
+                    shutil.rmtree(found)
+
+
+def _sync(folder: Path) -> None:
+    """Wait until a folder with all that is in it is on the disk."""
+    for place, _, names in os.walk(folder):
+        for name in names:
+            descriptor = os.open(Path(place) / name, os.O_RDONLY | os.O_CLOEXEC)
+            try:
+                os.fsync(descriptor)
+            finally:
+                os.close(descriptor)
+        sync_folder(Path(place))
 
 
 def _move(draft: Path, out: Path, aside: Path) -> None:
-    if not out.exists():
+    if out.exists():
+        out.rename(aside)
+        try:
+            draft.rename(out)
+        except BaseException:
+            aside.rename(out)
+            raise
+        sync_folder(out.parent)
+        shutil.rmtree(aside)
+    else:
         draft.rename(out)
-        return
-    out.rename(aside)
-    try:
-        draft.rename(out)
-    except BaseException:
-        aside.rename(out)
-        raise
-    shutil.rmtree(aside)
+    sync_folder(out.parent)

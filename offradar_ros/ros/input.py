@@ -48,6 +48,8 @@ class Input:
     ) -> None:
         self.topic = topic
         self.watch = InputWatch()
+        self.last_why = ''
+        """Why it was silent when messages were last missed; empty if none were."""
         self._node, self._message_type, self._receive = node, message_type, receive
         self._source, self._instead, self._is_needed = source, instead, is_needed
         # rclpy writes overrides into the profile that it is given, which other subscriptions share.
@@ -98,7 +100,8 @@ class Input:
         """Why nothing comes, once that is longer than usual; None while messages come or are not needed."""
         if not self._source or not self.watch.is_silent or not self._is_needed():
             return None
-        return Trouble(f'silent.{self.topic}', f'{self.silence()}: {self.why_silent()}', is_error=self.watch.is_dead)
+        self.last_why = self.why_silent()
+        return Trouble(f'silent.{self.topic}', f'{self.silence()}: {self.last_why}', is_error=self.watch.is_dead)
 
     def silence(self) -> str:
         """How long nothing came, as text."""

@@ -10,13 +10,15 @@ import yaml
 
 from offradar_ros.bounded_input import parse_yaml, read_text
 from offradar_ros.errors import ConfigError
+from offradar_ros.yaml_digest import AlteredError, check_digest
 
 _OPTION = '--params-file'
 _VALUES = 'ros__parameters'
 
 
 def check_parameter_files(argv: Sequence[str]) -> None:
-    """ConfigError for a `--params-file` that is missing, not a file, or not YAML of node names and parameters.
+    """ConfigError for a `--params-file` that is missing, not a file, not YAML of node names and parameters, or
+    of other values than those of its digest.
 
     ROS would wait for ever for a FIFO, and says less about the others.
     """
@@ -50,7 +52,11 @@ def _parameter_files(argv: Sequence[str]) -> Iterator[str]:
 
 def _read(path: str) -> dict[str, Any]:
     try:
-        tree = parse_yaml(read_text(path))
+        text = read_text(path)
+        tree = parse_yaml(text)
+        check_digest(text, tree)
+    except AlteredError as error:
+        raise ConfigError(f'{_OPTION} {path}: {error}') from error
     except OSError as error:
         raise ConfigError(f'{_OPTION} {path}: cannot be read ({error.strerror})') from error
     except (yaml.YAMLError, ValueError) as error:

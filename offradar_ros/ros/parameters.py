@@ -11,6 +11,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from offradar_ros.config import Bounds, Config, parameters, replace_values
+from offradar_ros.entry_point import special_file
 from offradar_ros.errors import ConfigError
 
 MAX_NAMED = 5
@@ -64,6 +65,18 @@ def declare(node: Node, config: Config, groups: Sequence[str], overrides: Sequen
                 reason = problem or str(error).splitlines()[0]
                 raise ConfigError(f'parameter {leaf.name}: {reason}') from error
     return replace_values(config, values)
+
+
+def require_files(config: Config) -> None:
+    """ConfigError for a path that is a FIFO or a device: a node would wait for it for ever."""
+    paths = {
+        'encoder.weights': config.encoder.weights,
+        'map.path': config.map.path,
+        'query.map_path': config.query.map_path,
+    }
+    for name, path in paths.items():
+        if path and (kind := special_file(path)):
+            raise ConfigError(f'parameter {name}: {path} is {kind}: expected a file')
 
 
 def names_given(node: Node, overrides: Sequence[RosParameter] = ()) -> set[str]:

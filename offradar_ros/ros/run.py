@@ -88,5 +88,12 @@ def _close(node: StageNode) -> int:
         node.close()
     except Exception as error:
         report(error)
+        try:
+            rescued = node.rescue()
+        except Exception as failed:
+            report(failed)
+        else:
+            if rescued:
+                print(rescued, file=sys.stderr)
         return 1
     return 0

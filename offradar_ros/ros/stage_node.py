@@ -36,8 +36,12 @@ MessageT = TypeVar('MessageT')
 
 
 def _stamp_of(message: Any) -> int | None:
+    """Stamp of a message's header; None without one, and for one that is none: whoever handles it refuses it."""
     header = getattr(message, 'header', None)
-    return None if header is None else stamp_ns(header.stamp)
+    try:
+        return None if header is None else stamp_ns(header.stamp)
+    except RefusedInput:
+        return None
 
 
 LOG_PERIOD_S = 5.0
@@ -109,6 +113,10 @@ class StageNode(SteadyLifecycleNode):
     def close(self) -> None:
         """Release the core objects; OffradarError, with nothing released, if that would lose something."""
 
+    def rescue(self) -> str:
+        """Called at exit when `close` has failed: keep what would be lost; says how in one line, or OffradarError."""
+        return ''
+
     def apply(self, config: Config) -> None:
         """Take over parameters that were changed at run time."""
         self.config = config
@@ -122,7 +130,7 @@ class StageNode(SteadyLifecycleNode):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Lifecycle transition."""
-        if not self._attempt(self.configure):
+        if not (self._attempt(partial(parameters.require_files, self.config)) and self._attempt(self.configure)):
             # What it had made before it failed.
             self._attempt(self.close)
             return TransitionCallbackReturn.FAILURE
@@ -320,9 +328,9 @@ class StageNode(SteadyLifecycleNode):
         for each in self._inputs:
             if trouble := each.trouble():
                 yield trouble
-        for topic, others in rivals(self, (output.topic_name for output in self._outputs)).items():
-            text = f'{topic} is also published by {others}: launched twice? Stop one (one that died is listed for 20 s)'
-            yield Trouble(f'rival.{topic.lstrip("/")}', text)
+        for other, topics in rivals(self, (output.topic_name for output in self._outputs)).items():
+            text = f'{other} publishes {topics} too: launched twice? Stop one (one that died is listed for 20 s)'
+            yield Trouble(f'rival.{other.rpartition(" ")[2]}', text)
         for topic, types in foreign_types(self, self._output_types).items():
             text = f'{topic} also carries {types}, of somebody else: remap ours (-r {full_name(self)}:{topic}:=NAME)'
             yield Trouble(f'foreign_type.{topic.lstrip("/")}', text)

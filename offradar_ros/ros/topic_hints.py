@@ -31,16 +31,16 @@ def why_silent(
         instead: other types with the same content, and what to do where somebody publishes one.
     """
     name = node.resolve_topic_name(topic)
-    publishers = node.get_publishers_info_by_topic(name)
-    ours = [each for each in publishers if each.topic_type == type_name]
+    offers = node.get_publishers_info_by_topic(name)
+    ours = [each for each in offers if each.topic_type == type_name]
     mismatched = [(each, why) for each in ours if (why := _mismatch(each.qos_profile, profile))]
     if ours and len(mismatched) < len(ours):
         return f'{_names(ours)} publishes there, and sends nothing: see its log'
     if mismatched:
         endpoint, why = mismatched[0]
         return f'{full_name(endpoint)} publishes there with another quality of service: {why.format(name)}'
-    if publishers:
-        return f'{_names(publishers)} publishes {publishers[0].topic_type} there, not {type_name}: remap one of the two'
+    if offers:
+        return f'{_names(offers)} publishes {offers[0].topic_type} there, not {type_name}: remap one of the two'
     others = _published(node, type_name, name, topic)
     if others:
         return f'nobody publishes there, but {type_name} is published on {others}: remap it (-r {topic}:=TOPIC)'
@@ -51,19 +51,25 @@ def why_silent(
 
 
 def rivals(node: Node, topics: Iterable[str]) -> dict[str, str]:
-    """Nodes that also publish what `node` publishes, as text, by their topic; `topics` has a name for each publisher.
+    """Who also publishes what `node` publishes, as text, with these topics; `topics` has a name for each publisher.
 
     A second node of the same name shows itself by one more publisher than this node has.
     """
-    own, found = full_name(node), {}
+    own, found = full_name(node), dict[str, list[str]]()
     for name, count in Counter(topics).items():
         publishers = [each for each in node.get_publishers_info_by_topic(name) if each.node_name != UNKNOWN]
         others = {full_name(each) for each in publishers if full_name(each) != own}
         if sum(full_name(each) == own for each in publishers) > count:
             others.add(f'another {own}')
-        if others:
-            found[name] = _listed(others)
-    return found
+        for other in others:
+            found.setdefault(other, []).append(name)
+    return {other: _listed(names) for other, names in found.items()}
+
+
+def publishers(node: Node, topic: str) -> str:
+    """Names of the nodes that publish a topic, each as often as it does so."""
+    name = node.resolve_topic_name(topic)
+    return ', '.join(sorted(full_name(each) for each in node.get_publishers_info_by_topic(name)))
 
 
 def foreign_types(node: Node, topics: Mapping[str, str]) -> dict[str, str]:
@@ -103,8 +109,8 @@ def _published(node: Node, type_name: str, own_name: str, topic: str) -> str:
     return _listed(found)
 
 
-def _names(publishers: Iterable[TopicEndpointInfo]) -> str:
-    return _listed({full_name(each) for each in publishers})
+def _names(offers: Iterable[TopicEndpointInfo]) -> str:
+    return _listed({full_name(each) for each in offers})
 
 
 def _listed(names: Iterable[str]) -> str:

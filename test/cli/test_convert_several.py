@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
 import sys
@@ -59,7 +58,7 @@ def test_a_finished_bag_is_kept_and_an_unfinished_one_is_made_again(
     done('convert', data_set / 'monday', out / 'monday')
     before = {path: path.stat().st_mtime_ns for path in (out / 'monday').iterdir()}
     # As a run that was killed leaves it.
-    cut = out / 'tuesday.partial' / 'tuesday'
+    cut = out / 'tuesday.0123456789abcdef.partial' / 'tuesday'
     cut.mkdir(parents=True)
     (cut / 'tuesday.mcap').write_bytes(b'\x89MCAP0\r\n')
     printed = done('convert', data_set, out).splitlines()
@@ -124,10 +123,11 @@ def test_ctrl_c_keeps_finished_bags_and_the_next_run_continues(
     done: Callable[..., str], data_set: Path, street: Callable[..., Any], tmp_path: Path
 ) -> None:
     unfinished = write_oxford(street(count=3), data_set / 'zoo')
-    # A pipe without a writer: the process that reads it as a scan waits until it is interrupted.
+    # So many scans that it is not at its end when it is interrupted.
     last = max((unfinished / 'radar').glob('*.png'))
-    pipe = last.with_name(f'{int(last.stem) + 1_000_000}.png')
-    os.mkfifo(pipe)
+    more = [last.with_name(f'{int(last.stem) + number * 250_000}.png') for number in range(1, 20_000)]
+    for link in more:
+        link.symlink_to(last.name)
     out = tmp_path / 'bags'
     # A shell's background jobs, such as a run of these tests may be, and all that they start ignore Ctrl-C.
     command = ['env', '--default-signal=INT', sys.executable, '-m', 'offradar_ros.cli.main']
@@ -138,7 +138,7 @@ def test_ctrl_c_keeps_finished_bags_and_the_next_run_continues(
         text=True,
     )
     deadline_s = time.monotonic() + WAIT_S
-    while not (all((out / name).exists() for name in NAMES) and any(out.glob('zoo.partial/**/*.mcap'))):
+    while not (all((out / name).exists() for name in NAMES) and any(out.glob('zoo.*.partial/**/*.mcap'))):
         assert process.poll() is None, process.communicate()
         assert time.monotonic() < deadline_s
         time.sleep(0.01)
@@ -147,6 +147,7 @@ def test_ctrl_c_keeps_finished_bags_and_the_next_run_continues(
     assert process.returncode != 0
     assert 'Traceback' not in printed, printed
     assert sorted(path.name for path in out.iterdir()) == sorted(NAMES)
-    pipe.unlink()
+    for link in more:
+        link.unlink()
     assert done('convert', data_set, out).count('there already') == 3
     assert len(BagSequence(out / 'zoo')) == 3

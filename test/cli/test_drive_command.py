@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import contextlib
 import csv
 import dataclasses
 import math
 import re
-import sqlite3
 import subprocess
 import sys
 from collections.abc import Callable
@@ -16,6 +14,7 @@ from typing import Any
 
 import pytest
 from commands import RING_KEY
+from small_maps import as_version_1, change
 
 from offradar_ros.config import MapConfig, load_config
 from offradar_ros.mapping.sessions import SessionMap
@@ -305,8 +304,8 @@ def test_an_interrupted_session_is_explained(
 ) -> None:
     db = tmp_path / 'map.db'
     done('drive', drives[0], '--params', params, '--map', db, '--session', 'one')
-    with contextlib.closing(sqlite3.connect(db)) as connection, connection:
-        connection.execute("UPDATE sessions SET state = 'interrupted'")
+    as_version_1(db)
+    change(db, "UPDATE sessions SET state = 'interrupted'")
     shown = done('map', db)
     assert '│interrupted' in shown
     assert shown.splitlines()[-1].startswith('interrupted: saved, then the process ended')
@@ -317,8 +316,8 @@ def test_a_session_is_interrupted_if_its_process_was_killed_and_runs_if_it_lives
 ) -> None:
     db, link = tmp_path / 'map.db', tmp_path / 'link.db'
     done('drive', drives[0], '--params', params, '--map', db, '--session', 'one')
-    with contextlib.closing(sqlite3.connect(db)) as connection, connection:
-        connection.execute("UPDATE sessions SET state = 'running'")
+    as_version_1(db)
+    change(db, "UPDATE sessions SET state = 'running'")
     link.symlink_to(db)
     before = db.read_bytes()
     for path in (db, link):
@@ -334,3 +333,33 @@ def test_a_session_is_interrupted_if_its_process_was_killed_and_runs_if_it_lives
     # Left by a process that was killed: nothing holds it.
     db.with_name('map.db.lock').touch()
     assert '│interrupted' in done('map', db)
+
+
+def test_a_session_that_cannot_be_written_is_kept_in_another_file(
+    refused: Callable[..., str], drives: list[Path], params: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    db = tmp_path / 'maps' / 'map.db'
+    db.parent.mkdir()
+    end = SessionMap.end_session
+
+    def remove_and_end(session_map: SessionMap) -> Any:
+        db.unlink()
+        return end(session_map)
+
+    monkeypatch.setattr(SessionMap, 'end_session', remove_and_end)
+    printed = refused('drive', drives[0], '--params', params, '--map', db, '--session', 'one')
+    (rescued,) = db.parent.glob('map.db.rescued-*.db')
+    assert 'the map file was removed' in printed and f'what was mapped is kept in {rescued}' in printed
+    (session,) = MapStore.open_read_only(rescued).sessions
+    assert (session.name, session.state) == ('one', 'interrupted')
+    assert len(MapStore.open_read_only(rescued).places) == session.report['inserted']
+
+
+def test_an_upgrade_is_told_of(done: Callable[..., str], drives: list[Path], params: Path, tmp_path: Path) -> None:
+    db = tmp_path / 'map.db'
+    done('drive', drives[0], '--params', params, '--map', db, '--session', 'one')
+    as_version_1(db)
+    assert 'upgraded' not in done('drive', drives[1], '--params', params, '--map', db)
+    printed = done('drive', drives[1], '--params', params, '--map', db, '--session', 'two')
+    assert f'{db}: upgraded from map format 1 to 2; the file as it was is kept as map.db.v1.bak\n' in printed
+    assert len(MapStore.open_read_only(db).sessions) == 2

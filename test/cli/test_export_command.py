@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 torch = pytest.importorskip('torch')
-pytest.importorskip('onnx')
+onnx = pytest.importorskip('onnx')
 pytest.importorskip('onnxruntime')
 
 from offradar_ros.config import EncoderConfig  # noqa: E402
@@ -15,6 +15,7 @@ from offradar_ros.encoders.network_config import NetworkConfig  # noqa: E402
 from offradar_ros.encoders.networks.files import save_network  # noqa: E402
 from offradar_ros.encoders.networks.variational import VariationalNetwork  # noqa: E402
 from offradar_ros.encoders.registry import make_encoder  # noqa: E402
+from offradar_ros.errors import ModelError  # noqa: E402
 from offradar_ros.recordings.bags.sequence import BagSequence  # noqa: E402
 
 
@@ -30,10 +31,10 @@ def weights(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_exported_network_is_the_same_model(
     done: Callable[..., str], weights: Path, street_bag: Callable[..., Path], tmp_path: Path
 ) -> None:
-    onnx = tmp_path / 'compact.onnx'
+    exported = tmp_path / 'compact.onnx'
     before = make_encoder(EncoderConfig(name='variational', weights=str(weights)))
-    assert done('export', weights, onnx) == f'{onnx}: {before.info.fingerprint}\n'
-    after = make_encoder(EncoderConfig(name='variational', weights=str(onnx)))
+    assert done('export', weights, exported) == f'{exported}: {before.info.fingerprint}\n'
+    after = make_encoder(EncoderConfig(name='variational', weights=str(exported)))
     assert after.info.fingerprint == before.info.fingerprint
     scan = BagSequence(street_bag('bag', count=1)).scan(0)
     np.testing.assert_allclose(after.encode(scan).mean, before.encode(scan).mean, atol=1e-4)
@@ -52,6 +53,30 @@ def test_the_exported_network_drives(
     assert 'rejected: map_empty' in done('drive', bag, *options, '--session', 'one')
     assert 'match' in done('drive', bag, *options)
     assert 'model: variational, d = 8' in done('map', tmp_path / 'map.db')
+
+
+def test_onnx_of_an_earlier_version_gets_a_digest(
+    done: Callable[..., str],
+    refused: Callable[..., str],
+    weights: Path,
+    street_bag: Callable[..., Path],
+    tmp_path: Path,
+) -> None:
+    new, old, out = tmp_path / 'new.onnx', tmp_path / 'old.onnx', tmp_path / 'out.onnx'
+    done('export', weights, new)
+    assert 'has a digest already' in refused('export', new, out)
+    model = onnx.load(new)
+    del model.metadata_props[-2:]
+    onnx.save(model, old)
+    scan = BagSequence(street_bag('bag', count=1)).scan(0)
+    with pytest.raises(ModelError, match='has no digest'):
+        make_encoder(EncoderConfig(name='variational', weights=str(old)))
+    assert 'options are for .safetensors' in refused('export', old, out, '--half')
+    assert not out.exists()
+    assert 'now with a digest of what' in done('export', old, out)
+    before, after = (make_encoder(EncoderConfig(name='variational', weights=str(path))) for path in (new, out))
+    assert before.info.fingerprint == after.info.fingerprint
+    np.testing.assert_array_equal(before.encode(scan).mean, after.encode(scan).mean)
 
 
 def test_bad_weights_are_refused(refused: Callable[..., str], weights: Path, tmp_path: Path) -> None:

@@ -27,6 +27,7 @@ from offradar_ros.encoders.network_config import NetworkConfig
 from offradar_ros.encoders.networks.files import load_network, save_network
 from offradar_ros.encoders.networks.variational import VariationalNetwork
 from offradar_ros.encoders.onnx_backend import OnnxEncoder
+from offradar_ros.encoders.onnx_digest import with_digest
 from offradar_ros.encoders.opencv_backend import OpencvEncoder
 from offradar_ros.encoders.pretrained import find_weights
 from offradar_ros.encoders.protocol import Encoder
@@ -126,6 +127,7 @@ def test_threads_run_on_the_cores_of_the_process(small_onnx: Path) -> None:
 import os
 os.sched_setaffinity(0, {{min(os.sched_getaffinity(0))}})
 from offradar_ros.encoders.onnx_backend import OnnxEncoder
+from offradar_ros.encoders.onnx_digest import with_digest
 encoder = OnnxEncoder({str(small_onnx)!r})
 print({{frozenset(os.sched_getaffinity(int(thread))) for thread in os.listdir('/proc/self/task')}})
 """
@@ -149,32 +151,48 @@ def test_signal_outside_the_image_is_no_signal(encoder: ImageEncoder, street: Po
         encoder.encode(dataclasses.replace(street, power=power))
 
 
-@pytest.mark.parametrize('value', [float('nan'), float('inf')])
-def test_values_that_are_not_finite_are_returned(
-    tmp_path: Path, small_weights: Path, street: PolarScan, value: float
+class _NotFinite(OnnxEncoder):
+    """Gives numbers for the probe image, and none after it."""
+
+    value = 1.0
+
+    def infer(self, images: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        mean, variance = super().infer(images)
+        return mean * np.float32(self.value), variance
+
+
+@pytest.mark.parametrize('value', [math.nan, math.inf])
+def test_values_that_are_not_finite_are_returned(small_onnx: Path, street: PolarScan, value: float) -> None:
+    encoder = _NotFinite(small_onnx)
+    encoder.value = value
+    assert not np.isfinite(encoder.encode(street).mean).any()
+
+
+@pytest.mark.parametrize('value', [math.nan, math.inf])
+def test_a_network_whose_outputs_are_not_finite_is_refused_when_it_is_loaded_or_exported(
+    tmp_path: Path, small_weights: Path, value: float
 ) -> None:
     network, _ = load_network(small_weights)
     assert isinstance(network, VariationalNetwork)
     with torch.no_grad():
         network.z_i.bias[3] = value
-        network.log_variance.bias[5] = math.nan
-    weights, exported = tmp_path / 'odd.safetensors', tmp_path / 'odd.onnx'
+    weights = tmp_path / 'odd.safetensors'
     save_network(weights, network)
-    export_onnx(weights, exported)
-    for encoder in (TorchEncoder(weights), OnnxEncoder(exported), OpencvEncoder(exported)):
-        embedding = encoder.encode(street)
-        # L2 normalisation may spread such a value to the other dimensions.
-        assert not np.isfinite(embedding.mean[3])
-        # OpenCV's clamp converts NaN to a number; the mean is still not finite.
-        if not isinstance(encoder, OpencvEncoder):
-            np.testing.assert_array_equal(np.isfinite(embedding.variance), np.arange(8) != 5)
+    expected = r'odd\.safetensors: its outputs for a probe image are not finite'
+    with pytest.raises(ModelError, match=expected):
+        TorchEncoder(weights)
+    with pytest.raises(ModelError, match=expected):
+        export_onnx(weights, tmp_path / 'odd.onnx')
+    assert not (tmp_path / 'odd.onnx').exists()
 
 
 def test_export_writes_the_header_and_no_other_file(small_weights: Path, small_onnx: Path) -> None:
     model = onnx.load(small_onnx)
     onnx.checker.check_model(model, full_check=True)
     found = {prop.key: prop.value for prop in model.metadata_props}
-    assert found == read_header(small_weights).to_metadata()
+    own = {'offradar.probe', 'offradar.digest'}
+    assert {key: text for key, text in found.items() if key not in own} == read_header(small_weights).to_metadata()
+    assert found.keys() > own
     assert {path.name for path in small_onnx.parent.iterdir()} == {small_weights.name, small_onnx.name}
 
 
@@ -211,6 +229,14 @@ def test_foreign_onnx_is_refused(tmp_path: Path, small_onnx: Path, make: Callabl
         make(path)
 
 
+def saved(model: onnx.ModelProto, path: Path) -> Path:
+    """The model as a file with a digest that is right."""
+    digest = next(entry for entry in model.metadata_props if entry.key == 'offradar.digest')
+    model.metadata_props.remove(digest)
+    path.write_bytes(with_digest(model.SerializeToString()))
+    return path
+
+
 def test_onnx_with_a_graph_that_does_not_match_its_metadata_is_refused(
     tmp_path: Path, small_onnx: Path, small_config: NetworkConfig
 ) -> None:
@@ -218,11 +244,39 @@ def test_onnx_with_a_graph_that_does_not_match_its_metadata_is_refused(
     for prop in model.metadata_props:
         if prop.key == 'offradar.settings':
             prop.value = dataclasses.replace(small_config, dimension=16).to_json()
-    path = tmp_path / 'swapped.onnx'
-    onnx.save(model, path)
+    path = saved(model, tmp_path / 'swapped.onnx')
     for make in (OnnxEncoder, OpencvEncoder):
         with pytest.raises(ModelError, match=r'swapped\.onnx: expected (inputs and )?outputs'):
             make(path)
+
+
+@pytest.mark.parametrize('make', [OnnxEncoder, OpencvEncoder])
+def test_a_runtime_that_computes_something_else_is_refused(
+    tmp_path: Path, small_onnx: Path, make: Callable[[Path], ImageEncoder]
+) -> None:
+    # As if the runtime did not read a tensor as the exporter wrote it: the file itself is in order.
+    model = onnx.load(small_onnx)
+    kernel = next(tensor for tensor in model.graph.initializer if len(tensor.dims) == 4)
+    kernel.CopyFrom(onnx.numpy_helper.from_array(-onnx.numpy_helper.to_array(kernel), kernel.name))
+    path = saved(model, tmp_path / 'other.onnx')
+    with pytest.raises(ModelError, match=r'other\.onnx: \w+ computes another embedding of a probe image'):
+        make(path)
+
+
+@pytest.mark.parametrize('make', [OnnxEncoder, OpencvEncoder])
+def test_onnx_that_refers_to_another_file_is_refused(
+    tmp_path: Path, small_onnx: Path, make: Callable[[Path], ImageEncoder], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model = onnx.load(small_onnx)
+    kernel = next(tensor for tensor in model.graph.initializer if len(tensor.dims) == 4)
+    (tmp_path / 'kernel').write_bytes(kernel.raw_data)
+    kernel.ClearField('raw_data')
+    kernel.data_location = onnx.TensorProto.EXTERNAL
+    kernel.external_data.add(key='location', value='kernel')
+    path = saved(model, tmp_path / 'outside.onnx')
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(ModelError, match=r'outside\.onnx: refers to tensors in other files'):
+        make(path)
 
 
 @pytest.mark.parametrize('make', [OnnxEncoder, OpencvEncoder, TorchEncoder])
@@ -234,7 +288,7 @@ def test_missing_file_is_named(tmp_path: Path, make: Callable[[Path], ImageEncod
 def test_an_operator_that_opencv_does_not_support_is_reported(tmp_path: Path, small_onnx: Path) -> None:
     model = onnx.load(small_onnx)
     model.graph.node[-1].op_type = 'NobodyHasIt'
-    onnx.save(model, tmp_path / 'odd.onnx')
+    saved(model, tmp_path / 'odd.onnx')
     expected = r'odd\.onnx: OpenCV [0-9.]+ cannot run it: pip install onnxruntime'
     with pytest.raises(ModelError, match=expected) as refused:
         OpencvEncoder(tmp_path / 'odd.onnx')

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+import contextlib
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from offradar_ros.encoders.onnx_file import read_in_single_precision, read_metadata
+from offradar_ros.encoders.onnx_file import has_external_data, in_single_precision, metadata_entry, read_metadata
 from offradar_ros.encoders.pretrained import find_weights
-from offradar_ros.errors import ModelError
 
 pytest.importorskip('onnx')
 
@@ -21,12 +20,14 @@ COMPACT = find_weights('compact', ('.onnx',))
 
 
 def test_metadata_equals_that_of_the_onnx_package() -> None:
-    assert read_metadata(COMPACT) == {entry.key: entry.value for entry in onnx.load(COMPACT).metadata_props}
+    assert read_metadata(COMPACT.read_bytes()) == {
+        entry.key: entry.value for entry in onnx.load(COMPACT).metadata_props
+    }
 
 
-def test_half_precision_weights_are_converted_and_nothing_else_changes(tmp_path: Path) -> None:
+def test_half_precision_weights_are_converted_and_nothing_else_changes() -> None:
     before = onnx.load(COMPACT)
-    after = onnx.load_from_string(read_in_single_precision(COMPACT))
+    after = onnx.load_from_string(in_single_precision(COMPACT.read_bytes()))
     onnx.checker.check_model(after, full_check=True)
     halves = 0
     for one, two in zip(before.graph.initializer, after.graph.initializer, strict=True):
@@ -41,19 +42,73 @@ def test_half_precision_weights_are_converted_and_nothing_else_changes(tmp_path:
     assert before == after
 
 
-def test_a_missing_file_is_named(tmp_path: Path) -> None:
-    with pytest.raises(ModelError, match='none: no such weights file'):
-        read_metadata(tmp_path / 'none')
+def test_an_entry_is_added_by_appending_it() -> None:
+    content = COMPACT.read_bytes() + metadata_entry('one.more', 'of two words')
+    assert read_metadata(content)['one.more'] == 'of two words'
+    found = {entry.key: entry.value for entry in onnx.load_from_string(content).metadata_props}
+    assert found == read_metadata(content)
 
 
-@settings(max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None)
+def outside() -> onnx.TensorProto:
+    tensor = onnx.helper.make_tensor('outside', onnx.TensorProto.FLOAT, [1], [0.0])
+    tensor.ClearField('float_data')
+    tensor.data_location = onnx.TensorProto.EXTERNAL
+    tensor.external_data.add(key='location', value='/etc/hostname')
+    return tensor
+
+
+def within_a_graph(tensor: onnx.TensorProto) -> onnx.GraphProto:
+    return onnx.GraphProto(initializer=[tensor])
+
+
+PLACES = {
+    'initialiser': lambda: onnx.ModelProto(graph=within_a_graph(outside())),
+    'constant': lambda: onnx.ModelProto(
+        graph=onnx.GraphProto(node=[onnx.NodeProto(attribute=[onnx.AttributeProto(t=outside())])])
+    ),
+    'list of constants': lambda: onnx.ModelProto(
+        graph=onnx.GraphProto(node=[onnx.NodeProto(attribute=[onnx.AttributeProto(tensors=[outside()])])])
+    ),
+    'branch': lambda: onnx.ModelProto(
+        graph=onnx.GraphProto(
+            node=[onnx.NodeProto(attribute=[onnx.AttributeProto(g=within_a_graph(outside()))])],
+        )
+    ),
+    'sparse': lambda: onnx.ModelProto(
+        graph=onnx.GraphProto(sparse_initializer=[onnx.SparseTensorProto(values=outside())])
+    ),
+    'function': lambda: onnx.ModelProto(
+        functions=[
+            onnx.FunctionProto(
+                node=[onnx.NodeProto(attribute=[onnx.AttributeProto(graphs=[within_a_graph(outside())])])]
+            )
+        ]
+    ),
+    'training': lambda: onnx.ModelProto(
+        training_info=[onnx.TrainingInfoProto(initialization=within_a_graph(outside()))]
+    ),
+}
+
+
+@pytest.mark.parametrize('place', PLACES)
+def test_a_tensor_in_another_file_is_found_wherever_it_is(place: str) -> None:
+    model = PLACES[place]()
+    assert has_external_data(model.SerializeToString())
+    assert not has_external_data(COMPACT.read_bytes())
+
+
+def test_graphs_nested_without_end_are_refused() -> None:
+    graph = onnx.GraphProto()
+    for _ in range(15):
+        graph = onnx.GraphProto(node=[onnx.NodeProto(attribute=[onnx.AttributeProto(g=graph)])])
+    with pytest.raises(ValueError, match='graphs within graphs'):
+        has_external_data(onnx.ModelProto(graph=graph).SerializeToString())
+
+
+@settings(max_examples=100, deadline=None)
 @given(st.one_of(st.binary(max_size=200), st.integers(0, 20_000)))
-def test_damaged_files_are_read_or_refused_in_one_line(tmp_path: Path, damage: bytes | int) -> None:
-    path = tmp_path / 'damaged.onnx'
-    path.write_bytes(damage if isinstance(damage, bytes) else COMPACT.read_bytes()[-damage:])
-    for read in (read_metadata, read_in_single_precision):
-        try:
-            read(path)
-        except ModelError as error:
-            assert str(error).startswith(f'{path}: ')
-            assert '\n' not in str(error)
+def test_damaged_content_is_read_or_refused(damage: bytes | int) -> None:
+    content = damage if isinstance(damage, bytes) else COMPACT.read_bytes()[-damage:]
+    for read in (read_metadata, in_single_precision, has_external_data):
+        with contextlib.suppress(ValueError):
+            read(content)

@@ -118,7 +118,7 @@ def test_a_changed_byte_never_gives_other_weights(
     tmp_path_factory: pytest.TempPathFactory, at: float, flip: int
 ) -> None:
     path = tmp_path_factory.mktemp('flip') / 'flip.safetensors'
-    save_weights(path, CONFIG, tensors())
+    written = save_weights(path, CONFIG, tensors(), 'four tensors')
     content = bytearray(path.read_bytes())
     content[int(at * len(content))] ^= flip
     path.write_bytes(content)
@@ -127,9 +127,24 @@ def test_a_changed_byte_never_gives_other_weights(
     except ModelError as error:
         assert 'flip.safetensors: ' in str(error)
         assert '\n' not in str(error)
-    else:  # the byte was in a text that does not affect the output
-        assert header.config == CONFIG
+    else:  # the byte was in the name of the digest, without which the fingerprint protects the weights
+        assert header == written
         assert all(np.array_equal(found[name], tensor) for name, tensor in tensors().items())
+
+
+def test_a_changed_description_is_noticed(written: Path) -> None:
+    written.write_bytes(written.read_bytes().replace(b'four tensors', b'five tensors'))
+    with pytest.raises(
+        ModelError, match=r'net\.safetensors: damaged or altered: its content is not that of its digest'
+    ):
+        read_header(written)
+
+
+def test_weights_of_an_earlier_version_have_no_digest_and_are_read(tmp_path: Path) -> None:
+    path = tmp_path / 'old.safetensors'
+    header = save_weights(path, CONFIG, tensors())
+    path.write_bytes(save(load_file(path), header.to_metadata()))
+    assert load_weights(path)[0] == header
 
 
 @pytest.mark.parametrize('content', [b'', b'not weights', b'\x89PNG\r\n\x1a\n' + bytes(100), bytes(64)])

@@ -51,7 +51,7 @@ def test_with_two_encoders_each_scan_is_mapped_and_answered_once(
         again = replay(nodes, bag, '--lockstep', '--loop', '2')
         wait_until(
             lambda: any(
-                'is also published by another /encoder: launched twice?' in each.message
+                'another /encoder publishes /embedding, /embedding/model too: launched twice?' in each.message
                 for message in list(reports)
                 for each in message.status
                 if each.level == DiagnosticStatus.WARN

@@ -26,10 +26,9 @@ from rclpy.parameter import Parameter as RclpyParameter
 from sensor_msgs.msg import Image, NavSatFix, PointCloud2
 from std_srvs.srv import Trigger
 
-from offradar_ros.encoders.onnx_file import read_metadata
+from offradar_ros.encoders.onnx_model import read_onnx
 from offradar_ros.encoders.pretrained import find_weights
 from offradar_ros.encoders.protocol import ModelInfo
-from offradar_ros.encoders.weights_header import WeightsHeader
 from offradar_ros.lab.live.node_processes import Stack, isolated_environment
 from offradar_ros.mapping.store import MapStore
 from offradar_ros.nodes.encoder_node import EncoderNode
@@ -109,7 +108,7 @@ def test_without_parameters_the_encoder_is_the_one_that_ships(observer: Observer
     observer.add(node)
     received = observer.collect(DiagnosticStatus, 'embedding/model', qos.LATCHED)
     model = wait_until(lambda: received)[0]
-    shipped = WeightsHeader.from_metadata(read_metadata(find_weights('compact', ('.onnx',))), 'compact.onnx')
+    shipped = read_onnx(find_weights('compact', ('.onnx',))).header
     assert (model.name, model.hardware_id) == ('variational', shipped.fingerprint)
     node.close()
 

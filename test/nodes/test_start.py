@@ -13,7 +13,9 @@ from live_nodes import WAIT_S, Observer, StartNode, wait_until
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
+from offradar_ros.errors import ConfigError
 from offradar_ros.lab.live.node_processes import Stack, isolated_environment
+from offradar_ros.nodes.encoder_node import EncoderNode
 from offradar_ros.nodes.map_server_node import MapServerNode
 from offradar_ros.nodes.query_node import QueryNode
 from offradar_ros.ros.stage_node import StageNode
@@ -91,6 +93,22 @@ def test_a_parameter_file_that_is_none_is_refused_and_not_waited_for(
         assert path in refused(program, isolated_environment(domain_id), '--ros-args', '--params-file', path)
 
 
+def test_a_fifo_in_a_bag_is_refused_and_not_waited_for(domain_id: int, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / 'metadata.yaml')
+    ran = subprocess.run(
+        [sys.executable, '-m', 'offradar_ros.nodes.replay_node', str(tmp_path)],
+        env=isolated_environment(domain_id),
+        capture_output=True,
+        text=True,
+        timeout=WAIT_S,
+        check=False,
+    )
+    assert (ran.returncode, ran.stderr) == (
+        1,
+        f'error: {tmp_path / "metadata.yaml"}: is a FIFO: expected a file or a folder\n',
+    )
+
+
 @pytest.mark.parametrize(
     ('name', 'value'),
     [('autostart', '1'), ('qos_overrides./embedding.subscription.reliability', 'often')],
@@ -98,6 +116,17 @@ def test_a_parameter_file_that_is_none_is_refused_and_not_waited_for(
 def test_a_bad_parameter_of_ros_is_one_line(name: str, value: str, domain_id: int) -> None:
     line = refused('query_node', isolated_environment(domain_id), '--ros-args', '-p', f'{name}:={value}')
     assert name.rpartition('.')[2] in line or value in line
+
+
+@pytest.mark.parametrize(
+    ('kind', 'name'), [(EncoderNode, 'encoder.weights'), (MapServerNode, 'map.path'), (QueryNode, 'query.map_path')]
+)
+def test_a_fifo_in_place_of_a_file_is_refused_and_not_waited_for(
+    start_node: StartNode, tmp_path: Path, kind: type[StageNode], name: str
+) -> None:
+    os.mkfifo(tmp_path / 'pipe')
+    with pytest.raises(ConfigError, match=f'parameter {name}: {tmp_path / "pipe"} is a FIFO: expected a file'):
+        start_node(kind, {name: str(tmp_path / 'pipe')})
 
 
 def test_a_file_for_other_nodes_and_misspelt_names_are_told_of(stack: Callable[..., Stack], tmp_path: Path) -> None:

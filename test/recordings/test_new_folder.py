@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -32,7 +34,8 @@ def names(folder: Path) -> list[str]:
 def test_it_appears_at_the_end(tmp_path: Path) -> None:
     with new_folder(tmp_path / 'bag', overwrite=False) as draft:
         fill(draft)
-        assert names(tmp_path) == ['bag.partial']
+        assert len(names(tmp_path)) == 1
+        assert re.fullmatch(r'bag\.[0-9a-f]{16}\.partial', names(tmp_path)[0])
     assert names(tmp_path) == ['bag']
 
 
@@ -67,35 +70,64 @@ def test_a_bag_can_be_written_over_its_own_source(street: Callable[..., Any], tm
     assert names(tmp_path) == ['bag']
 
 
-def test_only_what_an_earlier_run_left_is_replaced(tmp_path: Path) -> None:
-    partial = tmp_path / 'bag.partial'
-    for leftover in ((), ('bag',)):
-        for name in leftover:
-            (partial / name).mkdir(parents=True)
-        partial.mkdir(exist_ok=True)
-        with new_folder(tmp_path / 'bag', overwrite=True) as draft:
-            fill(draft)
-        assert not partial.exists()
-    for name in ('thesis.tex', 'bag'):
-        partial.mkdir()
-        (partial / name).write_text('years of work')
-        with pytest.raises(DataError, match=r'bag\.partial: in the way'), new_folder(tmp_path / 'bag', overwrite=True):
-            pass
-        assert names(partial) == [name]
-        (partial / name).unlink()
-        partial.rmdir()
+LEFT = 'bag.0123456789abcdef.partial'
 
 
-def test_files_links_and_a_bag_moved_aside_are_in_the_way(tmp_path: Path) -> None:
-    (tmp_path / 'elsewhere').mkdir()
-    (tmp_path / 'bag.partial').symlink_to(tmp_path / 'elsewhere')
-    with pytest.raises(DataError, match='in the way'), new_folder(tmp_path / 'bag', overwrite=False):
+@pytest.mark.parametrize('inner', [(), ('bag',)])
+def test_what_an_earlier_run_left_is_removed(tmp_path: Path, inner: tuple[str, ...]) -> None:
+    for name in inner:
+        (tmp_path / LEFT / name).mkdir(parents=True)
+    (tmp_path / LEFT).mkdir(exist_ok=True)
+    with new_folder(tmp_path / 'bag', overwrite=False) as draft:
+        fill(draft)
+    assert names(tmp_path) == ['bag']
+
+
+@pytest.mark.parametrize('name', ['thesis.tex', 'bag'])
+def test_what_somebody_else_left_stays(tmp_path: Path, name: str) -> None:
+    for folder in (LEFT, 'bag.partial', 'bag.mine.partial'):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / name).write_text('years of work')
+    with new_folder(tmp_path / 'bag', overwrite=False) as draft:
+        fill(draft)
+    for folder in (LEFT, 'bag.partial', 'bag.mine.partial'):
+        assert (tmp_path / folder / name).read_text() == 'years of work'
+
+
+def test_links_are_not_followed(tmp_path: Path) -> None:
+    (tmp_path / 'elsewhere' / 'bag').mkdir(parents=True)
+    (tmp_path / 'elsewhere' / 'bag' / 'kept').write_text('kept')
+    for link in (LEFT, 'bag.partial'):
+        (tmp_path / link).symlink_to(tmp_path / 'elsewhere')
+    with new_folder(tmp_path / 'bag', overwrite=False) as draft:
+        fill(draft)
+    assert names(tmp_path / 'elsewhere' / 'bag') == ['kept']
+    assert names(tmp_path / 'bag') == ['metadata.yaml']
+    (tmp_path / 'bag.replaced').symlink_to(tmp_path / 'elsewhere')
+    with pytest.raises(DataError, match='in the way'), new_folder(tmp_path / 'bag', overwrite=True):
         pass
-    (tmp_path / 'bag.partial').unlink()
-    (tmp_path / 'bag.partial').write_text('')
-    with pytest.raises(DataError, match='in the way'), new_folder(tmp_path / 'bag', overwrite=False):
-        pass
-    (tmp_path / 'bag.partial').unlink()
+    assert names(tmp_path / 'elsewhere') == ['bag']
+
+
+def test_two_runs_at_once_do_not_disturb_each_other(tmp_path: Path) -> None:
+    with new_folder(tmp_path / 'bag', overwrite=True) as first:
+        fill(first, 'first')
+        with new_folder(tmp_path / 'bag', overwrite=True) as second:
+            fill(second, 'second')
+        assert (first / 'metadata.yaml').read_text() == 'first'
+    assert names(tmp_path) == ['bag']
+    assert (tmp_path / 'bag' / 'metadata.yaml').read_text() == 'first'
+
+
+def test_what_appeared_in_the_meantime_is_not_replaced(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match='exists already'), new_folder(tmp_path / 'bag', overwrite=False) as draft:
+        fill(draft)
+        fill(tmp_path / 'bag', 'of another run')
+    assert names(tmp_path) == ['bag']
+    assert (tmp_path / 'bag' / 'metadata.yaml').read_text() == 'of another run'
+
+
+def test_a_bag_moved_aside_and_a_link_at_its_place_are_in_the_way(tmp_path: Path) -> None:
     (tmp_path / 'bag.replaced').mkdir()
     with pytest.raises(DataError, match='left by a run that was cut off'), new_folder(tmp_path / 'bag', overwrite=True):
         pass
@@ -103,6 +135,18 @@ def test_files_links_and_a_bag_moved_aside_are_in_the_way(tmp_path: Path) -> Non
     (tmp_path / 'link').symlink_to(tmp_path / 'nowhere')
     with pytest.raises(DataError, match='exists already'), new_folder(tmp_path / 'link', overwrite=False):
         pass
+
+
+def test_it_is_on_the_disk_before_it_appears(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    synced: list[Path] = []
+    monkeypatch.setattr(os, 'fsync', lambda fd: synced.append(Path(f'/proc/self/fd/{fd}').readlink()))
+    with new_folder(tmp_path / 'bag', overwrite=False) as draft:
+        fill(draft)
+        (draft / 'inner').mkdir()
+        (draft / 'inner' / 'file').write_text('x')
+    within = [path.relative_to(draft).as_posix() for path in synced if path.is_relative_to(draft)]
+    assert sorted(within) == ['.', 'inner', 'inner/file', 'metadata.yaml']
+    assert synced[-1] == tmp_path
 
 
 @pytest.mark.parametrize('odd', ['', '.', '..', '/', 'a/..', 'nul\0', 'half\ud800', 'x' * 300, 'x' * 252])

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from offradar_ros.config import write_parameters
 from offradar_ros.errors import ConfigError
 from offradar_ros.ros.parameter_files import check_parameter_files, not_addressed
 
@@ -67,3 +68,12 @@ def test_a_file_that_cannot_be_read_is_one_line(tmp_path: Path) -> None:
 def test_only_arguments_for_ros_are_files() -> None:
     for line in (['node', '--params-file', '/no'], ['node', '--ros-args', '--', '--params-file', '/no'], ['node'], []):
         check_parameter_files(line)
+
+
+def test_values_that_are_not_those_of_the_digest_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / 'car.yaml'
+    write_parameters(path, {'query.threshold': 0.5}, with_digest=True)
+    check_parameter_files(arguments(path))
+    path.write_text(path.read_text().replace('0.5', '0.4'))
+    with pytest.raises(ConfigError, match=rf'--params-file {path}: its values are not those of its digest'):
+        check_parameter_files(arguments(path))

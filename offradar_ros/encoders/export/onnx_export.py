@@ -9,8 +9,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from offradar_ros.encoders.export.calibration_scans import CalibrationScans
+from offradar_ros.encoders.export.onnx_probe import probe_onnx
 from offradar_ros.encoders.fingerprint import Setting, fingerprint
 from offradar_ros.encoders.model_files import require_package, write_atomically
+from offradar_ros.encoders.onnx_digest import with_digest
+from offradar_ros.encoders.onnx_file import metadata_entry
+from offradar_ros.encoders.onnx_model import PROBE
+from offradar_ros.encoders.probe import Probe, probe_image, require_sound
 from offradar_ros.encoders.weights_header import WeightsHeader
 
 if TYPE_CHECKING:
@@ -45,8 +50,9 @@ def export_onnx(
 
     The input is ``images`` (N, H, W) uint8, so that scaling and normalisation are part of the graph; outputs are
     ``mean`` and ``variance`` (N, d) float32; N is dynamic. Half-precision weights are stored in half precision and
-    computed in single precision. The same weights and scans give the same file on one machine. The file is written
-    atomically. ModelError for weights that cannot be read, a file that cannot be written or a missing package.
+    computed in single precision. The same weights and scans give the same file on one machine. It ends with a digest of
+    all that it holds, and is written atomically. ModelError for weights that cannot be read, a file that cannot be
+    written or a missing package.
     """
     for package in ('torch', 'safetensors', 'onnx', *(('onnxruntime',) if compression and compression.int8 else ())):
         require_package(package, weights_path)
@@ -69,8 +75,20 @@ def export_onnx(
     for key, value in header.to_metadata().items():
         model.metadata_props.add(key=key, value=value)
     onnx.checker.check_model(model, full_check=True)
-    write_atomically(onnx_path, model.SerializeToString(deterministic=True))
+    quantised = bool(compression and compression.int8)
+    content = model.SerializeToString(deterministic=True)
+    probe = probe_onnx(content, header, onnx_path) if quantised else _probe(network, header, weights_path)
+    write_atomically(onnx_path, with_digest(content + metadata_entry(PROBE, probe.to_text())))
     return header
+
+
+def _probe(network: Network, header: WeightsHeader, path: str | Path) -> Probe:
+    import torch  # noqa: PLC0415
+
+    with torch.inference_mode():
+        mean, variance = network.embed(torch.from_numpy(probe_image(header.config)))
+    require_sound((mean.numpy(), variance.numpy()), header.config, path)
+    return Probe.of(mean.numpy(), variance.numpy())
 
 
 def _graph(network: Network, header: WeightsHeader, opset: int) -> onnx.ModelProto:

@@ -8,6 +8,7 @@ from typing import Annotated, Optional
 
 import typer
 
+from offradar_ros.bounded_input import read_text
 from offradar_ros.encoders.model_files import require_package
 from offradar_ros.errors import ConfigError, DataError
 from offradar_ros.lab.evaluation.card.card import Card
@@ -66,7 +67,7 @@ def _made(source: Path, weights: Path, sources: CardSources) -> Card:
 
 def _remarks(path: Path) -> str:
     try:
-        return path.read_text(encoding='utf-8').strip()
+        return read_text(path).strip()
     except (OSError, ValueError) as error:
         raise DataError(f'{path}: expected the remarks of a card, Markdown ({error})') from None
 

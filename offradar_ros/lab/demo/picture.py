@@ -12,6 +12,7 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from offradar_ros.calibration.picture_file import save_picture
 from offradar_ros.lab.demo.truth import ComparedDrive
 
 Mask = NDArray[np.bool_]
@@ -60,7 +61,7 @@ def draw_map(mapped: ComparedDrive, queried: ComparedDrive, min_probability: flo
     figure.legend(found.values(), found.keys(), loc='lower center', ncols=4, frameon=False)
     figure.suptitle(f'{queried.replayed.drive.name} in a map of {len(queried.replayed.places)} places (simulated)')
     FigureCanvasAgg(figure)
-    figure.savefig(path)
+    save_picture(figure, path)
 
 
 def _counts(queried: ComparedDrive, accepted: Mask) -> str:

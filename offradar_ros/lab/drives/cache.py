@@ -10,19 +10,28 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import json
+import math
 import os
+import shutil
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from offradar_ros import __version__
+from offradar_ros.bounded_input import parse_json, read_bounded
 from offradar_ros.errors import DataError, RefusedInput
+from offradar_ros.lab.array_file import map_array
 from offradar_ros.lab.drives.drive import Drive, DriveSource
 from offradar_ros.lab.drives.range_reduction import Reduction, at_azimuths
 from offradar_ros.processes import Progress, parallel_map
 from offradar_ros.types import PolarScan
+from offradar_ros.whole_file import whole_file, write_whole_file
+
+_PARTIAL = '.partial'
+_LARGEST_HEADER = 256 * 1024**2
 
 COLUMNS: dict[str, Any] = {
     'stamps_ns': np.int64,
@@ -50,9 +59,9 @@ def cached_drives(
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for partial in folder.glob('*.partial.*'):
-            if not Path('/proc', partial.name.split('.')[-3]).exists():
-                partial.unlink(missing_ok=True)
+        for partial in folder.glob(f'*{_PARTIAL}'):
+            if partial.name.split('.')[0].isdigit() and not Path('/proc', partial.name.split('.')[0]).exists():
+                shutil.rmtree(partial, ignore_errors=True)
         paths = [_path(folder, source, reduction) for source in sources]
         missing = {path: source for source, path in zip(sources, paths, strict=True) if not path.is_file()}
         parallel_map(_make, [(source, path, reduction) for path, source in missing.items()], processes, progress)
@@ -78,7 +87,35 @@ def _settings(source: DriveSource, reduction: Reduction | None) -> dict[str, Any
 def _make(source: DriveSource, path: Path, reduction: Reduction | None) -> None:
     """Write one drive's files."""
     drive = source.open()
-    partial = path.with_suffix(f'.{os.getpid()}.partial.npy')
+    # Of this process, so that the next run finds what a killed one left; nobody else may guess its name or write in it.
+    own = Path(tempfile.mkdtemp(prefix=f'{os.getpid()}.', suffix=_PARTIAL, dir=path.parent))
+    try:
+        with whole_file(own / 'power.npy') as file:
+            first, rows = _write_power(drive, reduction, file)
+        if first is None:
+            raise DataError(f'{source.name}: none of its scans can be read')
+        (own / 'power.npy').replace(path.with_suffix('.npy'))
+    finally:
+        shutil.rmtree(own, ignore_errors=True)
+    header = {
+        **_settings(source, reduction),
+        'name': drive.name,
+        'world': drive.world,
+        'layout': drive.layout,
+        'left_out': len(drive) - len(rows),
+        'azimuths_rad': first.azimuths_rad.tolist(),
+        'range_resolution_m': first.range_resolution_m,
+        'range_offset_m': first.range_offset_m,
+        **{name: getattr(drive, name)[rows].tolist() for name in COLUMNS},
+    }
+    write_whole_file(path, json.dumps(header).encode())
+
+
+def _write_power(drive: Drive, reduction: Reduction | None, file: BinaryIO) -> tuple[PolarScan | None, list[int]]:
+    """Write the power of all scans that can be read as NPY; the first of them, and the rows of all.
+
+    A full disk is an error of the call that writes, which it would not be for memory that is mapped.
+    """
     rows: list[int] = []
     first: PolarScan | None = None
     for row in range(len(drive)):
@@ -91,29 +128,17 @@ def _make(source: DriveSource, path: Path, reduction: Reduction | None) -> None:
             scan = reduction(scan)
         if first is None:
             first = scan
-            power = np.lib.format.open_memmap(partial, 'w+', np.uint8, (len(drive), *scan.power.shape))
+            shape = (len(drive), *scan.power.shape)
+            np.lib.format.write_array_header_1_0(file, {'descr': '|u1', 'fortran_order': False, 'shape': shape})
+            end = file.tell() + math.prod(shape)
         elif _size(scan) != _size(first):
             continue
-        power[len(rows)] = scan.power
+        file.write(np.ascontiguousarray(scan.power).tobytes())
         rows.append(row)
-    if first is None:
-        raise DataError(f'{source.name}: none of its scans can be read')
-    power.flush()
-    partial.replace(path.with_suffix('.npy'))
-    header = {
-        **_settings(source, reduction),
-        'name': drive.name,
-        'world': drive.world,
-        'layout': drive.layout,
-        'left_out': len(drive) - len(rows),
-        'azimuths_rad': first.azimuths_rad.tolist(),
-        'range_resolution_m': first.range_resolution_m,
-        'range_offset_m': first.range_offset_m,
-        **{name: getattr(drive, name)[rows].tolist() for name in COLUMNS},
-    }
-    text = path.with_suffix(f'.{os.getpid()}.partial.json')
-    text.write_text(json.dumps(header), encoding='utf-8')
-    text.replace(path)
+    if first is not None:
+        # Scans that were left out are zeros at the end.
+        file.truncate(end)
+    return first, rows
 
 
 def _size(scan: PolarScan) -> tuple[tuple[int, ...], float, float]:
@@ -122,8 +147,8 @@ def _size(scan: PolarScan) -> tuple[tuple[int, ...], float, float]:
 
 def _read(path: Path) -> Drive:
     try:
-        header = json.loads(path.read_text(encoding='utf-8'))
-        power = np.load(path.with_suffix('.npy'), mmap_mode='r', allow_pickle=False)
+        header = parse_json(read_bounded(path, _LARGEST_HEADER), _LARGEST_HEADER)
+        power = map_array(path.with_suffix('.npy'))
         azimuths_rad = np.array(header['azimuths_rad'], np.float64)
         resolution_m, offset_m = float(header['range_resolution_m']), float(header['range_offset_m'])
         columns = {name: np.array(header[name], dtype) for name, dtype in COLUMNS.items()}

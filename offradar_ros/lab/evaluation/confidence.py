@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from offradar_ros.bounded_input import parse_yaml
 from offradar_ros.calibration.confidence_fit import fit_confidence, scales_of
 from offradar_ros.calibration.open_set import joined_evidence
 from offradar_ros.config import ConfidenceConfig
@@ -23,6 +24,8 @@ from offradar_ros.lab.evaluation.protocol import VALIDATION, Protocol
 from offradar_ros.lab.evaluation.runner import embedded_worlds
 from offradar_ros.retrieval.confidence import terms_of
 from offradar_ros.retrieval.evidence import EvidenceTable
+from offradar_ros.whole_file import write_whole_file
+from offradar_ros.yaml_digest import digest_line
 
 
 @dataclasses.dataclass(frozen=True)
@@ -105,10 +108,14 @@ def fit(protocol: Protocol, method: str, options: Options) -> ConfidenceConfig:
 
 
 def write_confidence(path: Path, found: ConfidenceConfig, comment: str) -> None:
-    """Write coefficients as the package ships them (``params/confidence``)."""
-    lines = [f'# {comment}']
+    """Write coefficients as the package ships them (``params/confidence``); ConfigError if they cannot be written."""
+    lines = []
     for field in dataclasses.fields(found):
         value = getattr(found, field.name)
         shown = f'{value!r}' if isinstance(value, float) else f"'{value}'"
         lines += [f'# {field.metadata["bounds"].description}', f'{field.name}: {shown}']
-    path.write_text('\n'.join(lines) + '\n', encoding='utf-8')
+    text = '\n'.join(lines) + '\n'
+    try:
+        write_whole_file(path, f'# {comment}\n{digest_line(parse_yaml(text))}{text}'.encode())
+    except OSError as error:
+        raise ConfigError(f'{path}: cannot be written ({error.strerror})') from error

@@ -19,6 +19,7 @@ from offradar_ros.encoders.encode import encode_all
 from offradar_ros.encoders.image_encoder import ImageEncoder
 from offradar_ros.encoders.protocol import Encoder
 from offradar_ros.errors import DataError, RefusedInput
+from offradar_ros.lab.array_file import read_array, write_array
 from offradar_ros.lab.drives.drive import Drive
 from offradar_ros.processes import Progress
 from offradar_ros.types import Embedding
@@ -47,7 +48,7 @@ class EmbeddedDrive:
 def cached_embeddings(encoder: Encoder, drive: Drive, folder: Path, progress: Progress) -> EmbeddedDrive:
     """The embeddings of a drive: read from `folder`, or encoded and kept there, a long drive block by block.
 
-    DataError where the folder cannot be made, or holds damaged embeddings.
+    DataError where the folder cannot be made or written, or holds damaged embeddings.
     """
     place = folder / encoder.info.fingerprint[:16]
     kept = _load(drive, place, drive.key)
@@ -108,9 +109,8 @@ def _load(drive: Drive, place: Path, key: str) -> EmbeddedDrive | None:
     if not uncertainty_path.is_file():
         return None
     try:
-        means = np.load(means_path, allow_pickle=False).astype(np.float32)
-        return EmbeddedDrive(drive, means, np.load(uncertainty_path, allow_pickle=False))
-    except (OSError, ValueError, EOFError) as error:
+        return EmbeddedDrive(drive, read_array(means_path).astype(np.float32), read_array(uncertainty_path))
+    except (OSError, ValueError) as error:
         raise DataError(f'{means_path}: damaged embeddings ({error}): remove them, and they are made again') from None
 
 
@@ -152,6 +152,7 @@ def _in_parallel(encoder: Encoder, drive: Drive, progress: Progress) -> tuple[ND
 
 
 def _write(path: Path, array: NDArray[np.generic]) -> None:
-    partial = path.with_suffix(f'.{os.getpid()}.partial.npy')
-    np.save(partial, array, allow_pickle=False)
-    partial.replace(path)
+    try:
+        write_array(path, array)
+    except OSError as error:
+        raise DataError(f'{path}: cannot be written ({error.strerror or error})') from error

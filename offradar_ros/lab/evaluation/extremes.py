@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from offradar_ros.calibration.picture_file import save_picture
 from offradar_ros.config import CartesianConfig
 from offradar_ros.encoders.rings import ring_power
 from offradar_ros.lab.drives.drive import Drive
@@ -56,7 +57,7 @@ def draw_extremes(several: Sequence[Answers], worlds: Worlds, path: Path) -> Non
         f'Most (top) and least uncertain scans of {several[0].pair.method}{word}, with their ring keys',
         fontsize='medium',
     )
-    figure.savefig(path)
+    save_picture(figure, path)
 
 
 def image_converter(ranges_m: Sequence[float]) -> PolarToCartesian:

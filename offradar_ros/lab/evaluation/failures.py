@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from offradar_ros.calibration.picture_file import save_picture
 from offradar_ros.errors import RefusedInput
 from offradar_ros.lab.drives.drive import Drive
 from offradar_ros.lab.evaluation.answers import Answers
@@ -49,7 +50,7 @@ def draw_failures(several: Sequence[Answers], worlds: Worlds, path: Path) -> Non
     figure.suptitle(
         f'Wrong answers of {method} with the lowest U: query, place found, nearest place', fontsize='medium'
     )
-    figure.savefig(path)
+    save_picture(figure, path)
 
 
 def _ranges_m(failure: _Failure, worlds: Worlds) -> Iterator[float]:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from offradar_ros.calibration.picture_file import save_picture
 from offradar_ros.lab.evaluation.answers import Answers
 from offradar_ros.lab.evaluation.methods import OURS
 from offradar_ros.lab.evaluation.metrics.recall_at_rejection import rejection_curve
@@ -41,7 +42,7 @@ def draw_rejection_curves(several: Sequence[Answers], protocol: Protocol, path: 
         axes[row][0].set_ylabel('Recall@1 of the rest')
     axes[0][0].legend(fontsize='x-small')
     figure.suptitle(f'Recall at rejection, {words}: {protocol.title}', fontsize='medium')
-    figure.savefig(path)
+    save_picture(figure, path)
 
 
 def draw_severity(several: Sequence[Answers], path: Path) -> None:
@@ -64,7 +65,7 @@ def draw_severity(several: Sequence[Answers], path: Path) -> None:
         axis.grid(alpha=0.3)
     method = once[0].pair.method
     figure.suptitle(f'U of {method} against severity, simulated scans (clean ones grey)', fontsize='medium')
-    figure.savefig(path)
+    save_picture(figure, path)
 
 
 def _curve(several: Sequence[Answers]) -> NDArray[np.float64]:

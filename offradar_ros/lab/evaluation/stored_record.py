@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 from pathlib import Path
 from typing import Generic, TypeVar
 
+from offradar_ros.bounded_input import parse_json, read_bounded
 from offradar_ros.encoders.model_files import first_line, write_atomically
 from offradar_ros.errors import ConfigError, DataError
 from offradar_ros.records import structure, to_json, unstructure
 
 RecordT = TypeVar('RecordT')
+_LARGEST = 256 * 1024**2
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,7 +45,7 @@ class StoredFormat(Generic[RecordT]):
     def read(self, path: str | Path) -> RecordT:
         """The record in a file of `write`, with NaN for null; DataError for another file or format."""
         try:
-            tree = json.loads(Path(path).read_text(encoding='utf-8'))
+            tree = parse_json(read_bounded(path, _LARGEST), _LARGEST)
         except (OSError, ValueError) as error:
             raise DataError(f'{path}: expected {self.description} ({first_line(error)})') from None
         found = str(tree.pop('format', '')) if isinstance(tree, dict) else ''

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import reprlib
 from pathlib import Path
 from typing import Any
 
@@ -18,10 +19,14 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from offradar_ros.bounded_input import parse_yaml, read_bounded, read_text
 from offradar_ros.errors import DataError
+from offradar_ros.lab.simulation.image_size import image_size
 
+_SHORT = reprlib.Repr()
 _MODES = ('trinary', 'scale', 'raw')
-_MAX_PIXELS = 2**28
+_MAX_PIXELS = 2**27
+_MAX_BYTES = 4 * _MAX_PIXELS + 2**20
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -56,13 +61,13 @@ def read_map_image(path: str | Path) -> MapImage:
         raise DataError(f'{path}: resolution: expected 0.001 to 100 metres per cell, got {resolution:g}')
     origin = values.get('origin')
     if not isinstance(origin, list) or len(origin) < 3 or not all(_finite(v) for v in origin[:3]):
-        raise DataError(f'{path}: origin: expected three numbers, x, y and yaw, got {origin!r}')
+        raise DataError(f'{path}: origin: expected three numbers, x, y and yaw, got {_SHORT.repr(origin)}')
     mode = values.get('mode', 'trinary')
     if mode not in _MODES:
-        raise DataError(f'{path}: mode: expected {", ".join(_MODES)}, got {mode!r}')
+        raise DataError(f'{path}: mode: expected {", ".join(_MODES)}, got {_SHORT.repr(mode)}')
     negate = values.get('negate', 0)
     if negate not in (0, 1):
-        raise DataError(f'{path}: negate: expected 0 or 1, got {negate!r}')
+        raise DataError(f'{path}: negate: expected 0 or 1, got {_SHORT.repr(negate)}')
     threshold = _number(path, values, 'occupied_thresh', 0.65)
     if not 0.0 <= threshold <= 1.0:
         raise DataError(f'{path}: occupied_thresh: expected 0 to 1, got {threshold:g}')
@@ -73,10 +78,10 @@ def read_map_image(path: str | Path) -> MapImage:
 
 def _read_yaml(path: Path) -> dict[str, Any]:
     try:
-        values = yaml.safe_load(path.read_text(encoding='utf-8'))
+        values = parse_yaml(read_text(path))
     except OSError as error:
         raise DataError(f'{path}: cannot be read ({error.strerror})') from None
-    except (ValueError, RecursionError, yaml.YAMLError) as error:
+    except (ValueError, yaml.YAMLError) as error:
         raise DataError(f'{path}: not a YAML file ({str(error).splitlines()[0]})') from None
     if not isinstance(values, dict) or 'image' not in values:
         raise DataError(f'{path}: expected a nav2 map with image, resolution and origin')
@@ -90,27 +95,32 @@ def _finite(value: Any) -> bool:
 def _number(path: Path, values: dict[str, Any], name: str, default: float | None = None) -> float:
     value: Any = values.get(name, default)
     if not _finite(value):
-        raise DataError(f'{path}: {name}: expected a number, got {value!r}')
+        raise DataError(f'{path}: {name}: expected a number, got {_SHORT.repr(value)}')
     return float(value)
 
 
 def _read_pixels(path: Path, name: Any) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
     """(H, W) gray values 0 to 255, and (H, W) whether each pixel is opaque (alpha above 127)."""
     if not isinstance(name, str) or not name or '\0' in name:
-        raise DataError(f'{path}: image: expected the name of a file, got {name!r}')
+        raise DataError(f'{path}: image: expected the name of a file, got {_SHORT.repr(name)}')
     file = path.parent / name
     try:
-        data = np.frombuffer(file.read_bytes(), np.uint8)
+        data = read_bounded(file, _MAX_BYTES)
+        width, height = image_size(data)
     except OSError as error:
         raise DataError(f'{file}: cannot be read ({error.strerror}); {path} names it') from None
+    except ValueError as error:
+        raise DataError(
+            f'{file}: expected an image of 8 bits a channel (PNG, PGM, BMP), {error}; {path} names it'
+        ) from None
+    if width * height > _MAX_PIXELS:
+        raise DataError(f'{file}: expected up to {_MAX_PIXELS} pixels, got {width} × {height}')
     try:
-        image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if len(data) else None
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error:
         image = None
-    if image is None or image.dtype != np.uint8:
+    if image is None or image.dtype != np.uint8 or image.shape[:2] != (height, width):
         raise DataError(f'{file}: expected an image of 8 bits a channel (PNG, PGM, BMP); {path} names it')
-    if image.shape[0] * image.shape[1] > _MAX_PIXELS:
-        raise DataError(f'{file}: expected up to {_MAX_PIXELS} pixels, got {image.shape[1]} × {image.shape[0]}')
     channels = np.atleast_3d(image)
     opaque = channels[:, :, -1] > 127 if channels.shape[2] in (2, 4) else np.ones(image.shape[:2], np.bool_)
     colours = channels[:, :, : 3 if channels.shape[2] >= 3 else 1]

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from offradar_ros.calibration.picture_file import save_picture
 from offradar_ros.lab.simulation.world import World
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ def draw_worlds(path: str | Path, panels: Sequence[Panel]) -> None:
     FigureCanvasAgg(figure)
     for axes, panel in zip(figure.subplots(rows, columns, squeeze=False).flat, panels, strict=False):
         draw_world(axes, panel)
-    figure.savefig(path, dpi=80)
+    save_picture(figure, path, dpi=80)
 
 
 def draw_world(axes: Axes, panel: Panel) -> None:

@@ -10,10 +10,12 @@ from typing import Any
 
 import safetensors
 import torch
-from safetensors.torch import save
+from safetensors.torch import load, save
 from torch import nn
 
+from offradar_ros.bounded_input import parse_json
 from offradar_ros.encoders.model_files import first_line, write_atomically
+from offradar_ros.encoders.safetensors_file import BLANK, read_safetensors, with_digest
 from offradar_ros.errors import ConfigError, ModelError
 from offradar_ros.records import structure, unstructure
 
@@ -45,30 +47,33 @@ def save_checkpoint(path: Path, network: nn.Module, optimiser: torch.optim.Optim
     for number, state in optimiser.state_dict()['state'].items():
         tensors |= {f'optimiser.{number}.{key}': torch.as_tensor(value) for key, value in state.items()}
     contiguous = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
-    write_atomically(path, save(contiguous, metadata={_STATE: json.dumps(unstructure(progress))}))
+    metadata = {_STATE: json.dumps(unstructure(progress)), **BLANK}
+    write_atomically(path, with_digest(save(contiguous, metadata=metadata)))
 
 
 def read_progress(path: Path) -> Progress:
     """The progress in a checkpoint; ModelError for a missing file and for one that is not a checkpoint."""
+    return _read(path)[1]
+
+
+def _read(path: Path) -> tuple[bytes, Progress]:
     if not path.is_file():
         raise ModelError(f'{path}: no such checkpoint')
+    content, metadata = read_safetensors(path)
     try:
-        with safetensors.safe_open(path, framework='pt') as opened:
-            stored = json.loads((opened.metadata() or {})[_STATE])
-        return structure(Progress, stored)
-    except (safetensors.SafetensorError, OSError, KeyError, ValueError, ConfigError) as error:
+        return content, structure(Progress, parse_json(metadata[_STATE]))
+    except (KeyError, ValueError, ConfigError) as error:
         raise ModelError(f'{path}: not a checkpoint of a training run ({first_line(error)})') from error
 
 
 def load_checkpoint(path: Path, network: nn.Module, optimiser: torch.optim.Optimizer) -> Progress:
     """Load the tensors of a checkpoint into `network` and `optimiser`; ModelError if they do not fit."""
-    progress = read_progress(path)
+    content, progress = _read(path)
     try:
-        with safetensors.safe_open(path, framework='pt') as opened:
-            tensors = {name: opened.get_tensor(name) for name in list(opened.keys())}
+        tensors = load(content)
         network.load_state_dict(_part(tensors, 'network.'))
         _load_optimiser(optimiser, _part(tensors, 'optimiser.'))
-    except (safetensors.SafetensorError, OSError, RuntimeError, KeyError, ValueError, IndexError) as error:
+    except (safetensors.SafetensorError, RuntimeError, TypeError, KeyError, ValueError, IndexError) as error:
         raise ModelError(f'{path}: does not fit the configured network ({first_line(error)})') from error
     return progress
 

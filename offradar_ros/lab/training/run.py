@@ -291,8 +291,11 @@ def _describe(config: TrainingConfig, out: Path, group: Group, network: Network,
         'degraded_scans': sum(int(np.count_nonzero(drive.kinds != '')) for drive in data),
         'drives': len(data),
     }
-    with (out / 'run.jsonl').open('a', encoding='utf-8') as file:
-        file.write(json.dumps(facts) + '\n')
+    try:
+        with (out / 'run.jsonl').open('a', encoding='utf-8') as file:
+            file.write(json.dumps(facts) + '\n')
+    except OSError as error:
+        raise DataError(f'{out / "run.jsonl"}: cannot be written ({error.strerror})') from error
 
 
 def _revision() -> str:

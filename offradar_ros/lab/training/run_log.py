@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+from offradar_ros.bounded_input import parse_json, read_bounded
+from offradar_ros.calibration.picture_file import save_picture
 from offradar_ros.errors import DataError
+from offradar_ros.whole_file import write_whole_file
+
+_LARGEST = 256 * 1024**2
 
 
 class RunLog:
@@ -18,16 +24,18 @@ class RunLog:
         """Existing records after `first_step` are dropped: they were written after the checkpoint that is resumed."""
         self._path = path
         kept = [record for record in read_log(path) if record['step'] <= first_step] if first_step else []
-        self._write('w', ''.join(_line(record) for record in kept))
+        with self._named_errors():
+            write_whole_file(self._path, ''.join(_line(record) for record in kept).encode())
 
     def add(self, step: int, figures: Mapping[str, float]) -> None:
         """Append a record; it is written when this returns."""
-        self._write('a', _line({'step': step, **figures}))
+        with self._named_errors(), self._path.open('a', encoding='utf-8') as file:
+            file.write(_line({'step': step, **figures}))
 
-    def _write(self, mode: str, text: str) -> None:
+    @contextlib.contextmanager
+    def _named_errors(self) -> Iterator[None]:
         try:
-            with self._path.open(mode, encoding='utf-8') as file:
-                file.write(text)
+            yield
         except OSError as error:
             raise DataError(f'{self._path}: cannot be written ({error.strerror})') from error
 
@@ -42,9 +50,12 @@ def read_log(path: Path) -> list[dict[str, Any]]:
     """All records, without an incomplete last line. DataError for a file that is not a log."""
     if not path.is_file():
         return []
-    lines = path.read_text(encoding='utf-8').splitlines(keepends=True)
     try:
-        return [json.loads(line) for line in lines if line.endswith('\n')]
+        # A whole line is one that ends; split at line feeds alone.
+        lines = read_bounded(path, _LARGEST).decode().split('\n')[:-1]
+        return [parse_json(line) for line in lines]
+    except OSError as error:
+        raise DataError(f'{path}: cannot be read ({error.strerror})') from error
     except ValueError as error:
         raise DataError(f'{path}: not a log of a training run ({error})') from error
 
@@ -69,4 +80,4 @@ def draw_curves(folder: Path) -> None:
         if records:
             axes.legend(fontsize='small')
         axes.grid(alpha=0.3)
-    figure.savefig(folder / 'curves.png', dpi=120)
+    save_picture(figure, folder / 'curves.png', dpi=120)

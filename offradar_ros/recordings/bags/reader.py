@@ -16,6 +16,8 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
 from offradar_ros.errors import DataError, RefusedInput
+from offradar_ros.recordings.bags.bag_check import check_bag_files, require_all_read
+from offradar_ros.recordings.bags.bag_facts import joined
 from offradar_ros.recordings.bags.storage import readable_paths, unreadable
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
@@ -48,15 +50,19 @@ class Bag:
         self._readers: list[Reader] = []
         self._open = contextlib.ExitStack()
         with self._named_errors():
+            self._facts = joined([check_bag_files(each) for each in self.paths])
             try:
                 for each in self.paths:
                     reader = Reader(each)
                     reader.open()
                     self._open.callback(reader.close)
+                    require_all_read(self.path, reader)
                     self._readers.append(reader)
                 self._counts = Counter[tuple[str, str]]()
                 for connection in self._connections():
-                    self._counts[connection.topic, connection.msgtype] += connection.msgcount
+                    held = connection.topic, connection.msgtype
+                    # Not what a table of the file says, which no checksum need cover.
+                    self._counts[held] = self._facts.counts[held]
                 for (topic, msgtype), count in self._counts.items():
                     if count > self._counts.get((topic, self.topics.get(topic, '')), -1):
                         self.topics[topic] = msgtype
@@ -100,12 +106,12 @@ class Bag:
     @property
     def start_ns(self) -> int:
         """Log time of the first message."""
-        return min(int(reader.start_time) for reader in self._readers)
+        return self._facts.start_ns
 
     @property
     def end_ns(self) -> int:
         """Log time just after the last message."""
-        return max(int(reader.end_time) for reader in self._readers)
+        return self._facts.end_ns
 
     def topics_of(self, msgtype: str) -> list[str]:
         """Topics of one message type."""

@@ -1,8 +1,8 @@
-"""Any RadarSequence to a rosbag2 folder with MCAP storage (zstd chunks).
+"""Any RadarSequence to a rosbag2 folder with MCAP storage (zstd chunks, checksums of every byte).
 
-A bag is written within ``OUT.partial`` and moved out when it is complete, so that an interrupted run never leaves a bag
-that looks complete: a rosbag2 folder without ``metadata.yaml`` opens nowhere. A bag that it replaces is moved aside,
-to ``OUT.replaced``, and removed only when the new one is in its place.
+A bag is written within ``OUT.TOKEN.partial`` and moved out when it is complete, so that an interrupted run never leaves
+a bag that looks complete: a rosbag2 folder without ``metadata.yaml`` opens nowhere. A bag that it replaces is moved
+aside, to ``OUT.replaced``, and removed only when the new one is in its place.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from offradar_ros.errors import DataError, RefusedInput
 from offradar_ros.geometry import LocalFrame, Trajectory
 from offradar_ros.radar.navtech_rows import join_rows
+from offradar_ros.recordings.bags.mcap_checksums import write_checksums
 from offradar_ros.recordings.bags.reader import TYPES
 from offradar_ros.recordings.bags.topics import FIX, FIX_TYPE, IMAGE_TYPE, ODOMETRY, ODOMETRY_TYPE, SCANS
 from offradar_ros.recordings.new_folder import new_folder
@@ -95,6 +96,7 @@ def _write(
         for stamp_ns, _rank, topic, message in heapq.merge(*streams, key=lambda item: item[:2]):
             connection = connections[topic]
             writer.write(connection, stamp_ns, TYPES.serialize_cdr(message, connection.msgtype))
+    write_checksums(path / f'{path.name}.mcap')
 
 
 def _covering(sequence: RadarSequence, offset_ns: int) -> Trajectory | None:

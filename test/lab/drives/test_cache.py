@@ -147,7 +147,7 @@ def test_an_unfinished_drive_is_made_again(tmp_path: Path) -> None:
     power = [before.scan(row).power for row in range(4)]
     next(tmp_path.glob('*.json')).unlink()
     next(tmp_path.glob('noise-*.npy')).write_bytes(b'cut off')
-    (tmp_path / 'noise-0.999999999.partial.npy').write_bytes(b'of a process that is gone')
+    (tmp_path / '999999999.abc.partial').mkdir()
     (after,) = cached(tmp_path, NoiseDrive())
     assert all(np.array_equal(after.scan(row).power, power[row]) for row in range(4))
     assert len(list(tmp_path.iterdir())) == 2

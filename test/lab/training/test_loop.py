@@ -233,8 +233,13 @@ def test_a_checkpoint_that_does_not_fit_is_refused(make_loop: Callable[..., Loop
     other = dataclasses.replace(CONFIG, network=dataclasses.replace(CONFIG.network, dimension=8))
     with pytest.raises(ModelError, match='does not fit the configured network'):
         make_loop(config=other, resume=True)
+    whole = bytearray((loop.out / CHECKPOINT).read_bytes())
     (loop.out / CHECKPOINT).write_bytes(b'cut off')
-    with pytest.raises(ModelError, match='not a checkpoint of a training run'):
+    with pytest.raises(ModelError, match='not a readable safetensors file'):
+        make_loop(resume=True)
+    whole[-7] ^= 1
+    (loop.out / CHECKPOINT).write_bytes(whole)
+    with pytest.raises(ModelError, match='damaged or altered'):
         make_loop(resume=True)
     (loop.out / CHECKPOINT).write_bytes((loop.out / LAST).read_bytes())
     with pytest.raises(ModelError, match='not a checkpoint of a training run'):

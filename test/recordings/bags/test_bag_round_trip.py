@@ -108,7 +108,7 @@ def test_an_interrupted_run_leaves_nothing_that_looks_complete(street: Callable[
 
 
 def test_what_a_killed_run_leaves_is_refused_and_replaced(street: Callable[..., Any], tmp_path: Path) -> None:
-    partial = tmp_path / 'bag.partial'
+    partial = tmp_path / 'bag.0123456789abcdef.partial'
     write_bag(street(count=3), tmp_path / 'whole')
     shutil.copytree(tmp_path / 'whole', partial / 'bag')
     (partial / 'bag' / 'metadata.yaml').unlink()

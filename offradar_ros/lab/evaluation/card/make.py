@@ -8,6 +8,8 @@ from pathlib import Path
 
 import yaml
 
+from offradar_ros.bounded_input import parse_yaml, read_text
+from offradar_ros.encoders.model_files import read_model_file
 from offradar_ros.errors import DataError
 from offradar_ros.lab.evaluation.card.card import Card, CardAblation, CardFigures, CardUncertainty, CardWeights
 from offradar_ros.lab.evaluation.methods import OURS
@@ -125,10 +127,7 @@ def require_ours(results: Results) -> None:
 
 
 def _weights(sources: CardSources, method: MethodRecord) -> CardWeights:
-    try:
-        content = sources.weights.read_bytes()
-    except OSError as error:
-        raise DataError(f'{sources.weights}: cannot be read ({error.strerror})') from None
+    content = read_model_file(sources.weights)
     if sources.fingerprint != method.fingerprint:
         raise DataError(
             f'{sources.weights}: its fingerprint is {sources.fingerprint[:12]}, the results are of '
@@ -147,8 +146,8 @@ def _weights(sources: CardSources, method: MethodRecord) -> CardWeights:
 def _training(folder: Path) -> str:
     path = folder / 'config.yaml'
     try:
-        text = path.read_text(encoding='utf-8')
-        yaml.safe_load(text)
+        text = read_text(path)
+        parse_yaml(text)
     except (OSError, ValueError, yaml.YAMLError) as error:
         raise DataError(f'{path}: expected the configuration of a training run ({error})') from None
     return text.strip()

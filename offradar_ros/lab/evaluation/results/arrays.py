@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import itertools
+import zipfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,9 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros.encoders.model_files import write_atomically
-from offradar_ros.errors import DataError
+from offradar_ros.errors import DataError, ModelError
+from offradar_ros.lab.array_file import read_array, write_array
 from offradar_ros.lab.evaluation.results.searches import MaintainedMap, Search
 from offradar_ros.lab.evaluation.runner import Measured, Worlds, drives_of_pair
+
+_LARGEST_MAPS = 4 * 1024**3
 
 SCANS_FILE, MAPS_FILE = 'scans.npy', 'maps.npz'
 """File names in the folder of an evaluation."""
@@ -94,9 +98,10 @@ def map_arrays(measured: Sequence[Measured]) -> MapArrays:
 
 def write_arrays(folder: Path, rows: NDArray[Any], arrays: dict[str, NDArray[np.float64]]) -> None:
     """Write scans.npy and maps.npz, each atomically; ModelError if they cannot be written."""
-    file = io.BytesIO()
-    np.save(file, rows, allow_pickle=False)
-    write_atomically(folder / SCANS_FILE, file.getvalue())
+    try:
+        write_array(folder / SCANS_FILE, rows)
+    except OSError as error:
+        raise ModelError(f'{folder / SCANS_FILE}: cannot be written ({error.strerror or error})') from error
     file = io.BytesIO()
     np.savez_compressed(file, allow_pickle=False, **arrays)
     write_atomically(folder / MAPS_FILE, file.getvalue())
@@ -105,8 +110,12 @@ def write_arrays(folder: Path, rows: NDArray[Any], arrays: dict[str, NDArray[np.
 def read_arrays(folder: Path) -> tuple[NDArray[Any], dict[str, NDArray[np.float64]]]:
     """The arrays that `write_arrays` wrote; DataError if a file is missing or damaged."""
     try:
-        rows = np.load(folder / SCANS_FILE, allow_pickle=False)
+        rows = read_array(folder / SCANS_FILE)
         with np.load(folder / MAPS_FILE, allow_pickle=False) as stored:
+            inflated = sum(part.file_size for part in stored.zip.infolist())
+            if inflated > _LARGEST_MAPS:
+                raise ValueError(f'{inflated} bytes of maps')
             return rows, {name: stored[name] for name in stored.files}
-    except (OSError, ValueError, EOFError, KeyError) as error:
+    # MemoryError: a header claims an array larger than the memory.
+    except (OSError, ValueError, EOFError, KeyError, MemoryError, zipfile.BadZipFile) as error:
         raise DataError(f'{folder}: expected {SCANS_FILE} and {MAPS_FILE} of offradar evaluate ({error})') from None

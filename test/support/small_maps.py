@@ -1,0 +1,151 @@
+"""Map files of a few places, made by drives of thirty scans."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import hashlib
+import os
+import signal
+import sqlite3
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from offradar_ros.config import MapConfig
+from offradar_ros.encoders.protocol import ModelInfo
+from offradar_ros.geometry import GeoPoint
+from offradar_ros.mapping import schema
+from offradar_ros.mapping.map_reader import read_map
+from offradar_ros.mapping.sessions import SessionMap
+from offradar_ros.mapping.stored_map import StoredMap, difference
+from offradar_ros.types import Embedding, PlaceTable, Pose
+
+MODEL = ModelInfo('ring_key', 'a' * 64, 3, {'rings': '3'})
+OTHER = ModelInfo('variational', 'b' * 64, 3, {})
+ORIGIN = GeoPoint(51.76, -1.25, 61.5)
+
+
+def scan(stamp: int, uncertainty: float) -> Embedding:
+    mean = np.random.default_rng(stamp).normal(size=3).astype(np.float32)
+    return Embedding(stamp, mean, np.full(3, uncertainty, np.float32), MODEL.fingerprint)
+
+
+def drive(session_map: SessionMap, uncertainty: float, start_m: float = 0.0) -> None:
+    """Start a session and map thirty scans."""
+    session_map.start_session('drive', 123456789)
+    for metre in range(30):
+        yaw = 0.1 * metre if metre % 2 else float('nan')
+        session_map.merge(scan(metre + 1, uncertainty), Pose(start_m + metre, 0.5, 1.5, yaw))
+
+
+def make_map(path: Path, *uncertainties: float) -> PlaceTable:
+    """A map with a session of each uncertainty; returns its places."""
+    with SessionMap(MapConfig(path=str(path))) as session_map:
+        session_map.adopt_model(MODEL)
+        session_map.set_origin(ORIGIN)
+        for uncertainty in uncertainties:
+            drive(session_map, uncertainty)
+            session_map.end_session()
+        return session_map.places()
+
+
+def open_map(path: Path, **options: Any) -> SessionMap:
+    return SessionMap(MapConfig(path=str(path), **options))
+
+
+def add_session(path: Path, uncertainty: float, start_m: float = 0.0) -> None:
+    """Open the map, map a session and close it."""
+    with open_map(path) as session_map:
+        drive(session_map, uncertainty, start_m)
+        session_map.end_session()
+
+
+def assert_tables_equal(one: PlaceTable, other: PlaceTable) -> None:
+    for field in dataclasses.fields(one):
+        np.testing.assert_array_equal(getattr(one, field.name), getattr(other, field.name))
+        assert getattr(one, field.name).dtype == getattr(other, field.name).dtype
+
+
+def assert_holds(path: Path, expected: StoredMap) -> None:
+    """The map at `path` holds what `expected` does."""
+    assert difference(read_map(path), expected) == ''
+
+
+def sessions_of(path: Path) -> list[tuple[int, str]]:
+    return [(session.session_id, session.state) for session in read_map(path).sessions]
+
+
+def folder_state(folder: Path) -> dict[str, str]:
+    return {path.name: hashlib.sha256(path.read_bytes()).hexdigest() for path in folder.iterdir() if path.is_file()}
+
+
+def change(path: Path, *statements: str) -> None:
+    """Change a file by SQL, past all that writes maps."""
+    with contextlib.closing(sqlite3.connect(path, isolation_level=None)) as connection:
+        for statement in statements:
+            connection.execute(statement)
+
+
+def as_version_1(path: Path) -> None:
+    """Rewrite the map at `path` as the first version of the format."""
+    with contextlib.closing(sqlite3.connect(path, isolation_level=None)) as connection:
+        rows = {
+            name: [row[:-1] for row in connection.execute(f'SELECT * FROM {name}')]
+            for name in ('meta', 'sessions', 'places', 'undo')
+        }
+    path.unlink()
+    with contextlib.closing(sqlite3.connect(path, isolation_level=None)) as connection:
+        connection.executescript(schema.OF_VERSION[1])
+        for name, of_table in rows.items():
+            for row in of_table:
+                if row[0] != 'seal':
+                    connection.execute(f'INSERT INTO {name} VALUES ({", ".join("?" * len(row))})', row)
+        connection.execute(f'PRAGMA application_id = {schema.APPLICATION_ID}')
+        connection.execute('PRAGMA user_version = 1')
+        connection.execute('PRAGMA journal_mode = WAL')
+
+
+def killed(code: str, *arguments: object) -> None:
+    """Run code in a process of its own that kills itself at the end with ``die()``."""
+    die = 'import os, signal\ndef die(): os.kill(os.getpid(), signal.SIGKILL)\n'
+    ended = run(die + textwrap.dedent(code), *arguments)
+    assert ended.returncode == -signal.SIGKILL, ended.stderr
+
+
+def run(code: str, *arguments: object) -> subprocess.CompletedProcess[str]:
+    """Run code in a process of its own, with this package and the tests' support to import."""
+    root = Path(__file__).resolve().parents[2]
+    paths = [str(root), str(Path(__file__).parent), os.environ.get('PYTHONPATH', '')]
+    return subprocess.run(
+        [sys.executable, '-c', textwrap.dedent(code), *map(str, arguments)],
+        check=False,
+        capture_output=True,
+        text=True,
+        timeout=300,
+        env=os.environ | {'PYTHONPATH': os.pathsep.join(paths)},
+    )
+
+
+LEAVE_A_LOG = """
+    import sys
+    from pathlib import Path
+    from small_maps import drive, open_map
+    from offradar_ros.mapping.store import MapStore
+    # As a process that is killed after the commit and before the log has been moved into the file.
+    session_map = open_map(Path(sys.argv[1]))
+    drive(session_map, float(sys.argv[2]), float(sys.argv[3]))
+    session_map.adopt_model(session_map.model)
+    MapStore._fold_log = lambda store, connection: die()
+    session_map.end_session()
+"""
+
+
+def leave_a_log(path: Path, uncertainty: float, start_m: float = 0.0) -> None:
+    """Add a session by a process that is killed between its commit and the move of the log into the file."""
+    killed(LEAVE_A_LOG, path, uncertainty, start_m)
+    assert path.with_name(path.name + '-wal').stat().st_size
