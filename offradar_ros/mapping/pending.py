@@ -34,9 +34,15 @@ class PendingEmbeddings:
         self._waiting: collections.deque[Embedding] = collections.deque()
         self._waiting_bytes = 0
         self._newest_ns = 0
+        self._added = 0
 
     def __len__(self) -> int:
         return len(self._waiting)
+
+    @property
+    def added(self) -> int:
+        """Number of embeddings that were ever added; those that wait are the last of them."""
+        return self._added
 
     @property
     def last_position_ns(self) -> int | None:
@@ -58,6 +64,7 @@ class PendingEmbeddings:
         """
         self._newest_ns = max(self._newest_ns, embedding.stamp_ns) if self._waiting else embedding.stamp_ns
         self._waiting.append(embedding)
+        self._added += 1
         self._waiting_bytes += _bytes_of(embedding)
         resolved = self._resolve()
         while len(self._waiting) > MAX_WAITING or self._waiting_bytes > MAX_WAITING_BYTES:

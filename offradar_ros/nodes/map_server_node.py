@@ -286,8 +286,11 @@ class MapServerNode(StageNode):
         return answer
 
     async def _wait_for_positions(self) -> None:
-        """Wait while scans wait for positions that still arrive."""
-        while self._map is not None and self.stage.expects_positions:
+        """Wait while scans that have come up to now wait for positions that still arrive, `position.wait_s` at most."""
+        if self._map is None:
+            return
+        scans, end_s = self.stage.scans, time.monotonic() + self.config.position.wait_s
+        while self._map is not None and self.stage.expects_positions(scans) and time.monotonic() < end_s:
             elapsed = Future()
             timer = self.create_timer(
                 POLL_S,

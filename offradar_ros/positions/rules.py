@@ -32,6 +32,7 @@ CAUSES = {
     'repeated_position_stamp': 'repeated stamp',
     'position_stamp_backwards': 'stamp that goes back',
     'position_stamp_jump': 'stamp far from those around it',
+    'position_jump': 'farther from those around it than a vehicle drives',
 }
 """Why a position is left out, by the cause under which it is counted, in words."""
 

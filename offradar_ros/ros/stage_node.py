@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import copy
 import time
 import traceback
@@ -281,7 +282,9 @@ class StageNode(SteadyLifecycleNode):
         if self.context.ok():
             self.get_logger().info(text)
         else:
-            print(f'[{self.get_name()}]: {text}', flush=True)
+            # The terminal may be gone: what is done at exit is done all the same.
+            with contextlib.suppress(OSError, ValueError):
+                print(f'[{self.get_name()}]: {text}', flush=True)
 
     def refuse(self, problem: RefusedInput, topic: str, count: int = 1) -> None:
         """Count a drop, or `count` of them, and log the reason, each cause at most once in 5 s."""

@@ -169,9 +169,16 @@ class MapStage:
         return self._merged(self._positioning.add_scan(embedding))
 
     @property
-    def expects_positions(self) -> bool:
-        """Whether scans wait for positions and these still arrive: a session that ends now would drop the scans."""
-        return bool(len(self._positioning)) and self._clock() - self._position_s < POSITION_GAP_S
+    def scans(self) -> int:
+        """Number of scans so far that had to have a position."""
+        return self._positioning.scans
+
+    def expects_positions(self, scans: int) -> bool:
+        """Whether any of the first `scans` scans waits for a position, and positions still arrive.
+
+        A session that ended now would drop them. Others, which came later, always wait where positions come late.
+        """
+        return self._positioning.waits(scans) and self._clock() - self._position_s < POSITION_GAP_S
 
     def flush(self) -> list[MapUpdate]:
         """Merge or drop every waiting scan, as when no later position will arrive."""

@@ -297,17 +297,17 @@ def test_another_model_than_the_map_s_is_refused(stage: MapStage) -> None:
 def test_positions_are_expected_while_they_arrive_and_a_scan_waits(session_map: SessionMap, clock: Clock) -> None:
     stage = MapStage(Config(), session_map, clock)
     stage.add_pose(*at(1.0))
-    assert not stage.expects_positions
+    assert not stage.expects_positions(stage.scans)
     stage.add_embedding(embedding(1.5))
-    assert stage.expects_positions
+    assert stage.expects_positions(stage.scans)
     clock.seconds += 0.9 * map_stage.POSITION_GAP_S
     stage.add_pose(*at(1.25))
     clock.seconds += 0.9 * map_stage.POSITION_GAP_S
-    assert stage.expects_positions
+    assert stage.expects_positions(stage.scans)
     clock.seconds += 0.2 * map_stage.POSITION_GAP_S
-    assert not stage.expects_positions
+    assert not stage.expects_positions(stage.scans)
     stage.add_pose(*at(2.0))
-    assert not stage.expects_positions
+    assert not stage.expects_positions(stage.scans)
 
 
 def test_a_running_session_is_saved_periodically(stored: MapStage, clock: Clock, tmp_path: Path) -> None:
@@ -605,3 +605,38 @@ def test_an_altitude_that_is_none_never_becomes_that_of_the_origin(altitude_m: f
     with pytest.raises(RefusedInput, match='not on the Earth') as refused:
         GeoPoint(51.75, -1.25, altitude_m)
     assert refused.value.cause == 'invalid_position'
+
+
+def test_a_scan_is_not_mapped_towards_a_position_that_jumps(stage: MapStage) -> None:
+    """Scans beside it get their position from those around it."""
+    updates: list[MapUpdate] = []
+    for k in range(80):
+        stamp_ns = k * SECOND // 10
+        if k % 2:
+            updates += stage.add_embedding(embedding((k + 0.5) / 10))
+        updates += stage.add_pose(stamp_ns, Pose(500.0 if k == 40 else 0.0, 0.8 * k))
+    assert [refusal.cause for refusal in stage.take_left_out()] == ['position_jump']
+    assert np.abs(stage.map.places().positions_m[:, 0]).max() < 1e-6
+    stage.flush()
+    assert not [update for update in updates if update.problem]
+
+
+def test_nothing_is_mapped_between_both_sides_of_a_jump_that_lasts(stage: MapStage) -> None:
+    for k in range(120):
+        stage.add_embedding(embedding((k + 0.5) / 10))
+        stage.add_pose(k * SECOND // 10, Pose(500.0 if k > 40 else 0.0, 0.8 * k))
+    stage.flush()
+    assert set(np.round(stage.map.places().positions_m[:, 0], 6).tolist()) == {0.0, 500.0}
+
+
+def test_scans_that_come_later_do_not_keep_a_session_from_its_end(session_map: SessionMap, clock: Clock) -> None:
+    """Where positions arrive later than the next scan, one always waits."""
+    stage = MapStage(Config(), session_map, clock)
+    stage.add_pose(*at(1.0))
+    stage.add_embedding(embedding(1.5))
+    asked = stage.scans
+    stage.add_embedding(embedding(1.75))
+    assert stage.expects_positions(asked)
+    stage.add_pose(*at(1.625))
+    assert not stage.expects_positions(asked)
+    assert stage.expects_positions(stage.scans)
