@@ -58,6 +58,7 @@ LAZY = {
     ('cli.export', 'encoders.weights'),
     ('cli.session', 'ros.initialise'),
     ('cli.session', 'ros.session_client'),
+    ('cli.session', 'ros.shared_memory'),
     ('encoders.export.onnx_export', 'encoders.export.onnx_half'),
     ('encoders.export.onnx_export', 'encoders.export.onnx_int8'),
     ('encoders.export.onnx_export', 'encoders.export.onnx_opencv'),

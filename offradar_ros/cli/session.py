@@ -40,6 +40,10 @@ def session(
     """Start, end, undo or save a session of the running map server, or clear its map, and print its answer."""
     if importlib.util.find_spec('rclpy') is None:
         raise OffradarError(f'this command {ros_hint("rclpy", "ros")}')
+    from offradar_ros.ros.shared_memory import shared_memory_problem  # noqa: PLC0415
+
+    if problem := shared_memory_problem():
+        raise OffradarError(problem)
     # From here on, because importing ROS takes time too.
     with held_signals(signal.SIGINT, signal.SIGTERM) as check:
         _call(SERVICES[action], timeout, check)

@@ -52,6 +52,7 @@ class SessionMap:
         # None until this process has one; its first write also ends sessions that another process left running.
         self._adopted: ModelInfo | None = None
         self._origin: GeoPoint | None = None
+        self._is_origin_written = True
         self._parent = ParentMap(config, 0)
         self._running: _Running | None = None
         self._undoable: list[tuple[StoredSession, Before]] = []
@@ -152,14 +153,15 @@ class SessionMap:
         return self._origin
 
     def set_origin(self, origin: GeoPoint) -> None:
-        """Set the origin of the ``map`` frame for all drives; MapError if it has another origin already."""
+        """Set the origin of the ``map`` frame for all drives; MapError if it has another origin already.
+
+        It is written with the first places: a disk that is full must not keep a scan from being mapped.
+        """
         if self._origin == origin:
             return
         if self._origin:
             raise MapError(f'{self._where}: the origin of its frame is {self._origin} and cannot become {origin}')
-        if self._store:
-            self._store.write_origin(origin)
-        self._origin = origin
+        self._origin, self._is_origin_written = origin, False
 
     @property
     def running_session_id(self) -> int | None:
@@ -324,9 +326,9 @@ class SessionMap:
     def _forget_origin_of_nothing(self) -> None:
         """An empty map has no origin: that of a drive that was undone may have been a wrong fix."""
         if self._origin and not len(self) and not self._undoable:
-            if self._store:
+            if self._store and self._is_origin_written:
                 self._store.write_origin(None)
-            self._origin = None
+            self._origin, self._is_origin_written = None, True
 
     def committed(self) -> PlaceTable:
         """The places as of the last ended session, in ascending order of id: what queries search."""
@@ -384,6 +386,9 @@ class SessionMap:
     def _write_changes(self, session: StoredSession, running: _Running, undoable: list[int]) -> None:
         if not self._store:
             return
+        if not self._is_origin_written:
+            self._store.write_origin(self._origin)
+            self._is_origin_written = True
         ids = sorted(running.unsaved)
         self._store.write_session(
             session,

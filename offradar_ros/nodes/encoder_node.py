@@ -195,7 +195,8 @@ class EncoderNode(StageNode):
             self.stage.start_recording()
         encoded = self.stage.encode(stamp_ns(scan.header.stamp), scan.decode)
         if encoded.restarted:
-            self.get_logger().info('stamps jumped back: the recording starts again')
+            self.status.counts['recordings.restarted'] += 1
+            self.log_now_and_then('stamps jumped back: the recording starts again')
         for fault, count in encoded.row_faults.items():
             self.status.counts[f'rows.{fault}'] += count
         if encoded.embedding is not None:

@@ -109,6 +109,7 @@ class MapServerNode(StageNode):
             )
         self._last_stamp_ns = self._last_position_ns = 0
         self._refused_model = ''
+        self._unsaved_model: DiagnosticStatus | None = None
         self._clocks = ArrivalClocks()
         self._map: SessionMap | None = None
 
@@ -157,6 +158,8 @@ class MapServerNode(StageNode):
         if view is not None:
             self._map_view.publish(map_message(view, self._last_stamp_ns))
         self.guarded('map', self.stage.autosave)
+        if self._unsaved_model is not None:
+            self.guarded('embedding/model', partial(self._on_model, self._unsaved_model))
 
     def troubles(self) -> Iterator[Trouble]:
         """The map is of another model or cannot be written, or positions are of another time than the scans."""
@@ -197,9 +200,13 @@ class MapServerNode(StageNode):
 
     def _on_model(self, message: DiagnosticStatus) -> None:
         model = model_record(message, 'embedding/model')
+        self._unsaved_model = None
         try:
             self._publish_updates(self.stage.adopt_model(model))
         except RefusedInput as problem:
+            if problem.cause == 'not_saved':
+                # It is sent once; there may be space for it later.
+                self._unsaved_model = message
             self._refused_model = str(problem) if problem.cause == 'wrong_model' else ''
             raise
         self._refused_model = ''

@@ -18,7 +18,7 @@ from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
 
 from offradar_ros.config import Config
-from offradar_ros.errors import RefusedInput
+from offradar_ros.errors import MapError, RefusedInput
 from offradar_ros.messages import pose_from_odometry, stamp_ns
 from offradar_ros.radar.seen_stamps import SeenStamps
 from offradar_ros.ros import qos
@@ -58,6 +58,8 @@ class QueryNode(StageNode):
         self.create_service(Trigger, '~/start_recording', self._start_recording)
         self._seen = SeenStamps(round(self.config.radar.restart_after_s * 1e9))
         self._answers = AnswerWatch()
+        self._file_is_awaited = False
+        self._file_problem = ''
         self._map = self.subscribe(PointCloud2, 'map/descriptors', qos.LATCHED, self._on_map)
         self.subscribe(PointCloud2, 'map/updates', qos.UPDATES, self._on_update, ledger=self._update_ledger)
         self.subscribe(Odometry, 'odometry', qos.POSITIONS, self._on_odometry)
@@ -68,9 +70,10 @@ class QueryNode(StageNode):
     def configure(self) -> None:
         """Start with an empty map, or with the file that `query.map_path` names."""
         self.stage = QueryStage(self.config.query, self.config.localisation)
-        if self.stage.open_file():
+        self._file_is_awaited = self.stage.open_file()
+        if self._file_is_awaited:
             path = self.config.query.map_path
-            self.get_logger().warning(f'query.map_path: {path} does not exist yet: waiting for the map server')
+            self.get_logger().warning(f'query.map_path: {path} does not exist yet: read when it does')
 
     def activated(self) -> None:
         """Log the size of the map and the threshold."""
@@ -86,6 +89,8 @@ class QueryNode(StageNode):
 
     def periodic(self) -> None:
         """Report the size of the map, the threshold and the mean of U."""
+        if self._file_is_awaited:
+            self._read_awaited()
         self.status.facts |= {'places': str(self.stage.places), 'threshold': f'{self.stage.threshold:.4f}'}
         if math.isfinite(self.stage.mean_uncertainty):
             self.status.facts['mean_uncertainty'] = f'{self.stage.mean_uncertainty:.4f}'
@@ -101,10 +106,26 @@ class QueryNode(StageNode):
         elif trouble := self._answers.trouble(self.status.counts):
             yield trouble
 
+    def _read_awaited(self) -> None:
+        """Read the file of `query.map_path` once it is there, whole and with a map. A map server sends its own."""
+        if self.stage.places or self.count_publishers(self._map.subscription.topic_name):
+            self._file_is_awaited = not self.stage.places
+            return
+        try:
+            self._file_is_awaited = self.stage.open_file() or not self.stage.places
+            self._file_problem = ''
+        except MapError as error:
+            # It may be on its way still.
+            self._file_problem = str(error)
+        if self.stage.places:
+            self.get_logger().info(f'map of {self.stage.places} places, from {self.config.query.map_path}')
+
     def _why_no_map(self) -> str:
         path, name = self.config.query.map_path, self._map.subscription.topic_name
         if path and not Path(path).exists():
             return f'query.map_path: {path} does not exist yet'
+        if self._file_problem:
+            return self._file_problem
         if not path and not self.count_publishers(name):
             return f'nobody publishes {name}: is map_server_node running, in this domain and namespace?'
         return 'no session with a mapped scan has ended: call map_server/end_session after a drive with positions'

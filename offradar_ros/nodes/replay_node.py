@@ -25,7 +25,7 @@ from offradar_ros.errors import DataError, OffradarError
 from offradar_ros.recordings.bags.reader import Bag
 from offradar_ros.recordings.bags.topics import ChosenTopics
 from offradar_ros.ros.answer_log import Answers
-from offradar_ros.ros.initialise import initialise, own_arguments, refusals_of_ros
+from offradar_ros.ros.initialise import end_on_hang_up, initialise, own_arguments, refusals_of_ros
 from offradar_ros.ros.player import Player, PlayOptions
 from offradar_ros.ros.session_client import SessionClient
 from offradar_ros.ros.topic_hints import publishers
@@ -142,6 +142,7 @@ def main(args: list[str] | None = None) -> int:
 
 def _main(argv: list[str]) -> int:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    end_on_hang_up()
     arguments = _arguments(own_arguments(argv))
     require_ordinary_files(arguments.bag)
     node: Node | None = None

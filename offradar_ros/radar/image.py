@@ -7,6 +7,7 @@ With metadata columns the azimuth comes from the row's encoder count instead.
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import cv2
@@ -29,6 +30,8 @@ from offradar_ros.types import PolarScan
 
 ENCODINGS = ('8UC1', 'mono8')
 _LARGEST_POWER = 255
+_LEAST_SIGHT = 0.25
+"""Share of a rotation that must show something; sectors that look at the vehicle itself are blanked in some."""
 
 
 def decode_polar_image(
@@ -41,7 +44,7 @@ def decode_polar_image(
     copy where they are columns.
 
     Raises RefusedInput with cause wrong_encoding, empty_image, image_too_large, short_step, short_data, no_signal
-    (every byte is zero), unknown_range_resolution, unreadable_metadata (the 11 bytes are there, but useless), or as
+    (every byte is zero), too_few_rows (power that changes with range), unknown_range_resolution, unreadable_metadata (the 11 bytes are there, but useless), or as
     `split_rows`.
     """
     _check_fields(height, width, step, encoding, config.max_image_bytes)
@@ -82,14 +85,16 @@ def _require_no_metadata(image: NDArray[np.uint8]) -> None:
 def scan_from_rows(power: NDArray[np.uint8], rows: Rows, stamp_ns: int, config: RadarConfig) -> PolarScan:
     """A scan from (A, R) power and what the sensor says about the rows, with the geometry of `config`.
 
-    RefusedInput with cause no_signal or unknown_range_resolution.
+    RefusedInput with cause no_signal, too_few_rows or unknown_range_resolution.
     """
     strongest = power.max(axis=1, initial=0)
     if not strongest.any():
         raise RefusedInput('no_signal', f'scan at {stamp_ns} ns holds no signal: every power value is zero')
+    weakest = power.min(axis=1, initial=_LARGEST_POWER)
+    _require_sight(int(np.count_nonzero(strongest > weakest)), max(len(power), config.azimuth_samples), stamp_ns)
     faults = rows.faults | {
         'no_power': int(np.count_nonzero(strongest == 0)),
-        'saturated': int(np.count_nonzero(power.min(axis=1) == _LARGEST_POWER)),
+        'saturated': int(np.count_nonzero(weakest == _LARGEST_POWER)),
     }
     sense = 1.0 if config.azimuth_direction == 'clockwise' else -1.0
     azimuths_rad = np.mod(config.azimuth_offset_rad + sense * rows.angles_rad, 2 * np.pi)
@@ -106,6 +111,17 @@ def scan_from_rows(power: NDArray[np.uint8], rows: Rows, stamp_ns: int, config: 
         azimuth_stamps_ns=stamps_ns,
         row_faults={name: count for name, count in faults.items() if count},
     )
+
+
+def _require_sight(rows: int, rotation: int, stamp_ns: int) -> None:
+    """RefusedInput where too few rows show anything: the place of such a scan cannot be told from others."""
+    if rows < _LEAST_SIGHT * rotation:
+        raise RefusedInput(
+            'too_few_rows',
+            f'scan at {stamp_ns} ns: in {rows} of the {rotation} rows of a rotation power changes with range: expected '
+            f'at least {math.ceil(_LEAST_SIGHT * rotation)}; the radar is blocked or saturated, the rotation was cut '
+            'off, or radar.azimuth_samples is that of another sensor',
+        )
 
 
 def _check_fields(height: int, width: int, step: int, encoding: str, max_bytes: int) -> None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import contextlib
 import os
 import re
-from collections.abc import Iterator, Sequence
+import signal
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import rclpy
@@ -17,6 +18,7 @@ from rclpy.utilities import remove_ros_args
 from offradar_ros.errors import OffradarError
 from offradar_ros.ros.parameter_files import check_parameter_files
 
+SWITCHES = ('RCUTILS_COLORIZED_OUTPUT', 'RCUTILS_LOGGING_USE_STDOUT', 'RCUTILS_LOGGING_BUFFERED_STREAM')
 MAX_DOMAIN = 232
 """Above this, the ports of a domain would not be ports."""
 
@@ -27,6 +29,7 @@ def initialise(args: Sequence[str] | None, **options: Any) -> None:
     `args` are those of the process, its name first; None or none of them is no argument at all.
     """
     argv = list(args or ())
+    _check_switches(os.environ)
     if options.get('domain_id') is None:
         _check_domain(os.environ.get('ROS_DOMAIN_ID', ''))
     try:
@@ -35,11 +38,22 @@ def initialise(args: Sequence[str] | None, **options: Any) -> None:
         raise OffradarError(_explain(error)) from error
 
 
+def end_on_hang_up() -> None:
+    """Take the end of the terminal as SIGTERM, after which a node ends in order; as nohup has it, where that is used.
+
+    To be called in the main thread. Without it, a connection that breaks ends the process at once, and its session is
+    cut off.
+    """
+    if signal.getsignal(signal.SIGHUP) == signal.SIG_DFL:
+        signal.signal(signal.SIGHUP, lambda *_: signal.raise_signal(signal.SIGTERM))
+
+
 def own_arguments(argv: Sequence[str]) -> list[str]:
     """The arguments that are not for ROS, without the name of the program; OffradarError for bad ones for ROS.
 
     To be called before `initialise`: ROS would wait for a parameter file that is a FIFO.
     """
+    _check_switches(os.environ)
     check_parameter_files(argv)
     try:
         return list(remove_ros_args(list(argv))[1:])
@@ -66,6 +80,13 @@ def refusals_of_ros() -> Iterator[None]:
         if 'QoS override' not in str(error):
             raise
         raise OffradarError(f'parameters qos_overrides: {error}') from error
+
+
+def _check_switches(environment: Mapping[str, str]) -> None:
+    """OffradarError for a switch of ROS' log that is none: ROS would print an error for each line that it logs."""
+    for name in SWITCHES:
+        if (text := environment.get(name, '')) not in ('', '0', '1'):
+            raise OffradarError(f'{name}={text}: expected 0 or 1')
 
 
 def _check_domain(text: str) -> None:

@@ -13,7 +13,7 @@ from rclpy.subscription import Subscription
 
 from offradar_ros.ros.diagnostics import Trouble
 from offradar_ros.ros.input_watch import InputWatch
-from offradar_ros.ros.topic_hints import full_name, why_silent
+from offradar_ros.ros.topic_hints import LISTED, full_name, why_silent
 
 
 class Input:
@@ -95,6 +95,18 @@ class Input:
         if wanted == ReliabilityPolicy.RELIABLE:
             return f'{name}: listens reliably again'
         return f'{name}: {full_name(unreliable[0])} publishes best effort: listens best effort, and may miss messages'
+
+    def rival_sources(self) -> Trouble | None:
+        """That more than one publisher sends what one vehicle has one of; None if not."""
+        if not self._source or self._profile.durability != DurabilityPolicy.VOLATILE:
+            return None
+        name = self._subscription.topic_name
+        offers = self._node.get_publishers_info_by_topic(name)
+        found = sorted(full_name(each) for each in offers if each.topic_type == self.type_name)
+        if len(found) < 2:
+            return None
+        text = f'{name} is published by {" and ".join(found)}, and mixed: stop one, or remap it ({LISTED})'
+        return Trouble(f'several_sources.{self.topic}', text)
 
     def trouble(self) -> Trouble | None:
         """Why nothing comes, once that is longer than usual; None while messages come or are not needed."""

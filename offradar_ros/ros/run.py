@@ -1,4 +1,5 @@
-"""Start and stop of a node process: exit status 0 on SIGINT, double SIGINT and SIGTERM, 1 with one line on an error."""
+"""Start and stop of a node process: exit status 0 on SIGINT (also twice), SIGTERM and SIGHUP, 1 with one line on an
+error."""
 
 from __future__ import annotations
 
@@ -13,7 +14,7 @@ from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedE
 
 from offradar_ros.entry_point import report, run_guarded
 from offradar_ros.errors import OffradarError, RefusedInput
-from offradar_ros.ros.initialise import initialise, own_arguments, refusals_of_ros
+from offradar_ros.ros.initialise import end_on_hang_up, initialise, own_arguments, refusals_of_ros
 from offradar_ros.ros.parameter_files import not_addressed
 from offradar_ros.ros.stage_node import StageNode
 
@@ -41,6 +42,7 @@ def _run(make_node: Callable[[], StageNode], argv: list[str]) -> int:
     # rclpy's own handler still shuts the context down. Without this, a second SIGINT (ros2 launch sends two) raises
     # KeyboardInterrupt in the middle of the clean-up.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    end_on_hang_up()
     node: StageNode | None = None
     status = 0
     try:

@@ -31,7 +31,7 @@ from offradar_ros.ros.input import Input
 from offradar_ros.ros.ledger import Ledger
 from offradar_ros.ros.lifecycle import SteadyLifecycleNode
 from offradar_ros.ros.lost_messages import LostMessages
-from offradar_ros.ros.topic_hints import foreign_types, full_name, rivals
+from offradar_ros.ros.topic_hints import LISTED, foreign_types, full_name, rivals
 
 MessageT = TypeVar('MessageT')
 
@@ -286,6 +286,13 @@ class StageNode(SteadyLifecycleNode):
             with contextlib.suppress(OSError, ValueError):
                 print(f'[{self.get_name()}]: {text}', flush=True)
 
+    def log_now_and_then(self, text: str) -> None:
+        """Log a line at most once in 5 s."""
+        now_s = time.monotonic()
+        if now_s - self._last_logged_s.get(text, -LOG_PERIOD_S) >= LOG_PERIOD_S:
+            self._last_logged_s[text] = now_s
+            self.log_info(text)
+
     def refuse(self, problem: RefusedInput, topic: str, count: int = 1) -> None:
         """Count a drop, or `count` of them, and log the reason, each cause at most once in 5 s."""
         self.status.drop(problem.cause, str(problem), count)
@@ -293,6 +300,10 @@ class StageNode(SteadyLifecycleNode):
         if self.context.ok() and now_s - self._last_logged_s.get(problem.cause, -LOG_PERIOD_S) >= LOG_PERIOD_S:
             self._last_logged_s[problem.cause] = now_s
             self.get_logger().warning(f'{topic}: {problem}')
+
+    def use_sim_time(self) -> bool:
+        """Whether the node's clock is that of `/clock`."""
+        return bool(self.get_parameter('use_sim_time').value)
 
     def now_ns(self) -> int:
         """The node's clock: simulated under use_sim_time."""
@@ -329,10 +340,15 @@ class StageNode(SteadyLifecycleNode):
 
     def _all_troubles(self) -> Iterator[Trouble]:
         for each in self._inputs:
-            if trouble := each.trouble():
-                yield trouble
+            yield from filter(None, (each.trouble(), each.rival_sources()))
+        if self.use_sim_time() and not self.now_ns():
+            yield Trouble(
+                'no_clock',
+                'use_sim_time is true, and nothing came on /clock: start who publishes it (ros2 bag play --clock, a '
+                'simulator), or set use_sim_time to false',
+            )
         for other, topics in rivals(self, (output.topic_name for output in self._outputs)).items():
-            text = f'{other} publishes {topics} too: launched twice? Stop one (one that died is listed for 20 s)'
+            text = f'{other} publishes {topics} too: launched twice? Stop one ({LISTED})'
             yield Trouble(f'rival.{other.rpartition(" ")[2]}', text)
         for topic, types in foreign_types(self, self._output_types).items():
             text = f'{topic} also carries {types}, of somebody else: remap ours (-r {full_name(self)}:{topic}:=NAME)'

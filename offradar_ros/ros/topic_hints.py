@@ -11,6 +11,8 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from offradar_ros.ros.connections import UNKNOWN
 
+LISTED = 'one that died is listed for 20 s'
+"""What to think of a node that is named and does not run any more."""
 MAX_NAMED = 5
 """Most topics or nodes that a hint names."""
 _SHARED_TYPES = ('sensor_msgs/msg/PointCloud2', 'diagnostic_msgs/msg/DiagnosticStatus')

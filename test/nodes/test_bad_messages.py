@@ -14,11 +14,13 @@ from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from live_nodes import Observer, StartNode, wait_until
 from nav_msgs.msg import Odometry
+from rcl_interfaces.msg import Log
 from sensor_msgs.msg import Image, NavSatFix, NavSatStatus, PointCloud2
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from offradar_ros.encoders.protocol import ModelInfo
+from offradar_ros.errors import MapError
 from offradar_ros.mapping.store import MapStore
 from offradar_ros.nodes.encoder_node import EncoderNode
 from offradar_ros.nodes.map_server_node import MapServerNode
@@ -402,3 +404,36 @@ def test_a_stamp_that_is_none_is_counted_once(
     topic = 'radar_data/b_scan_image' if node_type is EncoderNode else 'embedding'
     observer.publisher(type(message), topic, qos.SCANS)(message)
     wait_until(lambda: node.status.drops == {'invalid_stamp': 1})
+
+
+def test_stamps_that_jump_back_again_and_again_do_not_flood_the_log(observer: Observer, start_node: StartNode) -> None:
+    """As those of two radars with two clocks on one topic."""
+    node = start_node(EncoderNode, {'encoder.backlog': 50})
+    embeddings = observer.collect(PointCloud2, 'embedding', qos.UPDATES)
+    logged = observer.collect(Log, '/rosout', qos.UPDATES)
+    send = observer.publisher(Image, 'radar_data/b_scan_image', qos.SCANS)
+    for pair in range(20):
+        for second in (100, 50):
+            count = len(embeddings)
+            send(image(second * SECOND + pair * SECOND // 4))
+            wait_until(lambda count=count: len(embeddings) > count)
+    assert node.status.counts['recordings.restarted'] == 20
+    lines = [message.msg for message in list(logged) if 'jumped back' in message.msg]
+    assert len(lines) < 10
+
+
+def test_a_model_that_comes_while_the_disk_is_full_is_taken_when_there_is_space(
+    observer: Observer, start_node: StartNode, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The encoder sends it once."""
+    node = start_node(MapServerNode, {'map.path': str(tmp_path / 'town.db')})
+
+    def fail(*_: object, **__: object) -> None:
+        raise MapError('database or disk is full')
+
+    with monkeypatch.context() as full:
+        full.setattr(MapStore, 'write_model', fail)
+        observer.publisher(DiagnosticStatus, 'embedding/model', qos.LATCHED)(model_message(MODEL))
+        wait_until(lambda: node.status.drops['not_saved'])
+        assert node.stage.map.model is None
+    wait_until(lambda: node.stage.map.model == MODEL)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import array
 import contextlib
+import itertools
 import os
 import signal
 import sqlite3
@@ -16,14 +17,16 @@ from typing import Any
 
 import numpy as np
 import pytest
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from lifecycle_msgs.msg import State, Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from live_nodes import WAIT_S, Observer, StartNode, replay, wait_until
+from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, SetParameters
 from rclpy.parameter import Parameter as RclpyParameter
 from sensor_msgs.msg import Image, NavSatFix, PointCloud2
+from small_maps import make_map
 from std_srvs.srv import Trigger
 
 from offradar_ros.encoders.onnx_model import read_onnx
@@ -171,7 +174,9 @@ def test_a_start_that_must_fail_is_one_line_and_status_1(
     assert 'Traceback' not in ended.stderr
 
 
-@pytest.mark.parametrize('signals', [[signal.SIGINT], [signal.SIGINT, signal.SIGINT], [signal.SIGTERM]])
+@pytest.mark.parametrize(
+    'signals', [[signal.SIGINT], [signal.SIGINT, signal.SIGINT], [signal.SIGTERM], [signal.SIGHUP]]
+)
 def test_every_signal_ends_every_node_cleanly(stack: Callable[..., Stack], signals: list[signal.Signals]) -> None:
     with stack() as nodes:
         nodes.wait_until_ready()
@@ -183,14 +188,16 @@ def test_every_signal_ends_every_node_cleanly(stack: Callable[..., Stack], signa
         assert all('Traceback' not in node.log.read_text() for node in nodes.nodes.values())
 
 
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGHUP])
 def test_an_interrupt_ends_the_session_and_keeps_it(
-    stack: Callable[..., Stack], street_bag: Callable[..., Path], tmp_path: Path
+    stack: Callable[..., Stack], street_bag: Callable[..., Path], tmp_path: Path, number: signal.Signals
 ) -> None:
+    """A terminal that is closed, or a connection that breaks, interrupts too."""
     with stack({'map.path': str(tmp_path / 'map.db'), 'map.start_session': True}) as nodes:
         nodes.wait_until_ready()
         replay(nodes, street_bag('drive', count=8), '--lockstep')
         server = nodes.nodes['map_server_node']
-        server.process.send_signal(signal.SIGINT)
+        server.process.send_signal(number)
         assert server.wait(WAIT_S) == 0
         assert 'session ended at exit' in server.log.read_text()
     stored = MapStore.open_read_only(tmp_path / 'map.db')
@@ -226,6 +233,48 @@ def test_a_map_can_be_queried_without_a_map_server(
         nodes.wait_until_ready()
         printed = replay(nodes, street_bag('again', count=8, noise_seed=5), '--lockstep')
     assert '8 scans, 8 embeddings, 8 matches, 0 rejections, 0 unanswered' in printed
+
+
+def test_a_map_file_that_comes_later_is_read_without_a_map_server(
+    observer: Observer, start_node: StartNode, tmp_path: Path
+) -> None:
+    path = tmp_path / 'town.db'
+    node = start_node(QueryNode, {'query.map_path': str(path)})
+    assert node.stage.places == 0
+    made = make_map(tmp_path / 'made.db', 0.5)
+    # A copy that is on its way.
+    path.write_bytes((tmp_path / 'made.db').read_bytes()[:5000])
+    received = observer.collect(DiagnosticArray, '/diagnostics')
+    wait_until(lambda: any(str(path) in s.message and 'yet' not in s.message for m in received for s in m.status))
+    (tmp_path / 'made.db').replace(path)
+    wait_until(lambda: node.stage.places == len(made))
+
+
+def test_a_session_ends_while_the_vehicle_drives_and_positions_come_late(
+    observer: Observer, start_node: StartNode
+) -> None:
+    node = start_node(MapServerNode, {'position.source': 'odometry'})
+    model = ModelInfo('ring_key', 'ab' * 32, 8, {})
+    observer.publisher(DiagnosticStatus, 'embedding/model', qos.LATCHED)(model_message(model))
+    embed = observer.publisher(PointCloud2, 'embedding', qos.RESULTS)
+    locate = observer.publisher(Odometry, 'ground_truth/odometry', qos.POSITIONS)
+    sent = itertools.count(100)
+
+    def drive() -> None:
+        """Positions are three scans late, so that some scan always waits for one."""
+        number = next(sent)
+        embedding = Embedding(number * 10**8, np.ones(8, np.float32), np.ones(8, np.float32), model.fingerprint)
+        embed(embedding_message(embedding, 'radar'))
+        position = Odometry(header=header((number - 3) * 10**8, 'map'))
+        position.pose.pose.position.x = float(number)
+        position.pose.pose.orientation.w = 1.0
+        locate(position)
+
+    drives = observer.node.create_timer(0.05, drive)
+    wait_until(lambda: len(node.stage.map) > 3)
+    ended = trigger(observer, 'end_session')
+    observer.node.destroy_timer(drives)
+    assert ended.success, ended.message
 
 
 def trigger(observer: Observer, service: str) -> Any:

@@ -183,3 +183,32 @@ def test_a_second_server_is_refused_though_the_lock_file_was_removed(
         assert 'in use by another process that writes it' in second.stderr
         assert trigger(observer, 'end_session').success
     assert len(read_map(path).places) == 2
+
+
+def test_a_terminal_that_is_gone_leaves_nothing_to_rescue(
+    stack: Callable[..., Stack], path: Path, observer: Observer
+) -> None:
+    """At exit the report cannot be printed; the session is committed, and the file closed, all the same."""
+    nodes = server(stack, path)
+    with nodes:
+        pass
+    arguments = nodes._arguments['map_server_node']
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'offradar_ros.nodes.map_server_node', *arguments],
+        env=nodes.environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+    )
+    try:
+        driver = Driver(observer)
+        assert trigger(observer, 'start_session').success
+        driver.drive(3)
+        assert process.stdout is not None
+        process.stdout.close()
+        process.terminate()
+        assert process.wait(WAIT_S) == 0
+    finally:
+        process.kill()
+        process.wait()
+    assert [session.state for session in read_map(path).sessions] == ['ended']
+    assert not list(path.parent.glob('*rescued*'))

@@ -8,10 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from live_nodes import Observer, StartNode, wait_until
 from nav_msgs.msg import OccupancyGrid, Odometry
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Image, NavSatFix, PointCloud2
 from std_srvs.srv import Trigger
 
@@ -341,3 +343,38 @@ def test_a_map_file_that_is_removed_is_an_error(observer: Observer, start_node: 
     reports.wait_for(DiagnosticStatus.ERROR, f'{path}: the map file was removed or renamed')
     (tmp_path / 'elsewhere.db').rename(path)
     wait_until(lambda: reports.last and str(path) not in reports.last.message)
+
+
+def test_two_sources_of_one_input_are_named(observer: Observer, start_node: StartNode, somebody: Observer) -> None:
+    """As where a recording is played while the driver runs, or two receivers are on."""
+    encoder, server = Reports(observer, 'encoder'), Reports(observer, 'map_server')
+    start_node(EncoderNode)
+    start_node(MapServerNode)
+    for participant in (observer, somebody):
+        participant.node.create_publisher(Image, SCANS, qos.SCANS)
+        participant.node.create_publisher(NavSatFix, 'gps/fix', qos.POSITIONS)
+    status = encoder.wait_for(DiagnosticStatus.WARN, f'/{SCANS} is published by /observer and /observer, and mixed')
+    assert f'trouble.several_sources.{SCANS}' in {each.key for each in status.values}
+    server.wait_for(DiagnosticStatus.WARN, '/gps/fix is published by /observer and /observer, and mixed: stop one')
+
+
+def test_one_source_is_no_trouble(observer: Observer, start_node: StartNode) -> None:
+    reports = Reports(observer, 'encoder')
+    node = start_node(EncoderNode)
+    send = observer.publisher(Image, SCANS, qos.SCANS)
+    send(Image(header=header(1, 'radar'), encoding='rgb8'))
+    wait_until(lambda: node.status.drops.total())
+    assert 'mixed' not in reports.wait_for(DiagnosticStatus.WARN, 'wrong_encoding').message
+
+
+@pytest.mark.parametrize(
+    ('kind', 'name'), [(EncoderNode, 'encoder'), (MapServerNode, 'map_server'), (QueryNode, 'query')]
+)
+def test_simulated_time_without_a_clock_is_named(
+    observer: Observer, start_node: StartNode, kind: type[StageNode], name: str
+) -> None:
+    reports = Reports(observer, name)
+    start_node(kind, {'use_sim_time': True})
+    reports.wait_for(DiagnosticStatus.WARN, 'use_sim_time is true, and nothing came on /clock: start who publishes it')
+    observer.publisher(Clock, '/clock', qos.RESULTS)(Clock(clock=Time(sec=5)))
+    wait_until(lambda: reports.last and '/clock' not in reports.last.message)

@@ -33,10 +33,10 @@ WITH_ROS_ARGUMENTS = ('query_node', 'replay_node')
 """The three nodes start in the same way."""
 
 
-def refused(program: str, environment: dict[str, str], *arguments: str) -> str:
+def refused(program: str, environment: dict[str, str], *arguments: str, interpreter: tuple[str, ...] = ('-m',)) -> str:
     """The line with which a program refuses to start."""
     ran = subprocess.run(
-        [sys.executable, '-m', *PROGRAMS[program], *arguments],
+        [sys.executable, *interpreter, *PROGRAMS[program], *arguments],
         env=environment,
         capture_output=True,
         text=True,
@@ -62,6 +62,27 @@ def test_a_home_that_cannot_be_written_is_one_line_that_names_the_way_out(progra
 def test_a_domain_that_is_none_is_one_line(program: str, domain_id: int) -> None:
     line = refused(program, {**isolated_environment(domain_id), 'ROS_DOMAIN_ID': '233'})
     assert 'ROS_DOMAIN_ID=233: expected a whole number from 0 to 232' in line
+
+
+@pytest.mark.parametrize('program', PROGRAMS)
+def test_a_switch_of_the_log_that_is_none_is_one_line(program: str, domain_id: int) -> None:
+    line = refused(program, {**isolated_environment(domain_id), 'RCUTILS_COLORIZED_OUTPUT': 'yes'})
+    assert line == 'error: RCUTILS_COLORIZED_OUTPUT=yes: expected 0 or 1'
+
+
+FULL = """
+import os, runpy, sys
+os.statvfs = lambda path: type('', (), {'f_bavail': 1, 'f_frsize': 4096, 'f_blocks': 9999})
+module, sys.argv = sys.argv[1], sys.argv[1:]
+runpy.run_module(module, run_name='__main__', alter_sys=True)
+"""
+
+
+@pytest.mark.parametrize('program', PROGRAMS)
+def test_shared_memory_that_is_full_is_one_line(program: str, domain_id: int) -> None:
+    """Libraries of ROS would end the process without a word."""
+    line = refused(program, isolated_environment(domain_id), interpreter=('-c', FULL))
+    assert line.startswith('error: /dev/shm: the shared memory is full, and ROS cannot start: remove')
 
 
 @pytest.mark.parametrize('program', WITH_ROS_ARGUMENTS)

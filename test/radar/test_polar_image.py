@@ -60,11 +60,12 @@ def test_power_is_a_view_of_the_message() -> None:
 
 
 @given(
-    rows=st.integers(1, 30), bins=st.integers(1, 40), padding=st.integers(0, 9), cut=st.booleans(), mono=st.booleans()
+    rows=st.integers(2, 30), bins=st.integers(2, 40), padding=st.integers(0, 9), cut=st.booleans(), mono=st.booleans()
 )
 @settings(max_examples=60, deadline=None)
 def test_padding_between_rows_is_ignored(rows: int, bins: int, padding: int, cut: bool, mono: bool) -> None:
     image = powers(rows, bins)
+    image[:, :2] = 0, 1
     padded = np.full((rows, bins + padding), 77, np.uint8)
     padded[:, :bins] = image
     data = padded.tobytes()
@@ -76,7 +77,7 @@ def test_padding_between_rows_is_ignored(rows: int, bins: int, padding: int, cut
             data=data,
             step=bins + padding,
             encoding='mono8' if mono else '8UC1',
-            config=RadarConfig(range_resolution_m=0.05, azimuth_axis='rows', metadata_columns='0'),
+            config=RadarConfig(range_resolution_m=0.05, azimuth_axis='rows', metadata_columns='0', azimuth_samples=8),
         )
     )
     assert np.array_equal(scan.power, image)
@@ -101,7 +102,7 @@ def test_without_400_the_azimuth_axis_is_the_shorter_one(shape: tuple[int, int],
 
 @pytest.mark.parametrize(('axis', 'rows'), [('rows', 60), ('columns', 400)])
 def test_the_azimuth_axis_can_be_configured(axis: str, rows: int) -> None:
-    config = RadarConfig(range_resolution_m=0.05, azimuth_axis=axis)
+    config = RadarConfig(range_resolution_m=0.05, azimuth_axis=axis, azimuth_samples=rows)
     assert decode_polar_image(**fields(powers(60, 400), config=config)).power.shape[0] == rows
 
 
@@ -110,6 +111,28 @@ def test_a_partial_image_holds_the_first_rows_of_a_rotation() -> None:
     assert scan.azimuths_rad[-1] == pytest.approx(math.radians(0.9 * 398))
     partial = decode_polar_image(**fields(powers(100, 3360)))
     assert partial.azimuths_rad[-1] == pytest.approx(math.radians(0.9 * 99))
+
+
+def blind(*seeing: int, value: int = 255) -> np.ndarray:
+    """A scan in which all rows but the first, of `seeing` rows, hold one value only."""
+    image = np.full((400, 50), value, np.uint8)
+    image[: sum(seeing)] = powers()[: sum(seeing)]
+    return image
+
+
+@pytest.mark.parametrize(
+    'image',
+    [blind(), blind(value=17), blind(99), blind(99, value=0), powers(99, 3360), powers(1, 3360)],
+    ids=['saturated', 'constant', 'nearly saturated', 'nearly dark', 'part of a rotation', 'one row'],
+)
+def test_a_scan_that_shows_too_little_is_refused(image: np.ndarray) -> None:
+    with pytest.raises(RefusedInput, match='of the 400 rows of a rotation power changes with range: expected') as told:
+        decode_polar_image(**fields(image))
+    assert told.value.cause == 'too_few_rows'
+
+
+def test_a_sector_without_power_is_no_reason_to_refuse_a_scan() -> None:
+    assert decode_polar_image(**fields(blind(100, value=0))).row_faults == {'no_power': 300}
 
 
 def test_more_rows_than_azimuth_samples_are_one_rotation() -> None:
@@ -177,9 +200,8 @@ def test_the_range_offset_is_passed_on() -> None:
     ],
 )
 def test_invalid_images_are_refused_with_their_cause(changes: dict[str, Any], cause: str) -> None:
-    image = np.full((400, 50), 3, np.uint8)
     with pytest.raises(RefusedInput) as refused:
-        decode_polar_image(**fields(image, **changes))
+        decode_polar_image(**fields(powers(), **changes))
     assert refused.value.cause == cause
     assert '\n' not in str(refused.value)
 

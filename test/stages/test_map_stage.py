@@ -640,3 +640,28 @@ def test_scans_that_come_later_do_not_keep_a_session_from_its_end(session_map: S
     stage.add_pose(*at(1.625))
     assert not stage.expects_positions(asked)
     assert stage.expects_positions(stage.scans)
+
+
+def test_a_first_drive_is_mapped_though_the_disk_is_full(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / 'town.db'
+    with SessionMap(MapConfig(path=str(path))) as session_map:
+        session_map.adopt_model(MODEL)
+        stage = MapStage(Config(), session_map)
+        session_map.start_session('first', 0)
+
+        def fail(*_: object, **__: object) -> None:
+            raise MapError('database or disk is full')
+
+        with monkeypatch.context() as full:
+            full.setattr(MapStore, 'write_origin', fail)
+            full.setattr(MapStore, 'write_session', fail)
+            stage.add_embedding(embedding(1.5))
+            for second in (1, 2):
+                stage.add_point(second * SECOND, GeoPoint(51.75, -1.25, 70.0))
+            with pytest.raises(MapError, match='disk is full'):
+                stage.end_session()
+        _, report = stage.end_session()
+    assert (report.inserted, dict(report.dropped)) == (1, {})
+    stored = MapStore.open_read_only(path)
+    assert stored.origin == GeoPoint(51.75, -1.25, 70.0)
+    assert len(stored.places) == 1

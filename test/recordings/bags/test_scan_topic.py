@@ -109,6 +109,8 @@ def test_a_camera_with_as_many_rows_as_a_configured_radar_is_a_choice(drive: Any
     """With a bin size, every gray image can be read."""
     odd = as_power(drive, 400, 2856)
     camera = list(images(drive, '/front/image', 'mono8', 400, 640))
+    for picture in camera:
+        picture.message.data[::2] = 70
     with pytest.raises(DataError, match='several topics'):
         found(camera, scans(odd, '/roof/scan'), radar=RadarConfig(range_resolution_m=0.175))
 

@@ -21,6 +21,8 @@ _LOST_ROW_STEPS = 1.5
 # What is the same for every scan, so that one line names them all.
 _REFUSALS = {
     'no_signal': 'no signal, every power value is zero',
+    'too_few_rows': 'too few azimuths whose power changes with range: the radar is blocked or saturated, or the '
+    'rotation was cut off',
     'no_metadata': 'rows without the metadata columns that this layout has: read another layout (--layout), or set '
     'radar.metadata_columns to 0 if all bytes are power, or radar.row_angles to equal if the first 11 are not',
     'no_row_angles': f'encoder counts that are zero, constant or decreasing: {WAY_OUT}',
