@@ -39,6 +39,8 @@ WARM_UP_SHARE = 1 / 3
 GROWTH_MB_PER_MIN = 1.0
 """A slope of a node's memory above this, and a rise above `RISE_MB`, is a leak."""
 RISE_MB = 3.0
+SHORTEST_S = 45.0
+"""In less time than this, the memory of a process that has just started says nothing."""
 PARAMETERS: Mapping[str, object] = {
     'encoder.threads': 1,
     'map.match_distance_m': 1.0,
@@ -70,7 +72,7 @@ def run(settings: Settings) -> list[Result]:
     crashes = len(examples)
     for name, samples in memory.items():
         slope, rise = growth(samples)
-        if slope > GROWTH_MB_PER_MIN and rise > RISE_MB:
+        if seconds >= SHORTEST_S and slope > GROWTH_MB_PER_MIN and rise > RISE_MB:
             examples.append(f'{name}: memory grows by {slope:.2f} MB a minute')
     if tally.lost:
         examples.append(f'scans: {tally}')
