@@ -105,6 +105,21 @@ def wrap_angle(angle_rad: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.pi - np.mod(np.pi - angle_rad, 2 * np.pi))
 
 
+@dataclasses.dataclass(frozen=True)
+class LeftOut:
+    """Positions of a recording that are not used.
+
+    Attributes:
+        cause: a short, stable name, as that of a `RefusedInput`, or the source's own word for it.
+        count: how many.
+        first: what is wrong with the first one, and where it is; may be empty.
+    """
+
+    cause: str
+    count: int
+    first: str = ''
+
+
 @dataclasses.dataclass(frozen=True, eq=False)
 class Trajectory:
     """Positions over time, from one sensor of a recording.
@@ -114,12 +129,17 @@ class Trajectory:
         positions: (N, 3) float64: latitude°, longitude°, altitude m if `geodetic`, else metres in a local frame.
         yaws_rad: (N,) float64, counter-clockwise from east (or the x axis of the local frame); NaN where unknown.
         geodetic: whether `positions` are WGS-84.
+        left_out: positions of the source that are not among these, by cause.
+        clock_offset_s: seconds to add to `stamps_ns` for the clock of the scans, as far as the recording's log times
+            tell; None if they do not.
     """
 
     stamps_ns: NDArray[np.int64]
     positions: NDArray[np.float64]
     yaws_rad: NDArray[np.float64]
     geodetic: bool
+    left_out: tuple[LeftOut, ...] = ()
+    clock_offset_s: float | None = None
 
     def __len__(self) -> int:
         return len(self.stamps_ns)

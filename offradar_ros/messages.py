@@ -12,6 +12,7 @@ from typing import Any, Protocol
 from offradar_ros.config import RadarConfig
 from offradar_ros.errors import DataError, RefusedInput
 from offradar_ros.geometry import GeoPoint
+from offradar_ros.positions.rules import geo_point, require_pose
 from offradar_ros.radar.image import decode_polar_image
 from offradar_ros.radar.png import decode_png
 from offradar_ros.types import PolarScan, Pose
@@ -77,21 +78,20 @@ def scan_from_compressed(message: Any, config: RadarConfig) -> PolarScan:
 
 
 def point_from_fix(message: Any) -> GeoPoint:
-    """The position in a sensor_msgs/NavSatFix; RefusedInput('no_fix') if the receiver has no fix."""
+    """The position in a sensor_msgs/NavSatFix; RefusedInput (`no_fix`, `invalid_position`) where it holds none."""
     if message.status.status == NO_FIX:
         raise RefusedInput('no_fix', 'NavSatFix status is -1 (no fix): position dropped')
-    altitude = message.altitude if math.isfinite(message.altitude) else 0.0
-    return GeoPoint(message.latitude, message.longitude, altitude)
+    return geo_point(message.latitude, message.longitude, message.altitude)
 
 
 def pose_from_odometry(message: Any) -> Pose:
-    """The pose in a nav_msgs/Odometry, yaw about z; RefusedInput if it is not finite."""
+    """The pose in a nav_msgs/Odometry, yaw about z; RefusedInput('invalid_position') if it is none."""
     position, q = message.pose.pose.position, message.pose.pose.orientation
     yaw_rad = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
     pose = Pose(position.x, position.y, position.z, yaw_rad)
-    if not all(math.isfinite(v) for v in (pose.x_m, pose.y_m, pose.z_m, pose.yaw_rad)):
+    if not math.isfinite(pose.yaw_rad):
         raise RefusedInput('invalid_position', f'Odometry pose is not finite: {pose}')
-    return pose
+    return require_pose(pose)
 
 
 def header_stamp_ns(cdr: bytes) -> int:

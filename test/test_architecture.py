@@ -31,6 +31,7 @@ ORDER = (
     'yaml_digest',
     'types',
     'geometry',
+    'positions',
     'sequence',
     'records',
     'config',

@@ -9,9 +9,12 @@ from numpy.typing import NDArray
 
 from offradar_ros.config import PositionConfig, RadarConfig
 from offradar_ros.errors import DataError, OffradarError
+from offradar_ros.positions.clocks import clock_problem
 from offradar_ros.processes import Progress
 from offradar_ros.recordings.bags.writer import BagOptions, write_bag
+from offradar_ros.recordings.datasets.check.clocks import ScanClock
 from offradar_ros.recordings.datasets.check.coverage import coverage
+from offradar_ros.recordings.left_out import left_out_text
 from offradar_ros.recordings.row_tally import TalliedSequence
 from offradar_ros.sequence import RadarSequence
 
@@ -24,12 +27,14 @@ class Conversion(NamedTuple):
         skipped: for each scan that was left out, why it cannot be read.
         position_problem: how many scans have no position, and why; empty if every scan has one.
         row_faults: number of scans by what was wrong with some of their rows and has been mended.
+        warnings: positions that were left out, and clocks that disagree, one line each.
     """
 
     scans: int
     skipped: list[str]
     position_problem: str
     row_faults: dict[str, int]
+    warnings: tuple[str, ...] = ()
 
 
 def as_recorded(radar: RadarConfig) -> RadarConfig:
@@ -55,7 +60,22 @@ def convert_sequence(
     write_bag(tallied, out, options, progress, skip)
     written_ns = np.delete(sequence.stamps_ns, list(skipped))
     position_problem = _position_problem(sequence, written_ns, options.position_offset_ns)
-    return Conversion(len(sequence), list(map(str, skipped.values())), position_problem, dict(tallied.faults))
+    warnings = _position_warnings(sequence, tallied.clock, options.position_offset_ns)
+    return Conversion(len(sequence), list(map(str, skipped.values())), position_problem, dict(tallied.faults), warnings)
+
+
+def _position_warnings(sequence: RadarSequence, clock: ScanClock, offset_ns: int) -> tuple[str, ...]:
+    trajectory = sequence.trajectory
+    if trajectory is None:
+        return ()
+    moved = dataclasses.replace(trajectory, stamps_ns=trajectory.stamps_ns + offset_ns)
+    given_s = offset_ns / 1e9
+    by_arrival = None if trajectory.clock_offset_s is None else trajectory.clock_offset_s - given_s
+    clocks = clock_problem(by_arrival, given_s=given_s) or clock.problem(moved, PositionConfig().max_gap_s, given_s)
+    left_out = tuple(
+        left_out_text('positions', found) for found in trajectory.left_out if found.cause != 'repeated_position_stamp'
+    )
+    return (*left_out, clocks) if clocks else left_out
 
 
 def _position_problem(sequence: RadarSequence, scans_ns: NDArray[np.int64], offset_ns: int) -> str:
@@ -64,5 +84,5 @@ def _position_problem(sequence: RadarSequence, scans_ns: NDArray[np.int64], offs
     if trajectory is None:
         return 'no positions: the source has none; this bag can be queried with, not mapped'
     moved = dataclasses.replace(trajectory, stamps_ns=trajectory.stamps_ns + offset_ns)
-    found = coverage('positions', scans_ns, moved, PositionConfig().max_gap_s, offset_ns / 1e9)
+    found = coverage('positions', scans_ns, moved, PositionConfig(), offset_ns / 1e9)
     return found.text if found.level == 'problem' else ''

@@ -100,5 +100,6 @@ def _report(made: Conversion) -> None:
             typer.echo(f'  {error}')
     for fault, scans in made.row_faults.items():
         typer.echo(f'warning: {ROW_FAULTS[fault]}: {counted(scans, "scan")}')
-    if made.position_problem:
-        typer.echo(f'warning: {made.position_problem}')
+    for warning in (*made.warnings, made.position_problem):
+        if warning:
+            typer.echo(f'warning: {warning}')

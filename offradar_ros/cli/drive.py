@@ -70,6 +70,8 @@ def drive(
         _print(result)
         if session is not None:
             _print_session(config, track_topic, result)
+        for warning in result.warnings:
+            typer.echo(f'warning: {warning}')
     errors = errors_m(result.outcomes, track)
     # Where the running session is searched too, its own places are near every scan.
     searched = session is not None and not config.query.exclude_current_session

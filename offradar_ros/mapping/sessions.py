@@ -77,6 +77,8 @@ class SessionMap:
                 break
             if changed:
                 self._undoable.insert(0, (session, before))
+        if not len(self) and not self._undoable:
+            self._origin = None
 
     def close(self) -> None:
         """Close the file. Changes of a running session since its last save are lost."""
@@ -284,13 +286,14 @@ class SessionMap:
         self._running = None
         if not running:
             self._undoable.pop()
+        self._forget_origin_of_nothing()
         return UndoReport(session.session_id, session.name, running is not None, len(new), len(old), len(self))
 
     def clear(self) -> Path | None:
         """Empty the map, after copying its file to ``<path>.<UTC stamp>.bak``; returns the copy's path.
 
-        Model and origin stay. A running session is saved and continues with the empty map. For a map in memory there is
-        no copy (None).
+        The model stays. A running session is saved and continues with the empty map, which has no origin. For a map in
+        memory there is no copy (None).
         """
         copy = None
         if self._store:
@@ -304,7 +307,26 @@ class SessionMap:
         if self._running:
             running = self._running
             self._running = _Running(running.session_id, running.name, running.stamp_ns, 0, math.nan)
+        self._forget_origin_of_nothing()
         return copy
+
+    def restart_session(self, cause: str) -> None:
+        """Discard what the running session mapped, as when its frame was wrong, and go on with it under another id.
+
+        Its scans count as dropped by `cause`. MapError without a session.
+        """
+        running = self._require_running()
+        self.undo_session()
+        self.start_session(running.name, running.stamp_ns)
+        dropped = running.dropped + collections.Counter({cause: running.merges.total()})
+        self._require_running().dropped.update(dropped)
+
+    def _forget_origin_of_nothing(self) -> None:
+        """An empty map has no origin: that of a drive that was undone may have been a wrong fix."""
+        if self._origin and not len(self) and not self._undoable:
+            if self._store:
+                self._store.write_origin(None)
+            self._origin = None
 
     def committed(self) -> PlaceTable:
         """The places as of the last ended session, in ascending order of id: what queries search."""

@@ -110,8 +110,8 @@ class MapStore:
             rows.mark_interrupted(except_session)
             rows.put_meta('model', unstructure(model))
 
-    def write_origin(self, origin: GeoPoint) -> None:
-        """Store the origin of the local frame."""
+    def write_origin(self, origin: GeoPoint | None) -> None:
+        """Store the origin of the local frame, or that there is none."""
         with self._transaction() as rows:
             rows.put_meta('origin', unstructure(origin))
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import time
 import traceback
 from collections.abc import Awaitable, Callable, Iterable, Iterator
 from functools import partial
@@ -24,6 +25,7 @@ from offradar_ros.errors import MapError, RefusedInput
 from offradar_ros.mapping.session_report import SessionReport
 from offradar_ros.mapping.sessions import SessionMap
 from offradar_ros.messages import point_from_fix, pose_from_odometry, stamp_ns
+from offradar_ros.positions.clocks import ArrivalClocks, clock_problem
 from offradar_ros.radar.seen_stamps import SeenStamps
 from offradar_ros.ros import qos
 from offradar_ros.ros.diagnostics import Trouble
@@ -36,6 +38,8 @@ from offradar_ros.ros.stage_node import StageNode
 from offradar_ros.stages.map import Form, MapStage, MapUpdate
 from offradar_ros.types import PlaceTable
 
+CLOCK_OFFSET_S = 2.0
+"""A larger difference between the latencies of embeddings and positions is one between their clocks."""
 DESTRUCTIVE = ('undo_session', 'clear')
 """The services that take mapped drives away; `map.allow_destructive` allows them."""
 POLL_S = 0.02
@@ -105,6 +109,7 @@ class MapServerNode(StageNode):
             )
         self._last_stamp_ns = self._last_position_ns = 0
         self._refused_model = ''
+        self._clocks = ArrivalClocks()
         self._map: SessionMap | None = None
 
     def configure(self) -> None:
@@ -162,7 +167,12 @@ class MapServerNode(StageNode):
             yield Trouble('not_saved', unsaved, is_error=True)
         elif self.config.map.path and (trouble := disk_trouble(Path(self.config.map.path))):
             yield trouble
-        if self.status.recent_reason('no_position', RECENT_S) and not self._positions.watch.is_silent:
+        if problem := self.stage.problem():
+            yield Trouble('origin', problem, is_error=True)
+        # An embedding arrives later than its scan by what the encoder takes.
+        if clocks := clock_problem(self._clocks.offset_s(), CLOCK_OFFSET_S):
+            yield Trouble('clocks_apart', clocks)
+        elif self.status.recent_reason('no_position', RECENT_S) and not self._positions.watch.is_silent:
             yield Trouble('positions_apart', f'scans have no position, though positions come: {self._why_apart()}')
 
     def _why_apart(self) -> str:
@@ -196,6 +206,7 @@ class MapServerNode(StageNode):
 
     def _on_embedding(self, message: PointCloud2) -> None:
         self._last_stamp_ns = stamp_ns(message.header.stamp)
+        self._clocks.add_scan(time.monotonic_ns(), self._last_stamp_ns)
         try:
             embedding = embedding_record(message, 'embedding')
             # One that could not be encoded may be encoded by a second encoder.
@@ -210,13 +221,20 @@ class MapServerNode(StageNode):
 
     def _on_fix(self, message: NavSatFix) -> None:
         self._last_position_ns = stamp_ns(message.header.stamp)
+        self._clocks.add_position(time.monotonic_ns(), self._last_position_ns)
         self._publish_updates(self.stage.add_point(stamp_ns(message.header.stamp), point_from_fix(message)))
 
     def _on_odometry(self, message: Odometry) -> None:
         self._last_position_ns = stamp_ns(message.header.stamp)
+        self._clocks.add_position(time.monotonic_ns(), self._last_position_ns)
         self._publish_updates(self.stage.add_pose(stamp_ns(message.header.stamp), pose_from_odometry(message)))
 
     def _publish_updates(self, updates: Iterable[MapUpdate]) -> None:
+        for left_out in self.stage.take_left_out():
+            self.refuse(left_out, 'position')
+        if self.stage.take_discarded():
+            self.get_logger().warning('what was mapped of this session lay around a wrong fix: discarded')
+            self._publish_committed()
         for update in updates:
             if update.problem:
                 self.refuse(update.problem, 'embedding')

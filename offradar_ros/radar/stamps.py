@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from offradar_ros.errors import RefusedInput
+from offradar_ros.positions.rules import require_stamp
 
 
 class StampGate:
@@ -15,9 +16,11 @@ class StampGate:
     def check(self, stamp_ns: int) -> bool:
         """True if the recording restarted: the stamp jumped back by more than `restart_after_ns`.
 
-        RefusedInput('repeated_stamp') for the last stamp again, RefusedInput('stamp_backwards') for a smaller jump
-        back. The next stamp is compared with the last accepted one.
+        RefusedInput('invalid_stamp') before 0 or after the year 2100, RefusedInput('repeated_stamp') for the last stamp
+        again, RefusedInput('stamp_backwards') for a smaller jump back. The next stamp is compared with the last
+        accepted one.
         """
+        require_stamp(stamp_ns)
         back_ns = 0 if self._last_ns is None else self._last_ns - stamp_ns
         if self._last_ns is not None and back_ns == 0:
             raise RefusedInput('repeated_stamp', f'stamp {stamp_ns} ns was already received: expected a later one')

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import functools
 from collections import Counter
@@ -10,18 +11,22 @@ from typing import Any
 
 from offradar_ros.config import Config
 from offradar_ros.encoders.protocol import Encoder
-from offradar_ros.errors import RefusedInput
+from offradar_ros.errors import DataError, RefusedInput
+from offradar_ros.geometry import GeoPoint
 from offradar_ros.mapping.session_report import SessionReport
 from offradar_ros.mapping.sessions import SessionMap
 from offradar_ros.messages import point_from_fix, pose_from_odometry, stamp_ns
+from offradar_ros.positions.clocks import ArrivalClocks, clock_problem
+from offradar_ros.positions.track import PositionTrack
 from offradar_ros.recordings.bags.position_topic import position_topic
 from offradar_ros.recordings.bags.reader import Bag, RawMessage
 from offradar_ros.recordings.bags.scan_topic import DECODERS, scan_topic
 from offradar_ros.recordings.bags.topics import FIX_TYPE, ODOMETRY_TYPE, VEHICLE_ODOMETRY, ChosenTopics
+from offradar_ros.recordings.datasets.check.clocks import ScanClock
 from offradar_ros.stages.encode import EncodeStage
 from offradar_ros.stages.map import MapStage, MapUpdate
 from offradar_ros.stages.query import QueryStage
-from offradar_ros.types import Localisation, Outcome, PlaceTable
+from offradar_ros.types import Localisation, Outcome, PlaceTable, PolarScan, Pose
 
 POSITION_TYPES = {'fix': FIX_TYPE, 'odometry': ODOMETRY_TYPE}
 """Message type of the positions, by position.source."""
@@ -36,12 +41,14 @@ class DriveResult:
         localisations: where the vehicle is after each embedding; None where that is not known.
         report: of the session that the drive was mapped as; None if it was not mapped.
         refused: dropped scans and positions by cause.
+        warnings: what keeps positions out of the map, or spoils them, one line each.
     """
 
     outcomes: tuple[Outcome, ...]
     localisations: tuple[Localisation | None, ...]
     report: SessionReport | None
     refused: Counter[str]
+    warnings: tuple[str, ...] = ()
 
 
 def drive(
@@ -65,8 +72,12 @@ def drive(
     chosen = topics or ChosenTopics()
     scans = scan_topic(bag, config.radar, chosen.scans)
     positions = None
-    if session is not None:
+    try:
         positions = position_topic(bag, scans, chosen.positions, POSITION_TYPES[config.position.source])
+    except DataError:
+        # Who maps nothing needs none; they only tell whether the clocks agree.
+        if session is not None:
+            raise
     whole = _Drive(bag, config, encoder, session_map, session, scans, positions)
     return whole.run(progress or (lambda _done, _total: None))
 
@@ -93,6 +104,9 @@ class _Drive:
         self._outcomes: list[Outcome] = []
         self._localisations: list[Localisation | None] = []
         self._refused: Counter[str] = Counter()
+        self._clocks = ArrivalClocks()
+        self._motion = ScanClock()
+        self._track = PositionTrack(geodetic=bool(positions) and bag.topics[positions or ''] == FIX_TYPE)
         if isinstance(session_map, PlaceTable):
             self._query.load(session_map, self._fingerprint)
             return
@@ -112,24 +126,28 @@ class _Drive:
             message = self._bag.decode(raw)
             try:
                 if raw.topic == scans:
-                    self._handle_scan(raw.msgtype, message)
+                    self._handle_scan(raw, message)
                     progress(len(self._outcomes), total)
                     continue
                 if raw.topic in odometry:
                     self._query.add_odometry(stamp_ns(message.header.stamp), pose_from_odometry(message))
-                if self._mapping and raw.topic in positions:
-                    self._apply(_added_position(self._mapping, raw.msgtype, message))
+                if raw.topic in positions:
+                    self._handle_position(raw, message)
             except RefusedInput as problem:
                 self._refused[problem.cause] += 1
         report = None
+        warnings = [self._clock_problem()]
         if self._mapping:
             updates, report = self._mapping.end_session()
             self._apply(updates)
-        return DriveResult(tuple(self._outcomes), tuple(self._localisations), report, self._refused)
+            warnings.append(self._mapping.problem())
+        told = tuple(warning for warning in warnings if warning)
+        return DriveResult(tuple(self._outcomes), tuple(self._localisations), report, self._refused, told)
 
-    def _handle_scan(self, msgtype: str, message: Any) -> None:
-        decode = functools.partial(DECODERS[msgtype], message, self._config.radar)
-        encoded = self._encode.encode(stamp_ns(message.header.stamp), decode)
+    def _handle_scan(self, raw: RawMessage, message: Any) -> None:
+        stamp = stamp_ns(message.header.stamp)
+        self._clocks.add_scan(raw.log_ns, stamp)
+        encoded = self._encode.encode(stamp, functools.partial(self._decoded, raw.msgtype, message))
         if encoded.problem:
             self._refused[encoded.problem.cause] += 1
         if encoded.embedding is not None:
@@ -137,6 +155,34 @@ class _Drive:
             self._localisations.append(self._localised())
             if self._mapping:
                 self._apply(self._mapping.add_embedding(encoded.embedding))
+
+    def _decoded(self, msgtype: str, message: Any) -> PolarScan:
+        scan: PolarScan = DECODERS[msgtype](message, self._config.radar)
+        self._motion.add(scan)
+        return scan
+
+    def _handle_position(self, raw: RawMessage, message: Any) -> None:
+        try:
+            stamp = stamp_ns(message.header.stamp)
+            position = point_from_fix(message) if raw.msgtype == FIX_TYPE else pose_from_odometry(message)
+        except RefusedInput:
+            if self._mapping:
+                raise
+            return
+        self._clocks.add_position(raw.log_ns, stamp)
+        with contextlib.suppress(RefusedInput):
+            if isinstance(position, Pose):
+                self._track.add_pose(stamp, position)
+            else:
+                self._track.add_point(stamp, dataclasses.astuple(position))
+        if self._mapping and isinstance(position, Pose):
+            self._apply(self._mapping.add_pose(stamp, position))
+        elif self._mapping and isinstance(position, GeoPoint):
+            self._apply(self._mapping.add_point(stamp, position))
+
+    def _clock_problem(self) -> str:
+        by_arrival = clock_problem(self._clocks.offset_s())
+        return by_arrival or self._motion.problem(self._track.trajectory(), self._config.position.max_gap_s)
 
     def _localised(self) -> Localisation | None:
         try:
@@ -146,18 +192,15 @@ class _Drive:
             return None
 
     def _apply(self, updates: Iterable[MapUpdate]) -> None:
+        if self._mapping:
+            self._refused.update(left_out.cause for left_out in self._mapping.take_left_out())
+            if self._mapping.take_discarded():
+                self._query.load(self._mapping.map.committed(), self._fingerprint)
         for update in updates:
             if update.problem:
                 self._refused[update.problem.cause] += 1
             elif len(update.changed):
                 self._query.update(update.changed, self._fingerprint, committed=False)
-
-
-def _added_position(mapping: MapStage, msgtype: str, message: Any) -> list[MapUpdate]:
-    stamp = stamp_ns(message.header.stamp)
-    if msgtype == FIX_TYPE:
-        return mapping.add_point(stamp, point_from_fix(message))
-    return mapping.add_pose(stamp, pose_from_odometry(message))
 
 
 def in_lockstep_order(bag: Bag, scan_topic: str, others: Sequence[str], ahead_s: float) -> Iterator[RawMessage]:

@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 from offradar_ros.config import PositionConfig, RadarConfig
 from offradar_ros.errors import DataError, RefusedInput
 from offradar_ros.geometry import GeoPoint, LocalFrame, Trajectory
+from offradar_ros.positions.clocks import clock_problem
 from offradar_ros.recordings.bags.topics import ChosenTopics
+from offradar_ros.recordings.left_out import left_out_text
 from offradar_ros.recordings.source import open_source
 from offradar_ros.recordings.spacing import path_length_m, subsample_by_distance
 from offradar_ros.sequence import RadarSequence
@@ -120,6 +122,10 @@ def open_road(
                 f'{path}: expected positions as those of {paths[0]}, in degrees or in metres: they cannot be compared'
             )
         drive = positioned(sequence, path, frame, max_gap_s)
+        trajectory = trajectory_of(sequence, path)
+        notes += [left_out_text(sequence.name, left_out) for left_out in trajectory.left_out]
+        clocks = clock_problem(trajectory.clock_offset_s)
+        notes += [f'{sequence.name}: {clocks}'] if clocks else []
         missing = len(sequence) - len(drive)
         if missing:
             notes.append(f'{sequence.name}: {missing} of {len(sequence)} scans have no position: left out')

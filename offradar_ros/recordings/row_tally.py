@@ -1,4 +1,4 @@
-"""A sequence that tells afterwards which of its scans had rows that were mended."""
+"""A sequence that tells afterwards which of its scans had rows that were mended, and how the radar moved."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros.geometry import Trajectory
+from offradar_ros.recordings.datasets.check.clocks import ScanClock
 from offradar_ros.sequence import RadarSequence
 from offradar_ros.types import PolarScan
 
@@ -20,11 +21,13 @@ class TalliedSequence:
 
     Attributes:
         faults: number of the scans read so far by what was wrong with some of their rows and has been mended.
+        clock: the motion of the scans read so far.
     """
 
     def __init__(self, sequence: RadarSequence) -> None:
         self._sequence = sequence
         self.faults: Counter[str] = Counter()
+        self.clock = ScanClock()
 
     @property
     def name(self) -> str:
@@ -53,4 +56,5 @@ class TalliedSequence:
         """Scan `index`; raises as the sequence does."""
         scan = self._sequence.scan(index)
         self.faults.update(fault for fault in scan.row_faults if fault in MENDED)
+        self.clock.add(scan)
         return scan

@@ -7,23 +7,21 @@ import dataclasses
 import enum
 import math
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-
-import numpy as np
-from numpy.typing import NDArray
 
 from offradar_ros.config import Config
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.errors import MapError, RefusedInput
-from offradar_ros.geometry import GeoPoint, LocalFrame
-from offradar_ros.mapping.pending import PendingEmbeddings, Resolved
+from offradar_ros.geometry import GeoPoint
+from offradar_ros.mapping.pending import Resolved
 from offradar_ros.mapping.session_report import SessionReport, UndoReport
 from offradar_ros.mapping.sessions import SessionMap
+from offradar_ros.positions.rules import geo_point, require_pose
+from offradar_ros.stages.map_frame import MapFrame
+from offradar_ros.stages.positioning import Positioning
 from offradar_ros.types import Embedding, PlaceTable, Pose
 
-MAX_EXTENT_M = 100_000.0
-"""Positions farther than this from the origin are refused: the frame is flat."""
 MAX_MESSAGE_PLACES = 50_000
 """Largest map that is sent as a message: for a larger one the query node reads the file."""
 POSITION_GAP_S = 0.5
@@ -81,13 +79,11 @@ class MapStage:
     def __init__(self, config: Config, session_map: SessionMap, clock: Callable[[], float] = time.monotonic) -> None:
         self.map = session_map
         self._clock = clock
-        self._pending = PendingEmbeddings(config.position)
+        self._positioning: Positioning[GeoPoint | Pose] = Positioning(config.position, self._placed)
         self._waiting_for_model: collections.deque[Embedding] = collections.deque()
-        self._frame = LocalFrame(session_map.origin) if session_map.origin else None
-        self._restart_after_ns = round(config.position.restart_after_s * 1e9)
-        self._wait_ns = round(config.position.wait_s * 1e9)
+        self._frame = MapFrame(session_map.origin)
+        self._discarded = False
         self._autosave_s = config.map.autosave_s if config.map.path else 0.0
-        self._last_scan_ns = 0
         self._position_s = -math.inf
         self._saved_s = clock()
         self._changed_since_view = False
@@ -110,43 +106,45 @@ class MapStage:
         return [update for embedding in waiting for update in self.add_embedding(embedding)]
 
     def add_point(self, stamp_ns: int, point: GeoPoint) -> list[MapUpdate]:
-        """Add a geodetic position. The origin of the map is the first position of the first drive that is mapped.
+        """Add a geodetic position. The origin of an empty map is one that most positions of its first drive are near.
 
-        RefusedInput('far_position') for one farther than `MAX_EXTENT_M` from the origin, such as 0°, 0°.
+        RefusedInput: as `geo_point` and `PositionOrder.add`; `far_position` for one farther than `FAR_M` from the
+        origin. Positions that turn out later not to count are told of by `take_left_out`.
         """
         self._position_s = self._clock()
-        frame = self._frame or LocalFrame(point)
-        enu = self._enu(frame, point)
-        if np.linalg.norm(enu) > MAX_EXTENT_M:
-            if self.map.origin:
-                kilometres = np.linalg.norm(enu) / 1000.0
-                raise RefusedInput(
-                    'far_position',
-                    f'position {point.latitude_deg:.5f}°, {point.longitude_deg:.5f}° is {kilometres:.0f} km from the '
-                    f"map's origin: expected at most {MAX_EXTENT_M / 1000.0:.0f} km",
-                )
-            # Nothing is mapped yet: the first position was wrong, not this one.
-            self._pending.forget_positions()
-            frame = LocalFrame(point)
-            enu = self._enu(frame, point)
-        self._frame = frame
-        return self.add_pose(stamp_ns, Pose(float(enu[0]), float(enu[1]), float(enu[2])))
-
-    @staticmethod
-    def _enu(frame: LocalFrame, point: GeoPoint) -> NDArray[np.float64]:
-        lla = np.array([[point.latitude_deg, point.longitude_deg, point.altitude_m]])
-        enu: NDArray[np.float64] = frame.to_enu(lla)[0]
-        return enu
+        point = geo_point(*dataclasses.astuple(point))
+        return self._merged(self._positioning.add_position(stamp_ns, point))
 
     def add_pose(self, stamp_ns: int, pose: Pose) -> list[MapUpdate]:
         """Add a pose in the map frame; RefusedInput if it is invalid or not newer than the last."""
         self._position_s = self._clock()
-        updates: list[MapUpdate] = []
-        last_ns = self._pending.last_position_ns
-        if last_ns is not None and last_ns - stamp_ns > self._restart_after_ns:
-            updates = self.flush()
-            self._pending.clear()
-        return updates + self._merged(self._pending.add_position(stamp_ns, pose))
+        return self._merged(self._positioning.add_position(stamp_ns, require_pose(pose)))
+
+    def _placed(self, stamp_ns: int, position: GeoPoint | Pose) -> Sequence[tuple[int, Pose]]:
+        if isinstance(position, Pose):
+            return [(stamp_ns, position)]
+        poses, left_out, has_moved = self._frame.place(stamp_ns, position)
+        self._positioning.leave_out(left_out)
+        if has_moved:
+            self._positioning.forget_positions()
+            if self.map.origin is not None:
+                # What was mapped of this first drive lies in the frame of a wrong fix.
+                self.map.restart_session('far_position')
+                self._discarded = True
+        return poses
+
+    def take_left_out(self) -> list[RefusedInput]:
+        """Why positions do not count that were accepted, or held, when they came; each once."""
+        return self._positioning.take_left_out()
+
+    def take_discarded(self) -> bool:
+        """Whether, since the last call, what was mapped of the running session was discarded: publish the map again."""
+        discarded, self._discarded = self._discarded, False
+        return discarded
+
+    def problem(self) -> str:
+        """What keeps positions out of the map, and what to do; empty if nothing does."""
+        return self._frame.problem()
 
     def add_embedding(self, embedding: Embedding) -> list[MapUpdate]:
         """Add an embedding of the running session; it is merged as soon as its model and position are known.
@@ -168,24 +166,18 @@ class MapStage:
         except RefusedInput as refused:
             # Before it takes a place in the queue, or its stamp counts as that of a scan.
             return [self._refused(embedding, refused)]
-        updates: list[MapUpdate] = []
-        if embedding.stamp_ns < self._last_scan_ns:
-            # The recording starts again: the waiting embeddings will get no position.
-            updates = self.flush()
-            last_ns = self._pending.last_position_ns
-            if last_ns is not None and last_ns - embedding.stamp_ns > self._wait_ns:
-                self._pending.forget_positions()
-        self._last_scan_ns = embedding.stamp_ns
-        return updates + self._merged(self._pending.add_embedding(embedding))
+        return self._merged(self._positioning.add_scan(embedding))
 
     @property
     def expects_positions(self) -> bool:
         """Whether scans wait for positions and these still arrive: a session that ends now would drop the scans."""
-        return bool(len(self._pending)) and self._clock() - self._position_s < POSITION_GAP_S
+        return bool(len(self._positioning)) and self._clock() - self._position_s < POSITION_GAP_S
 
     def flush(self) -> list[MapUpdate]:
         """Merge or drop every waiting scan, as when no later position will arrive."""
-        return self._merged(self._pending.flush())
+        updates = self._merged(self._positioning.flush())
+        self._positioning.leave_out(self._frame.take_far())
+        return updates
 
     def start_session(self, stamp_ns: int) -> str:
         """Start a session at this stamp, or continue a running one without scans; returns what was done.
@@ -202,18 +194,24 @@ class MapStage:
         updates = [*self._drop_waiting_for_model(0), *self.flush()]
         changed = self.map.running() if self._file_is_read else None
         report = self.map.end_session()
+        if self.map.origin is not None:
+            self._frame.settle()
         self._changed = changed
         return updates, report
 
     def undo_session(self) -> UndoReport:
         """Discard the running session with its waiting scans, or else undo the session that ended last."""
         self._forget_waiting()
-        return self.map.undo_session()
+        report = self.map.undo_session()
+        self._forget_origin()
+        return report
 
     def clear(self) -> Path | None:
         """Empty the map and drop the waiting scans; returns the path of the copy, as `SessionMap.clear`."""
         self._forget_waiting()
-        return self.map.clear()
+        copy = self.map.clear()
+        self._forget_origin()
+        return copy
 
     def save(self) -> bool:
         """Write the changes of the running session to disk, and the whole map where its file was removed.
@@ -262,7 +260,13 @@ class MapStage:
 
     def _forget_waiting(self) -> None:
         self._waiting_for_model.clear()
-        self._pending.forget_embeddings()
+        self._positioning.forget_scans()
+
+    def _forget_origin(self) -> None:
+        """Where the map has none any more, the next positions decide."""
+        if self.map.origin is None:
+            self._frame = MapFrame(None)
+            self._positioning.forget_positions()
 
     def _drop_waiting_for_model(self, kept: int) -> list[MapUpdate]:
         """Drop the oldest embeddings that wait for their model until `kept` are left."""
@@ -283,7 +287,7 @@ class MapStage:
             problem = RefusedInput(resolved.cause, f'{waits} scan {embedding.stamp_ns} ns: not mapped')
             return self._refused(embedding, problem)
         try:
-            if self.map.origin is None and self._frame is not None and self.map.running_session_id is not None:
+            if self.map.origin is None and self._frame.origin and self.map.running_session_id is not None:
                 self.map.set_origin(self._frame.origin)
             merge = self.map.merge(embedding, resolved.pose)
         except RefusedInput as refused:

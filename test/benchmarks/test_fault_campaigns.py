@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -22,6 +23,8 @@ SCALES = {'flips': 0.02, 'records': 0.02, 'kills': 0.04, 'power': 0.15, 'files':
 
 @pytest.mark.parametrize('name', CAMPAIGNS)
 def test_a_short_campaign_finds_nothing(name: str) -> None:
+    if name == 'power' and shutil.which(os.environ.get('CC', 'cc')) is None:
+        pytest.skip('a power cut is simulated from recorded writes, and the recorder needs a C compiler')
     command = [sys.executable, 'benchmarks/fault_campaigns.py', '--only', name, '--scale', str(SCALES[name])]
     environment = {**os.environ, 'PYTHONPATH': str(PROJECT)}
     ran = subprocess.run(

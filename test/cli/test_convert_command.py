@@ -13,8 +13,9 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from rosbags.rosbag2 import StoragePlugin, Writer
 
-from offradar_ros.recordings.bags.reader import Bag
+from offradar_ros.recordings.bags.reader import TYPES, Bag
 from offradar_ros.recordings.bags.sequence import BagSequence
 from offradar_ros.recordings.datasets.registry import LAYOUTS, open_sequence
 
@@ -56,13 +57,13 @@ def test_an_offset_brings_positions_of_another_clock_back(
 ) -> None:
     folder = real_data / 'radiate_tiny_foggy'
     printed = done('convert', folder, tmp_path / 'apart')
-    (warning,) = [line for line in printed.splitlines() if line.startswith('warning: ')]
+    (warning,) = [line for line in printed.splitlines() if 'no scan has a position' in line]
     assert warning == (
         'warning: positions: no scan has a position: positions start 59.8 s after the last scan '
         '(if the clocks disagree: offradar convert --position-offset-s -64.1)'
     )
     assert set(counts(tmp_path / 'apart')) == {'/radar_data/b_scan_image'}
-    assert 'warning' not in done('convert', folder, tmp_path / 'joined', '--position-offset-s', '-64.1')
+    assert 'no scan' not in done('convert', folder, tmp_path / 'joined', '--position-offset-s', '-64.1')
     printed = done('convert', folder, tmp_path / 'nearer', '--position-offset-s', '-30')
     assert '--position-offset-s -64.1)' in printed
     assert counts(tmp_path / 'joined')['/gps/fix'] > 18
@@ -285,3 +286,40 @@ def test_mended_rows_are_reported(done: Callable[..., str], tmp_path: Path) -> N
     assert 'warning: encoder counts that contradict the others, their azimuths are interpolated: 2 scans\n' in printed
     assert "warning: row stamps of a clock that was never set, or in no order: the scan's stamp is taken" in printed
     assert 'problem' not in done('check', tmp_path / 'bag')
+
+
+def test_a_damaged_row_of_positions_costs_no_drive(
+    done: Callable[..., str], radiate_folder: Path, tmp_path: Path
+) -> None:
+    listing = radiate_folder / 'GPS_IMU_Twist.txt'
+    whole = listing.read_text()
+    sound = done('convert', radiate_folder, tmp_path / 'sound', '--position-offset-s', '-60')
+    listing.write_text(whole + 'Frame: 0001')
+    printed = done('convert', radiate_folder, tmp_path / 'cut', '--position-offset-s', '-60')
+    assert counts(tmp_path / 'cut') == counts(tmp_path / 'sound')
+    assert 'left out' not in sound
+    assert f'warning: positions: 1 position left out: damaged (line {len(whole.splitlines()) + 1}: ' in printed
+
+
+def test_a_bag_of_clocks_that_disagree_is_corrected_by_the_option(
+    done: Callable[..., str], street_bag: Callable[..., Path], tmp_path: Path
+) -> None:
+    with Bag(street_bag('true', count=160)) as bag:
+        messages = [(raw.topic, raw.msgtype, raw.log_ns, bag.decode(raw)) for raw in bag.messages()]
+    with Writer(tmp_path / 'apart', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connections = {
+            topic: writer.add_connection(topic, kind, typestore=TYPES) for topic, kind in {m[:2] for m in messages}
+        }
+        for topic, kind, log_ns, message in messages:
+            if topic == '/radar_data/b_scan_image':
+                message.header.stamp.sec -= 37
+            writer.write(connections[topic], log_ns, TYPES.serialize_cdr(message, kind))
+    printed = done('convert', tmp_path / 'apart', tmp_path / 'uncorrected')
+    option = printed.partition('offradar convert ')[2].splitlines()[0].split()
+    assert option == ['--position-offset-s', '-37.0']
+    assert 'disagree' not in done('convert', tmp_path / 'apart', tmp_path / 'corrected', *option)
+    trajectory = BagSequence(tmp_path / 'corrected').trajectory
+    true = BagSequence(tmp_path / 'true').trajectory
+    assert trajectory is not None
+    assert true is not None
+    np.testing.assert_array_equal(trajectory.stamps_ns + 37 * 10**9, true.stamps_ns)

@@ -588,3 +588,21 @@ def test_a_log_that_was_removed_behind_a_reader_takes_nothing_with_it(tmp_path: 
     """
     killed(code, path, READER)
     assert sessions_of(path) == [(1, 'ended'), (2, 'ended')]
+
+
+def test_a_refused_second_writer_of_the_same_process_does_not_release_the_locks_of_the_first(
+    opened: SessionMap,
+) -> None:
+    """A process that closes a file loses all its locks on it, SQLite's among them."""
+    path = Path(opened.config.path)
+    code = """
+        import fcntl, sys
+        with open(sys.argv[1], 'r+b') as file:
+            # The bytes that SQLite locks to share a file.
+            fcntl.lockf(file, fcntl.LOCK_EX | fcntl.LOCK_NB, 510, 0x40000002)
+    """
+    assert 'BlockingIOError' in run(code, path).stderr
+    path.with_name('a.map.lock').unlink()
+    with pytest.raises(MapError, match='in use by another process'):
+        open_map(path)
+    assert 'BlockingIOError' in run(code, path).stderr

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections
+import os
 import random
 import shutil
 import sqlite3
@@ -322,3 +323,12 @@ def test_a_map_whose_ids_reach_far_takes_no_memory_for_those_between(tmp_path: P
     )
     assert read_map(path).places.place_ids[-1] == far
     np.testing.assert_array_equal(read_map(path).places.place_ids[:5], np.arange(5))
+
+
+def test_what_is_not_a_file_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / 'fifo')
+    for path in (tmp_path, tmp_path / 'fifo', Path('/dev/zero')):
+        with pytest.raises(MapError, match='not a file: expected the path of a map file'):
+            read_map(path)
+    with pytest.raises(MapError, match='not a file: expected'):
+        open_map(tmp_path / 'fifo')

@@ -217,6 +217,17 @@ def test_without_hard_links_a_copy_is_renamed_and_replaces_nothing(
     assert (tmp_path / 'c.map').read_text() == 'precious'
 
 
+def test_a_file_that_appears_while_a_copy_is_written_is_not_replaced(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, copy = tmp_path / 'a.map', tmp_path / 'b.map'
+    make_map(path, 1.0)
+    monkeypatch.setattr('offradar_ros.mapping.whole_map._sync', lambda _: copy.write_text('precious'))
+    with pytest.raises(MapError, match='is there already'):
+        back_up(path, copy)
+    assert copy.read_text() == 'precious'
+
+
 def test_a_new_map_does_not_follow_a_link_that_was_put_in_its_way(tmp_path: Path) -> None:
     """No name that anybody can know before is written to."""
     target = tmp_path / 'target'

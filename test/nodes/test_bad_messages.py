@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import array
 import math
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -247,7 +248,8 @@ def test_a_scan_between_two_fixes_is_mapped_and_one_without_is_dropped(mapping: 
     ('bad', 'cause'),
     [
         (fix(10 * SECOND + 1, NavSatStatus.STATUS_NO_FIX), 'no_fix'),
-        (fix(10 * SECOND + 1, latitude=math.nan), 'invalid_position'),
+        (fix(10 * SECOND + 1, latitude=math.nan), 'no_fix'),
+        (fix(10 * SECOND + 1, latitude=0.0, longitude=0.0), 'no_fix'),
         (fix(10 * SECOND + 1, latitude=91.0), 'invalid_position'),
         (fix(10 * SECOND), 'repeated_position_stamp'),
         (fix(10 * SECOND - 1), 'position_stamp_backwards'),
@@ -261,6 +263,17 @@ def test_a_bad_fix_is_counted_and_never_interpolated_with(mapping: Mapping, bad:
     mapping.fix(fix(11 * SECOND))
     wait_until(lambda: mapping.places == 1)
     assert mapping.node.stage.map.places().positions_m[0] == pytest.approx([0.0, 0.0, 0.0], abs=1e-6)
+
+
+def test_clocks_that_disagree_are_in_the_diagnostics(mapping: Mapping) -> None:
+    def handled(count: int) -> bool:
+        return len(mapping.handled) >= count
+
+    for k in range(12):
+        mapping.fix(fix(100 * SECOND + k * SECOND // 10))
+        mapping.embed(embedding_message(embedding(63 * SECOND + k * SECOND // 10), 'radar'))
+        wait_until(partial(handled, k + 1))
+    wait_until(lambda: any('TAI is 37 s ahead of UTC' in trouble.text for trouble in mapping.node.troubles()))
 
 
 def test_embeddings_of_another_model_never_reach_the_map(mapping: Mapping) -> None:

@@ -67,3 +67,13 @@ def test_accepted_stamps_increase_between_restarts(stamps: list[int]) -> None:
             assert restarted == (stamp < accepted[-1])
             assert restarted == (accepted[-1] - stamp > 5 * SECOND)
         accepted.append(stamp)
+
+
+@pytest.mark.parametrize('stamp_ns', [-1, -(10**18), 4_102_444_800 * 10**9])
+def test_a_stamp_that_is_no_time_changes_nothing(stamp_ns: int) -> None:
+    gate = StampGate(10**9)
+    gate.check(5 * 10**9)
+    with pytest.raises(RefusedInput) as refused:
+        gate.check(stamp_ns)
+    assert refused.value.cause == 'invalid_stamp'
+    assert not gate.check(6 * 10**9)

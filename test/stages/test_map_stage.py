@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -98,10 +99,20 @@ def test_a_small_jump_back_of_positions_is_refused(stage: MapStage) -> None:
 def test_a_jump_back_of_positions_starts_again(stage: MapStage) -> None:
     stage.add_pose(*at(100.0))
     stage.add_embedding(embedding(100.25))
+    # One position may be wrong: the recording starts again when the scans do, too.
+    assert brief(stage.add_pose(*at(50.0))) == []
     # The waiting scan gets no position, and nothing is interpolated between the two recordings.
-    assert brief(stage.add_pose(*at(50.0))) == [(100.25, 'no_position')]
-    assert brief(stage.add_embedding(embedding(50.25))) == []
+    assert brief(stage.add_embedding(embedding(50.25))) == [(100.25, 'no_position')]
     assert brief(stage.add_pose(*at(50.5))) == [(50.25, 502.5)]
+
+
+def test_positions_that_stay_back_start_again_without_scans(stage: MapStage) -> None:
+    for tenths in range(20):
+        stage.add_pose(*at(100.0 + tenths / 10))
+    for tenths in range(21):
+        stage.add_pose(*at(50.0 + tenths / 10))
+    assert stage.take_left_out() == []
+    assert brief(stage.add_embedding(embedding(51.25))) == [(51.25, 512.5)]
 
 
 def test_a_jump_back_of_scans_drops_waiting_ones(stage: MapStage) -> None:
@@ -193,7 +204,9 @@ def test_the_origin_is_that_of_the_first_mapped_drive() -> None:
     stage = MapStage(Config(), SessionMap(MapConfig()))
     stage.map.adopt_model(MODEL)
     here = GeoPoint(51.75, -1.25, 70.0)
-    stage.add_point(SECOND, GeoPoint(0.0, 0.0, 0.0))
+    with pytest.raises(RefusedInput, match='stands for no fix') as refusal:
+        stage.add_point(SECOND, GeoPoint(0.0, 0.0, 0.0))
+    assert refusal.value.cause == 'no_fix'
     assert stage.map.origin is None
     stage.add_point(2 * SECOND, here)
     stage.map.start_session('one', 0)
@@ -201,8 +214,9 @@ def test_the_origin_is_that_of_the_first_mapped_drive() -> None:
     stage.add_embedding(embedding(2.5))
     assert stage.map.origin == here
     assert len(stage.map) == 1
+    stage.end_session()
     with pytest.raises(RefusedInput, match=r"km from the map's origin: expected at most 100 km") as refusal:
-        stage.add_point(4 * SECOND, GeoPoint(0.0, 0.0, 0.0))
+        stage.add_point(4 * SECOND, GeoPoint(10.0, 10.0, 0.0))
     assert refusal.value.cause == 'far_position'
 
 
@@ -408,6 +422,150 @@ def test_a_view_is_returned_only_after_changes(stage: MapStage, monkeypatch: pyt
     stage.add_pose(*at(5.0))
     stage.add_embedding(embedding(5.0))
     assert stage.changed_view() is None
+
+
+FAR = GeoPoint(37.42, -122.08, 5.0)
+"""Where the receiver was made, on another continent."""
+
+
+def drive_point(seconds: float) -> GeoPoint:
+    """A vehicle at 10 m/s northwards."""
+    return GeoPoint(51.75 + 10.0 * seconds / 111_250, -1.25, 70.0)
+
+
+def first_drive(stage: MapStage, wrong: Sequence[int], count: int = 40) -> list[str]:
+    """Two scans and two positions a second; those of the rows `wrong` are on another continent."""
+    causes = []
+    for k in range(count):
+        point = FAR if k in wrong else drive_point(k / 2)
+        try:
+            stage.add_point(k * SECOND // 2, point)
+        except RefusedInput as refused:
+            causes.append(refused.cause)
+        stage.add_embedding(embedding(k / 2))
+    return causes
+
+
+@pytest.mark.parametrize('wrong', [range(1), range(2), range(15), range(10, 12), range(20, 39)])
+def test_the_origin_is_one_that_most_positions_agree_with(session_map: SessionMap, wrong: range) -> None:
+    """Whatever comes first, and though scans were mapped around a wrong fix meanwhile."""
+    stage = MapStage(Config(), session_map)
+    first_drive(stage, wrong)
+    _, report = stage.end_session()
+    assert session_map.origin is not None
+    assert session_map.origin.latitude_deg == pytest.approx(51.75, abs=0.01)
+    places = session_map.places()
+    assert np.abs(places.positions_m).max() < 1000.0
+    assert report.inserted + report.replaced + report.kept + sum(report.dropped.values()) == 40
+    assert report.inserted == len(places) >= 40 - len(wrong) - 4
+    assert Counter(r.cause for r in stage.take_left_out()) == {'far_position': len(wrong)}
+
+
+def test_what_was_mapped_around_a_wrong_fix_is_told_of_once(session_map: SessionMap) -> None:
+    stage = MapStage(Config(), session_map)
+    first_drive(stage, range(10), 19)
+    assert not stage.take_discarded()
+    assert len(session_map) == 1
+    first_drive(stage, (), 0)
+    stage.add_point(19 * SECOND // 2, drive_point(9.5))
+    stage.add_point(20 * SECOND // 2, drive_point(10.0))
+    assert stage.take_discarded()
+    assert not stage.take_discarded()
+    _, report = stage.end_session()
+    assert report.dropped['far_position'] > 0
+
+
+def test_an_origin_that_a_session_ended_with_stays(session_map: SessionMap) -> None:
+    stage = MapStage(Config(), session_map)
+    first_drive(stage, ())
+    stage.end_session()
+    origin = session_map.origin
+    stage.start_session(0)
+    for k in range(100):
+        with pytest.raises(RefusedInput, match='km from the map') as refused:
+            stage.add_point(20 * SECOND + k * SECOND // 2, FAR)
+        assert refused.value.cause == 'far_position'
+    assert session_map.origin == origin
+
+
+def test_a_spoilt_origin_is_told_of_with_the_remedy(tmp_path: Path) -> None:
+    config = Config(map=MapConfig(path=str(tmp_path / 'a.map')))
+    with SessionMap(config.map) as session_map:
+        session_map.adopt_model(MODEL)
+        stage = MapStage(config, session_map)
+        stage.start_session(0)
+        first_drive(stage, range(40))
+        stage.end_session()
+        assert stage.problem() == ''
+    with SessionMap(config.map) as session_map:
+        stage = MapStage(config, session_map)
+        stage.start_session(0)
+        assert len(first_drive(stage, ())) == 40
+        assert 'its origin was a wrong fix: undo its sessions or clear it' in stage.problem()
+        assert '\n' not in stage.problem()
+        stage.clear()
+        assert stage.problem() == ''
+        for k in range(40):
+            stage.add_point((100 + k) * SECOND // 2, drive_point(k / 2))
+            stage.add_embedding(embedding(50.0 + k / 2))
+        _, report = stage.end_session()
+        assert report.inserted > 0
+        assert session_map.origin is not None
+        assert session_map.origin.latitude_deg == pytest.approx(51.75, abs=0.01)
+
+
+def test_an_origin_at_zero_is_told_of_at_once() -> None:
+    with SessionMap(MapConfig()) as session_map:
+        session_map.adopt_model(MODEL)
+        session_map.start_session('of an earlier version', 0)
+        session_map.set_origin(GeoPoint(0.0, 0.0, 0.0))
+        stage = MapStage(Config(), session_map)
+        assert "the map's origin is 0°, 0°" in stage.problem()
+
+
+@pytest.mark.parametrize('in_file', [False, True])
+@pytest.mark.parametrize('forget', [MapStage.undo_session, MapStage.clear])
+def test_a_map_without_places_has_no_origin(
+    tmp_path: Path, forget: Callable[[MapStage], object], in_file: bool
+) -> None:
+    config = Config(map=MapConfig(path=str(tmp_path / 'a.map') if in_file else ''))
+    with SessionMap(config.map) as session_map:
+        session_map.adopt_model(MODEL)
+        stage = MapStage(config, session_map)
+        stage.start_session(0)
+        first_drive(stage, range(40))
+        stage.end_session()
+        assert session_map.origin is not None
+        forget(stage)
+        assert session_map.origin is None
+    if in_file:
+        with SessionMap(config.map) as session_map:
+            assert session_map.origin is None
+
+
+def test_an_origin_stays_while_a_session_can_be_undone_that_has_places(session_map: SessionMap) -> None:
+    stage = MapStage(Config(), session_map)
+    first_drive(stage, ())
+    stage.end_session()
+    origin = session_map.origin
+    stage.start_session(0)
+    stage.add_point(100 * SECOND, drive_point(100.0))
+    stage.add_embedding(embedding(100.0))
+    stage.end_session()
+    stage.undo_session()
+    assert session_map.origin == origin
+
+
+def test_positions_that_are_none_never_reach_the_map(stage: MapStage) -> None:
+    for point in (GeoPoint(0.0, 0.0), GeoPoint(90.0, 0.0)):
+        with pytest.raises(RefusedInput):
+            stage.add_point(SECOND, point)
+    for pose in (Pose(math.nan, 0.0), Pose(1e10, 0.0), Pose(0.0, 0.0, math.inf)):
+        with pytest.raises(RefusedInput):
+            stage.add_pose(SECOND, pose)
+    with pytest.raises(RefusedInput) as refused:
+        stage.add_pose(-SECOND, Pose(0.0, 0.0))
+    assert refused.value.cause == 'invalid_stamp'
 
 
 def test_an_embedding_that_is_never_merged_does_not_wait(stage: MapStage) -> None:

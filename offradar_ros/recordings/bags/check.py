@@ -5,24 +5,36 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from offradar_ros.config import PositionConfig, RadarConfig
 from offradar_ros.errors import DataError, RefusedInput
 from offradar_ros.messages import stamp_ns
+from offradar_ros.positions.clocks import clock_problem
 from offradar_ros.recordings.bags.position_topic import position_topic
-from offradar_ros.recordings.bags.positions import position_topics, read_positions
+from offradar_ros.recordings.bags.positions import arrival_offset_s, arrivals, position_topics, trajectory_of
 from offradar_ros.recordings.bags.reader import Bag
 from offradar_ros.recordings.bags.scan_topic import DECODERS, scan_topic
-from offradar_ros.recordings.bags.topics import ChosenTopics
+from offradar_ros.recordings.bags.topics import FIX_TYPE, ChosenTopics
+from offradar_ros.recordings.datasets.check.clocks import ScanClock
 from offradar_ros.recordings.datasets.check.coverage import coverage
 from offradar_ros.recordings.datasets.check.findings import Finding, Findings, counted, note, ok, problem
 from offradar_ros.recordings.datasets.check.scans import ROW_FAULTS
 from offradar_ros.recordings.datasets.check.sizes import Sizes
 from offradar_ros.recordings.datasets.check.stamps import check_stamps
+from offradar_ros.recordings.left_out import left_out_text
+from offradar_ros.recordings.replayed_positions import count_positioned
 from offradar_ros.recordings.row_tally import MENDED
+
+
+class _Scans(NamedTuple):
+    """When the scans were recorded and their headers' stamps, in that order, and how the radar moved."""
+
+    logs_ns: list[int]
+    stamps_ns: list[int]
+    clock: ScanClock
 
 
 def check_bag(
@@ -33,12 +45,11 @@ def check_bag(
 ) -> Findings:
     """Read every message of a bag; DataError where it cannot be read at all."""
     with Bag(path) as bag:
-        max_gap_s = (position or PositionConfig()).max_gap_s
-        found = tuple(_findings(bag, radar or RadarConfig(), max_gap_s, topics or ChosenTopics()))
+        found = tuple(_findings(bag, radar or RadarConfig(), position or PositionConfig(), topics or ChosenTopics()))
     return Findings(Path(path), 'bag', found)
 
 
-def _findings(bag: Bag, radar: RadarConfig, max_gap_s: float, chosen: ChosenTopics) -> Iterator[Finding]:
+def _findings(bag: Bag, radar: RadarConfig, position: PositionConfig, chosen: ChosenTopics) -> Iterator[Finding]:
     for topic, count in bag.counts.items():
         yield ok(f'topic {topic}: {counted(count, "message")} of {bag.topics[topic]}')
     for (topic, msgtype), count in bag.left_out.items():
@@ -49,27 +60,29 @@ def _findings(bag: Bag, radar: RadarConfig, max_gap_s: float, chosen: ChosenTopi
         yield problem(str(error))
         return
     yield ok(f'scans: {topic}')
-    stamps: list[int] = []
+    scans = _Scans([], [], ScanClock())
     sizes = Sizes()
     refused: dict[str, list[str]] = {}
     mended: Counter[str] = Counter()
     for raw in bag.messages([topic]):
         message = bag.decode(raw)
-        stamps.append(stamp_ns(message.header.stamp))
         try:
+            stamp = stamp_ns(message.header.stamp)
+            scans.stamps_ns.append(stamp)
+            scans.logs_ns.append(raw.log_ns)
             scan = DECODERS[raw.msgtype](message, radar)
         except RefusedInput as refusal:
             refused.setdefault(refusal.cause, []).append(str(refusal))
         else:
             sizes.add(scan, f'at {scan.stamp_ns} ns')
+            scans.clock.add(scan)
             mended.update(fault for fault in scan.row_faults if fault in MENDED)
     yield from sizes.findings()
     for cause, messages in sorted(refused.items()):
         yield problem(f'{counted(len(messages), "scan")} would be refused ({cause}): {messages[0]}')
     for fault, count in mended.items():
         yield problem(f'{ROW_FAULTS[fault]}: {counted(count, "scan")}')
-    stamps_ns = np.array(stamps, np.int64)
-    yield from check_stamps(stamps_ns)
+    yield from check_stamps(np.array(scans.stamps_ns, np.int64))
     topics = position_topics(bag)
     try:
         positions = position_topic(bag, topic, chosen.positions)
@@ -79,15 +92,25 @@ def _findings(bag: Bag, radar: RadarConfig, max_gap_s: float, chosen: ChosenTopi
         if positions is not None:
             yield ok(f'positions: {positions}')
             topics = [positions] if chosen.positions else topics
-    yield from _positions(bag, topics, stamps_ns, max_gap_s)
+    yield from _positions(bag, topics, scans, position)
 
 
-def _positions(bag: Bag, topics: list[str], stamps_ns: NDArray[np.int64], max_gap_s: float) -> Iterator[Finding]:
+def _positions(bag: Bag, topics: list[str], scans: _Scans, position: PositionConfig) -> Iterator[Finding]:
     if not topics:
         yield note('no positions: this bag can be queried with, not mapped')
     for topic in topics:
-        trajectory, refused = read_positions(bag, topic)
-        for cause, count in sorted(refused.items()):
-            yield problem(f'{topic}: {counted(count, "position")} would be refused ({cause})')
-        if len(stamps_ns):
-            yield coverage(topic, stamps_ns, trajectory, max_gap_s)
+        found = list(arrivals(bag, topic))
+        trajectory = trajectory_of(found, geodetic=bag.topics[topic] == FIX_TYPE)
+        for left_out in trajectory.left_out:
+            yield problem(left_out_text(topic, left_out))
+        if not scans.stamps_ns:
+            continue
+        used = set(trajectory.stamps_ns.tolist())
+        usable = [(log_ns, stamp) for log_ns, stamp, _ in found if stamp in used]
+        in_time = count_positioned(zip(scans.logs_ns, scans.stamps_ns, strict=True), usable, position)
+        yield coverage(topic, np.array(scans.stamps_ns, np.int64), trajectory, position, in_time=in_time)
+        by_arrival = clock_problem(arrival_offset_s(zip(scans.logs_ns, scans.stamps_ns, strict=True), found))
+        if by_arrival:
+            yield problem(f'{topic}: {by_arrival}')
+        else:
+            yield from scans.clock.findings(topic, trajectory, position.max_gap_s)

@@ -2,15 +2,33 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections import Counter
-
-import numpy as np
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
 
 from offradar_ros.errors import RefusedInput
-from offradar_ros.geometry import Trajectory
+from offradar_ros.geometry import GeoPoint, Trajectory
 from offradar_ros.messages import point_from_fix, pose_from_odometry, stamp_ns
+from offradar_ros.positions.clocks import ArrivalClocks
+from offradar_ros.positions.track import PositionTrack
 from offradar_ros.recordings.bags.reader import Bag
 from offradar_ros.recordings.bags.topics import FIX_TYPE, ODOMETRY_TYPE
+from offradar_ros.types import Pose
+
+
+class Arrival(NamedTuple):
+    """One recorded position message.
+
+    Attributes:
+        log_ns: when it was recorded.
+        stamp_ns: its header's stamp; −1 where that is none.
+        position: what it holds, or why that is no position.
+    """
+
+    log_ns: int
+    stamp_ns: int
+    position: GeoPoint | Pose | RefusedInput
 
 
 def position_topics(bag: Bag) -> list[str]:
@@ -19,28 +37,50 @@ def position_topics(bag: Bag) -> list[str]:
 
 
 def read_positions(bag: Bag, topic: str) -> tuple[Trajectory, Counter[str]]:
-    """The usable positions of a topic, and how many were refused by cause."""
-    rows: list[tuple[int, float, float, float, float]] = []
-    refused: Counter[str] = Counter()
-    geodetic = bag.topics[topic] == FIX_TYPE
+    """The usable positions of a topic, and how many were left out by cause."""
+    trajectory = trajectory_of(arrivals(bag, topic), geodetic=bag.topics[topic] == FIX_TYPE)
+    return trajectory, Counter({left_out.cause: left_out.count for left_out in trajectory.left_out})
+
+
+def arrivals(bag: Bag, topic: str) -> Iterator[Arrival]:
+    """Every message of a topic of positions, in the order in which it was recorded."""
     for raw in bag.messages([topic]):
         message = bag.decode(raw)
-        stamp = stamp_ns(message.header.stamp)
+        stamp = -1
+        position: GeoPoint | Pose | RefusedInput
         try:
-            if rows and stamp <= rows[-1][0]:
-                raise RefusedInput('repeated_position_stamp', f'{topic}: stamp {stamp} ns is not after the last one')
-            if geodetic:
-                point = point_from_fix(message)
-                rows.append((stamp, point.latitude_deg, point.longitude_deg, point.altitude_m, np.nan))
-            else:
-                pose = pose_from_odometry(message)
-                rows.append((stamp, pose.x_m, pose.y_m, pose.z_m, pose.yaw_rad))
+            stamp = stamp_ns(message.header.stamp)
+            position = point_from_fix(message) if raw.msgtype == FIX_TYPE else pose_from_odometry(message)
         except RefusedInput as refusal:
-            refused[refusal.cause] += 1
-    trajectory = Trajectory(
-        stamps_ns=np.array([row[0] for row in rows], np.int64),
-        positions=np.array([row[1:4] for row in rows], np.float64).reshape(-1, 3),
-        yaws_rad=np.array([row[4] for row in rows], np.float64),
-        geodetic=geodetic,
-    )
-    return trajectory, refused
+            position = refusal
+        yield Arrival(raw.log_ns, stamp, position)
+
+
+def trajectory_of(found: Iterable[Arrival], *, geodetic: bool) -> Trajectory:
+    """The positions that are used, in the order of their stamps."""
+    track = PositionTrack(geodetic=geodetic)
+    for _, stamp, position in found:
+        try:
+            if isinstance(position, RefusedInput):
+                raise position
+            if isinstance(position, Pose):
+                track.add_pose(stamp, position)
+            else:
+                track.add_point(stamp, dataclasses.astuple(position))
+        except RefusedInput as refusal:
+            track.leave_out(refusal.cause, str(refusal))
+    return track.trajectory()
+
+
+def arrival_offset_s(scans: Iterable[tuple[int, int]], found: Iterable[Arrival]) -> float | None:
+    """What log times say of the clocks, from the scans' log times and stamps in ns; as `ArrivalClocks.offset_s`."""
+    clocks = ArrivalClocks()
+    waiting = iter(found)
+    following = next(waiting, None)
+    for log_ns, stamp in scans:
+        while following is not None and following.log_ns <= log_ns:
+            if following.stamp_ns >= 0:
+                clocks.add_position(following.log_ns, following.stamp_ns)
+            following = next(waiting, None)
+        clocks.add_scan(log_ns, stamp)
+    return clocks.offset_s()

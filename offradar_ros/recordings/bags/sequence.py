@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +13,10 @@ from offradar_ros.errors import DataError
 from offradar_ros.geometry import Trajectory
 from offradar_ros.messages import SHORTEST, header_stamp_ns
 from offradar_ros.recordings.bags.position_topic import position_topic
-from offradar_ros.recordings.bags.positions import read_positions
+from offradar_ros.recordings.bags.positions import arrival_offset_s, arrivals, trajectory_of
 from offradar_ros.recordings.bags.reader import Bag, RawMessage
 from offradar_ros.recordings.bags.scan_topic import decoded_scan, scan_topic
-from offradar_ros.recordings.bags.topics import ChosenTopics
+from offradar_ros.recordings.bags.topics import FIX_TYPE, ChosenTopics
 from offradar_ros.types import PolarScan
 
 
@@ -47,7 +48,10 @@ class BagSequence:
                 # Whoever needs no positions need not choose.
                 self._no_trajectory, positions = error, None
             if positions:
-                self._trajectory = read_positions(bag, positions)[0]
+                found = list(arrivals(bag, positions))
+                trajectory = trajectory_of(found, geodetic=bag.topics[positions] == FIX_TYPE)
+                scans = sorted((log_ns, stamp) for stamp, log_ns, _ in rows)
+                self._trajectory = dataclasses.replace(trajectory, clock_offset_s=arrival_offset_s(scans, found))
         self._log_ns = [log_ns for _, log_ns, _ in rows]
         self.stamps_ns: NDArray[np.int64] = np.array([stamp for stamp, _, _ in rows], np.int64)
 

@@ -26,9 +26,9 @@ def open_radiate(folder: Path, radar: RadarConfig) -> RecordedSequence:
     """The sequence whose scans are in `folder`; the list's stamps are the scans' stamps."""
     root = sequence_folder(folder, ('Navtech_Polar',))
     listing = root / 'Navtech_Polar.txt'
-    frames = read_frames(listing)
+    frames, damage = read_frames(listing)
     found = {file.stem: file for file in files_of(folder, '.png')}
-    warnings = []
+    warnings = [f'{len(damage)} damaged lines in the list, first {damage[0]}'] if damage else []
     missing = [frame.name for frame in frames if frame.name not in found]
     if missing:
         warnings.append(f'{listing}: {len(missing)} of {len(frames)} listed scans have no file, first {missing[0]}.png')

@@ -10,6 +10,7 @@ from offradar_ros.errors import DataError
 from offradar_ros.recordings.datasets.folders import lines_of
 from offradar_ros.recordings.datasets.stamp_names import parse_stamp_ns
 
+MOST_DAMAGED = 0.25
 _LINE = re.compile(r'Frame:\s*(\d+)\s+Time:\s*(\d+(?:\.\d*)?)\s*')
 
 
@@ -21,9 +22,13 @@ class Frame(NamedTuple):
     stamp_ns: int
 
 
-def read_frames(path: Path) -> list[Frame]:
-    """Every sample that a list names, in its order; DataError names the line that is not one."""
-    frames = []
+def read_frames(path: Path) -> tuple[list[Frame], list[DataError]]:
+    """Every sample that a list names, in its order, and an error for each line that is damaged.
+
+    DataError names the first of these where they are more than a quarter of all lines, or where there is no line.
+    """
+    frames: list[Frame] = []
+    damage: list[DataError] = []
     for number, line in enumerate(lines_of(path), start=1):
         if not line.strip():
             continue
@@ -33,9 +38,11 @@ def read_frames(path: Path) -> list[Frame]:
                 raise ValueError
             frames.append(Frame(number, found[1], parse_stamp_ns(found[2])))
         except ValueError:
-            raise DataError(
-                f'{path}, line {number}: expected "Frame: <number> Time: <seconds>", got {line[:60]!r}'
-            ) from None
+            damage.append(
+                DataError(f'{path}, line {number}: expected "Frame: <number> Time: <seconds>", got {line[:60]!r}')
+            )
+    if len(damage) > MOST_DAMAGED * (len(frames) + len(damage)):
+        raise damage[0]
     if not frames:
         raise DataError(f'{path}: empty list: expected lines "Frame: <number> Time: <seconds>"')
-    return frames
+    return frames, damage

@@ -15,6 +15,7 @@ from offradar_ros.errors import DataError
 from offradar_ros.geometry import Trajectory
 from offradar_ros.recordings.datasets.check import Findings, check_folder
 from offradar_ros.recordings.datasets.check.coverage import coverage
+from offradar_ros.recordings.datasets.check.stamps import check_stamps
 from offradar_ros.recordings.datasets.coverage import seconds_apart
 from offradar_ros.recordings.datasets.registry import open_sequence
 
@@ -172,8 +173,8 @@ def test_position_files_are_all_reported(oxford_folder: Path) -> None:
     (oxford_folder / 'gps' / 'ins.csv').write_text('\n'.join([header, *rows]))
     findings = check_folder(oxford_folder)
     assert 'INS (ins.csv): 2 rows left out: status INS_ALIGNING' in texts(findings, 'problem')
-    assert 'GPS (gps.csv): 1 row left out: without fix' in texts(findings, 'problem')
-    assert 'GPS (gps.csv): 1 row left out: repeated stamp' in texts(findings, 'note')
+    assert any('GPS (gps.csv): 1 row left out: without fix (line 4: ' in text for text in texts(findings, 'problem'))
+    assert any('GPS (gps.csv): 1 row left out: repeated stamp (line 10: ' in text for text in texts(findings, 'note'))
     assert any(text.startswith('gps.csv: 6 of 6 scans') for text in texts(findings, 'ok'))
 
 
@@ -240,25 +241,59 @@ def test_the_proposed_offset_brings_both_together(length_ns: int, later_ns: int,
     known = np.arange(0, 10**9 + length_ns + 3 * 10**8, 10**8)
     known += scans[0] - known[-1] - later_ns if early else scans[-1] + later_ns
     trajectory = Trajectory(known, np.zeros((len(known), 3)), np.full(len(known), np.nan), geodetic=False)
-    text = coverage('gps', scans, trajectory, 1.5).text
+    text = coverage('gps', scans, trajectory, PositionConfig()).text
     assert f'positions {"end" if early else "start"} ' in text
     offset_s = float(text.rpartition(' ')[2].rstrip(')'))
     moved = dataclasses.replace(trajectory, stamps_ns=known + round(offset_s * 1e9))
-    assert coverage('gps', scans, moved, 1.5).text == 'gps: 5 of 5 scans have a position (gaps up to 1.5 s)'
+    assert (
+        coverage('gps', scans, moved, PositionConfig()).text == 'gps: 5 of 5 scans have a position (gaps up to 1.5 s)'
+    )
 
 
 def test_an_offset_already_given_is_part_of_the_proposed_one() -> None:
     known = np.array([100, 110]) * 10**9
     trajectory = Trajectory(known, np.zeros((2, 3)), np.full(2, np.nan), geodetic=False)
-    text = coverage('gps', np.array([10, 20]) * 10**9, trajectory, 1.5, offset_s=7.0).text
+    text = coverage('gps', np.array([10, 20]) * 10**9, trajectory, PositionConfig(), offset_s=7.0).text
     assert text.endswith('--position-offset-s -83.0)')
     unset = dataclasses.replace(trajectory, stamps_ns=known * 2 * 10**7)
-    text = coverage('gps', np.array([10, 20]) * 10**9, unset, 1.5).text
+    text = coverage('gps', np.array([10, 20]) * 10**9, unset, PositionConfig()).text
     assert text.endswith('positions start 23148.1 days after the last scan')
     nothing = dataclasses.replace(trajectory, stamps_ns=known[:0], positions=np.zeros((0, 3)), yaws_rad=np.zeros(0))
-    assert coverage('gps', known, nothing, 1.5).level == 'problem'
+    assert coverage('gps', known, nothing, PositionConfig()).level == 'problem'
 
 
 def test_the_recorded_oxford_folder_is_sound(real_data: Path) -> None:
     assert check_folder(real_data / 'oxford_tiny').problems == ()
     assert open_sequence(real_data / 'oxford_tiny').stamps_ns[0] == 1_547_131_046_353_776_000
+
+
+def test_a_scan_that_is_there_twice_is_named(oxford_folder: Path) -> None:
+    scans = scans_of(oxford_folder)
+    twin = scans[3].with_name(f'{int(scans[3].stem) + 1}.png')
+    twin.write_bytes(scans[3].read_bytes())
+    (oxford_folder / 'radar.timestamps').unlink()
+    text = only_problem(oxford_folder)
+    assert text.startswith('1 scan less than a quarter of a period after the one before')
+    assert f'First {twin.name}, 0.001 ms after {scans[3].name}' in text
+
+
+@pytest.mark.parametrize(('share', 'twins'), [(0.02, True), (0.2, True), (0.3, False), (0.7, False)])
+def test_twins_are_those_within_a_quarter_of_a_period(share: float, twins: bool) -> None:
+    stamps_ns = 10**18 + np.arange(20) * 250_000_000
+    stamps_ns = np.insert(stamps_ns, 8, stamps_ns[7] + round(share * 250_000_000))
+    found = [finding.text for finding in check_stamps(stamps_ns) if finding.level == 'problem']
+    assert any('there twice' in text for text in found) == twins
+
+
+def test_row_stamps_of_a_clock_never_set(oxford_folder: Path, scan_writers: Writers) -> None:
+    for file in scans_of(oxford_folder):
+        image = scan_writers['metadata'](scan_writers['scan'](int(file.stem) * 1000), microseconds=True)
+        image[:, :8] = (900_000_000 + np.arange(400) * 625).astype('<i8').reshape(-1, 1).view(np.uint8)
+        scan_writers['png'](file, image)
+    text = only_problem(oxford_folder)
+    assert text.startswith('row stamps of a clock that was never set')
+
+
+def test_scan_stamps_that_count_from_a_start_are_noted() -> None:
+    found = [finding.text for finding in check_stamps(np.arange(20) * 250_000_000) if finding.level == 'note']
+    assert found == ['stamps count from a start, not from 1970: simulated time, or a clock that was never set']

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import math
+import os
+import re
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
@@ -58,7 +60,7 @@ def test_rows_without_a_fix_and_repeated_stamps_are_left_out_and_counted(tmp_pat
     tally: Counter[str] = Counter()
     trajectory = read_oxford_gps(written(tmp_path, GPS_HEADER, *rows), tally)
     assert trajectory.positions.tolist() == [[51.0, -1.0, 65.0]]
-    assert tally == {'without fix': 2, 'repeated stamp': 1}
+    assert tally == {'no_fix': 2, 'repeated_position_stamp': 1}
 
 
 def test_oxford_ins_keeps_good_rows_only(tmp_path: Path) -> None:
@@ -145,10 +147,10 @@ def test_radiate_leaves_out_doubled_and_backward_samples(tmp_path: Path) -> None
     tally: Counter[str] = Counter()
     trajectory = read_gps_twist(listing, tally)
     assert trajectory.positions[:, 0].tolist() == [55.80, 55.82, 55.84]
-    assert tally == {'repeated stamp': 1, 'stamp that goes back': 1, 'missing sample': 1}
+    assert tally == {'repeated_position_stamp': 1, 'position_stamp_backwards': 1, 'missing sample': 1}
 
 
-Reader = Callable[[Path], Trajectory]
+Reader = Callable[..., Trajectory]
 GOOD: dict[str, tuple[Reader, list[str]]] = {
     'oxford gps': (read_oxford_gps, [GPS_HEADER, f'{US},7,51,-1,65,1', f'{US + 1},7,51,-1,65,1']),
     'oxford ins': (read_oxford_ins, [INS_HEADER, ins_row(US), ins_row(US + 1)]),
@@ -201,7 +203,7 @@ def test_empty_missing_and_binary_files_are_errors(tmp_path: Path, name: str) ->
 @pytest.mark.parametrize('name', ['oxford gps', 'oxford ins', 'mulran gps', 'radar utm', 'tum'])
 def test_stamps_that_go_back_are_an_error(tmp_path: Path, name: str) -> None:
     reader, lines = GOOD[name]
-    with pytest.raises(DataError, match=rf'line {len(lines)}: stamp goes back'):
+    with pytest.raises(DataError, match=rf'line {len(lines)}: position stamp \d+ ns goes back by'):
         reader(written(tmp_path, *lines[:-2], lines[-1], lines[-2]))
 
 
@@ -220,13 +222,197 @@ def test_a_missing_column_is_named(tmp_path: Path, reader: Reader, header: str, 
 
 
 def test_degrees_beyond_the_earth_are_an_error(tmp_path: Path) -> None:
-    with pytest.raises(DataError, match='line 2: expected latitude and longitude in degrees'):
+    with pytest.raises(DataError, match=r'line 2: position .* is not on the Earth: expected degrees'):
         read_oxford_gps(written(tmp_path, GPS_HEADER, f'{US},7,5176.2,-1,65,1'))
 
 
 def test_utm_outside_the_projection_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(DataError, match='expected UTM easting and northing'):
         read_radar_utm(written(tmp_path, 'timestamp_us,utm_e,utm_n,yaw', f'{US},1e300,4e300,0'))
+
+
+TABLES = ['oxford gps', 'mulran gps', 'radar utm', 'global pose', 'boreas', 'tum']
+
+
+def long_table(name: str, rows: int = 40) -> list[str]:
+    """A sound table of many rows with growing stamps."""
+    _, lines = GOOD[name]
+    header = lines[:1] if lines[0][0].isalpha() else []
+    separator = ' ' if name == 'tum' else ','
+    cells = lines[-1].split(separator)
+    first = int(cells[0])
+    step = 1 if name == 'tum' else 200_000 * (1 if len(cells[0]) == 16 else 1000)
+    return [*header, *(separator.join([str(first + k * step), *cells[1:]]) for k in range(rows))]
+
+
+def cut(line: str) -> str:
+    return line[: len(line) // 2]
+
+
+ONE_BAD: dict[str, Callable[[list[str]], list[str]]] = {
+    'last line cut': lambda rows: [*rows[:-1], cut(rows[-1])],
+    'NUL bytes at the end': lambda rows: [*rows[:-1], '\0' * 512],
+    'NUL bytes in a line': lambda rows: [*rows[:20], rows[20][:20] + '\0' * 8 + rows[20][28:], *rows[21:]],
+    'a line of nonsense': lambda rows: [*rows[:20], 'Segmentation fault (core dumped)', *rows[21:]],
+    'a line of bytes': lambda rows: [*rows[:20], '\udcff\udcfe' + rows[20], *rows[21:]],
+    'an endless line': lambda rows: [*rows[:20], 'x' * 200_000, *rows[21:]],
+    'a quote that is not closed': lambda rows: [*rows[:20], '"' + rows[20], *rows[21:]],
+    'one column too many': lambda rows: [
+        *rows[:20],
+        f'{rows[20]},7' if ',' in rows[20] else f'{rows[20]} 7',
+        *rows[21:],
+    ],
+    'one column too few': lambda rows: [
+        *rows[:20],
+        rows[20][: max(rows[20].rfind(','), rows[20].rfind(' '))],
+        *rows[21:],
+    ],
+    'two lines in one': lambda rows: [*rows[:20], rows[20] + rows[21], *rows[22:]],
+}
+
+
+@pytest.mark.parametrize('case', ONE_BAD)
+@pytest.mark.parametrize('name', TABLES)
+def test_one_bad_row_is_left_out_and_told_of(tmp_path: Path, name: str, case: str) -> None:
+    reader, _ = GOOD[name]
+    rows = ONE_BAD[case](long_table(name))
+    path = tmp_path / 'positions.csv'
+    path.write_text('\n'.join(rows) + '\n', errors='surrogateescape')
+    trajectory = reader(path)
+    assert 38 <= len(trajectory) <= 39
+    (left_out,) = trajectory.left_out
+    assert (left_out.cause, left_out.count) == ('damaged', 1)
+    assert re.match(r'line \d+: ', left_out.first)
+
+
+@pytest.mark.parametrize('name', TABLES)
+def test_a_quarter_of_bad_rows_is_too_many(tmp_path: Path, name: str) -> None:
+    reader, _ = GOOD[name]
+    rows = long_table(name)
+    first = len(rows) - 10
+    bad = [*rows[:first], *('x' for _ in rows[first:])]
+    assert len(reader(written(tmp_path, *bad))) == 30
+    bad[first - 1] = 'x'
+    with pytest.raises(DataError, match=rf'positions\.csv, line {first}: .*expected.* \(11 of 40 rows are bad\)'):
+        reader(written(tmp_path, *bad))
+
+
+@pytest.mark.parametrize('name', ['oxford gps', 'radar utm', 'boreas'])
+def test_a_header_in_the_middle_is_left_out(tmp_path: Path, name: str) -> None:
+    reader, _ = GOOD[name]
+    rows = long_table(name)
+    trajectory = reader(written(tmp_path, *rows[:20], rows[0], *rows[20:]))
+    assert len(trajectory) == 40
+    assert trajectory.left_out[0].first.startswith('line 21: the header again')
+
+
+@pytest.mark.parametrize('name', TABLES)
+def test_a_separator_after_the_last_column_is_no_column(tmp_path: Path, name: str) -> None:
+    reader, _ = GOOD[name]
+    rows = long_table(name)
+    end = ' ' if name == 'tum' else ','
+    trajectory = reader(written(tmp_path, *(row + end if row[0].isdigit() else row for row in rows)))
+    assert (len(trajectory), trajectory.left_out) == (40, ())
+
+
+def test_a_last_line_cut_within_its_last_number_is_left_out(tmp_path: Path) -> None:
+    rows = ['timestamp,altitude,latitude,longitude']
+    rows += [f'{US + 200_000 * k},60.0,51.7600000,-1.2577{k:03d}' for k in range(40)]
+    path = tmp_path / 'positions.csv'
+    path.write_text('\n'.join(rows)[:-5])
+    trajectory = read_oxford_gps(path)
+    assert len(trajectory) == 39
+    assert 'the file is cut off' in trajectory.left_out[0].first
+    path.write_text('\n'.join(rows))
+    assert len(read_oxford_gps(path)) == 40
+
+
+@pytest.mark.parametrize(('separator', 'comma'), [(';', ','), (';', '.'), ('\t', '.')])
+def test_other_separators_and_capitals(tmp_path: Path, separator: str, comma: str) -> None:
+    rows = [GPS_HEADER.upper(), *(f'{US + 200_000 * k},7,51.76{k:03d},-1.2577,65.1,1' for k in range(5))]
+    changed = [row.replace(',', separator).replace('.', comma) for row in rows]
+    expected = read_oxford_gps(written(tmp_path, *rows))
+    found = read_oxford_gps(written(tmp_path, *changed))
+    assert found.positions.tolist() == expected.positions.tolist()
+    assert expected.positions[4].tolist() == [51.76004, -1.2577, 65.1]
+
+
+@pytest.mark.parametrize(
+    ('header', 'found'),
+    [
+        ('time;lat;lon;alt', "found 'time;lat;lon;alt' separated by semicolons"),
+        ('time,lat,lon,alt', "found 'time,lat,lon,alt' separated by commas"),
+        ('PK\x03\x04', "found 'PK"),
+    ],
+)
+def test_an_unknown_header_is_shown(tmp_path: Path, header: str, found: str) -> None:
+    with pytest.raises(DataError, match='expected a header with timestamp, latitude') as error:
+        read_oxford_gps(written(tmp_path, header, '1;2;3;4'))
+    assert found in str(error.value)
+    assert '\n' not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ('stamp', 'rounded_s'),
+    [
+        (lambda us: f'{us:.5E}', '10000'),
+        (lambda us: f'{us:.9E}', '1'),
+        (lambda us: f'{round(us, -10)}', '10000'),
+        (lambda us: f'{us // 10**6}', '1'),
+        (lambda us: f'{us / 1e6:.0f}.0', '1'),
+    ],
+)
+def test_rounded_stamps_are_recognised(tmp_path: Path, stamp: Callable[[int], str], rounded_s: str) -> None:
+    start = 1_547_131_046_353_776
+    rows = [f'{stamp(start + 200_000 * k)},7,51.76{k:03d},-1.2577,65.1,1' for k in range(40)]
+    with pytest.raises(DataError, match='expected every digit') as error:
+        read_oxford_gps(written(tmp_path, GPS_HEADER, *rows))
+    assert f'stamps are rounded to {rounded_s}' in str(error.value)
+
+
+@pytest.mark.parametrize('stamp', [lambda us: f'{us:.17E}', lambda us: f'{us / 1e6:.1f}', lambda us: f'{us}'])
+def test_stamps_with_enough_digits_are_exact(tmp_path: Path, stamp: Callable[[int], str]) -> None:
+    start = 1_547_131_046_200_000
+    rows = [f'{stamp(start + 200_000 * k)},7,51.76{k:03d},-1.2577,65.1,1' for k in range(40)]
+    trajectory = read_oxford_gps(written(tmp_path, GPS_HEADER, *rows))
+    assert set(np.diff(trajectory.stamps_ns).tolist()) == {200_000_000}
+
+
+@pytest.mark.parametrize('cell', ['1\0', '1' * 70_000])
+def test_a_line_is_damaged_though_its_positions_can_be_read(tmp_path: Path, cell: str) -> None:
+    rows = [f'{US + 200_000 * k},7,51.76,-1.2577,65.1,1' for k in range(6)]
+    rows[3] = rows[3][:-1] + cell
+    tally: Counter[str] = Counter()
+    assert len(read_oxford_gps(written(tmp_path, GPS_HEADER, *rows), tally)) == 5
+    assert tally == {'damaged': 1}
+
+
+def test_empty_cells_are_no_fix(tmp_path: Path) -> None:
+    rows = [f'{US + 200_000 * k},7,51.76,-1.2577,65.1,1' for k in range(6)]
+    rows[2:4] = [f'{US + 400_000},0,,,,', f'{US + 600_000},0,,,,']
+    tally: Counter[str] = Counter()
+    assert len(read_oxford_gps(written(tmp_path, GPS_HEADER, *rows), tally)) == 4
+    assert tally == {'no_fix': 2}
+
+
+@pytest.mark.parametrize('name', ['radar utm', 'boreas', 'global pose'])
+def test_zeros_in_utm_are_no_fix(tmp_path: Path, name: str) -> None:
+    reader, _ = GOOD[name]
+    rows = long_table(name)
+    columns = {'radar utm': (1, 2), 'boreas': (1, 2), 'global pose': (4, 8)}[name]
+    cells = rows[20].split(',')
+    for column in columns:
+        cells[column] = '0'
+    tally: Counter[str] = Counter()
+    trajectory = reader(written(tmp_path, *rows[:20], ','.join(cells), *rows[21:]), tally)
+    assert len(trajectory) == 39
+    assert tally == {'no_fix': 1}
+
+
+def test_a_fifo_is_not_waited_for(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / 'positions.csv')
+    with pytest.raises(DataError, match='not a regular file'):
+        read_oxford_gps(tmp_path / 'positions.csv')
 
 
 CELLS = st.one_of(
@@ -291,7 +477,7 @@ def test_recorded_radiate_positions(real_data: Path) -> None:
     tally: Counter[str] = Counter()
     trajectory = read_gps_twist(real_data / 'radiate_tiny_foggy' / 'GPS_IMU_Twist.txt', tally)
     assert len(trajectory) + sum(tally.values()) == 250
-    assert tally['repeated stamp'] == 117
+    assert tally['repeated_position_stamp'] == 117
     assert trajectory.positions[0] == pytest.approx([55.892359, -3.321674, 209.238], abs=1e-3)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from offradar_ros.config import PositionConfig
 from offradar_ros.geometry import Trajectory
 from offradar_ros.recordings.datasets.check.findings import Finding, ok, problem
 from offradar_ros.recordings.datasets.coverage import seconds_apart
@@ -17,11 +18,17 @@ _DAY_S = 24 * 3600.0
 
 
 def coverage(
-    name: str, stamps_ns: NDArray[np.int64], trajectory: Trajectory, max_gap_s: float, offset_s: float = 0.0
+    name: str,
+    stamps_ns: NDArray[np.int64],
+    trajectory: Trajectory,
+    position: PositionConfig,
+    offset_s: float = 0.0,
+    in_time: int | None = None,
 ) -> Finding:
     """How many of the scans at (N,) int64 `stamps_ns`, N > 0, have a position of the trajectory that `name` names.
 
     `offset_s` is what was already added to the trajectory's stamps: the offset that is proposed includes it.
+    `in_time` is how many of the scans get their position within `position.wait_s`, where that is known.
     """
     if not len(trajectory):
         return problem(f'{name}: no scan has a position: it holds none that is usable')
@@ -34,8 +41,13 @@ def coverage(
         if abs(remedy_s) <= LARGEST_OFFSET_S:
             text += f' (if the clocks disagree: offradar convert --position-offset-s {remedy_s:.1f})'
         return problem(text)
-    count = int(np.count_nonzero(trajectory.covers(stamps_ns, round(max_gap_s * 1e9))))
-    text = f'{name}: {count} of {len(stamps_ns)} scans have a position (gaps up to {max_gap_s:g} s)'
+    count = int(np.count_nonzero(trajectory.covers(stamps_ns, round(position.max_gap_s * 1e9))))
+    text = f'{name}: {count} of {len(stamps_ns)} scans have a position (gaps up to {position.max_gap_s:g} s)'
+    if in_time is not None and in_time < count:
+        return problem(
+            f'{text}, but only {in_time} while they wait, for position.wait_s ({position.wait_s:g} s): those of the '
+            'others arrive later'
+        )
     return ok(text) if count == len(stamps_ns) else problem(text)
 
 

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from offradar_ros.config import PositionConfig, RadarConfig
+from offradar_ros.recordings.datasets.check.clocks import ScanClock
 from offradar_ros.recordings.datasets.check.findings import Finding, Findings, counted, note, ok, problem
 from offradar_ros.recordings.datasets.check.positions import check_positions
 from offradar_ros.recordings.datasets.check.scans import check_scans
@@ -30,12 +31,15 @@ def check_folder(
     DataError where the folder holds no recognised scans; every other problem is a finding.
     """
     sequence = open_sequence(path, layout, radar)
-    max_gap_s = (position or PositionConfig()).max_gap_s
-    return Findings(Path(path), sequence.layout, tuple(_findings(sequence, max_gap_s, sample, progress)))
+    found = tuple(_findings(sequence, position or PositionConfig(), sample, progress))
+    return Findings(Path(path), sequence.layout, found)
 
 
 def _findings(
-    sequence: RecordedSequence, max_gap_s: float, sample: int, progress: Callable[[int, int], None] | None
+    sequence: RecordedSequence,
+    position: PositionConfig,
+    sample: int,
+    progress: Callable[[int, int], None] | None,
 ) -> Iterator[Finding]:
     yield ok(
         f'{sequence.layout} sequence {sequence.name}: {counted(len(sequence), "scan")} in {sequence.files[0].parent}'
@@ -44,6 +48,7 @@ def _findings(
         yield problem(warning)
     for remark in sequence.remarks:
         yield note(remark)
-    yield from check_stamps(sequence.stamps_ns)
-    yield from check_scans(sequence, sample, progress)
-    yield from check_positions(sequence, max_gap_s)
+    clock = ScanClock()
+    yield from check_stamps(sequence.stamps_ns, [file.name for file in sequence.files])
+    yield from check_scans(sequence, sample, progress, clock.add)
+    yield from check_positions(sequence, position, clock)

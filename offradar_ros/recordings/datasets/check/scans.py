@@ -41,11 +41,14 @@ ROW_FAULTS = {
 
 
 def check_scans(
-    sequence: RecordedSequence, sample: int = 0, progress: Callable[[int, int], None] | None = None
+    sequence: RecordedSequence,
+    sample: int = 0,
+    progress: Callable[[int, int], None] | None = None,
+    decoded: Callable[[PolarScan], None] | None = None,
 ) -> Iterator[Finding]:
     """Findings from decoding every scan, or `sample` of them, evenly spread, where that is not 0.
 
-    `progress` gets (scan, scans) before each one, from 1.
+    `progress` gets (scan, scans) before each one, from 1; `decoded` gets each scan that can be read.
     """
     indices = list(range(len(sequence)))
     if 0 < sample < len(sequence):
@@ -67,6 +70,8 @@ def check_scans(
             reason = str(refusal).removeprefix(f'{sequence.files[index]}: ')
             faults.setdefault(_REFUSALS.get(refusal.cause, reason), []).append(file)
             continue
+        if decoded is not None:
+            decoded(scan)
         sizes.add(scan, file)
         for fault in _faults(scan):
             faults.setdefault(fault, []).append(file)

@@ -20,5 +20,7 @@ def read_radar_poses(path: Path, tally: Counter[str] | None = None, epsg: int = 
     """
     track = Track(path, tally)
     for row in named_rows(path, ('GPSTime', 'easting', 'northing', 'altitude', 'heading')):
-        track.add(row, row.stamp_ns(), (row.finite(1), row.finite(2), row.finite(3)), row.finite(4))
+        with track.row(row):
+            position = (row.number_or_nan(1), row.number_or_nan(2), row.number_or_nan(3))
+            track.add_utm(row, track.stamp_ns(row), position, row.finite(4))
     return track.from_utm(epsg)

@@ -19,8 +19,9 @@ def read_global_pose(path: Path, tally: Counter[str] | None = None, epsg: int = 
     """Geodetic positions and yaw of global_pose.csv: 13 columns without header, ns and a row-major 3×4 pose in UTM."""
     track = Track(path, tally)
     for row in bare_rows(path, _POSE):
-        pose = [row.finite(at) for at in range(1, 13)]
-        track.add(row, row.stamp_ns(), (pose[3], pose[7], pose[11]), math.atan2(pose[4], pose[0]))
+        with track.row(row):
+            pose = [row.finite(at) for at in range(1, 13)]
+            track.add_utm(row, track.stamp_ns(row), (pose[3], pose[7], pose[11]), math.atan2(pose[4], pose[0]))
     return track.from_utm(epsg)
 
 
@@ -28,13 +29,17 @@ def read_mulran_gps(path: Path, tally: Counter[str] | None = None) -> Trajectory
     """Geodetic positions of gps.csv, yaw unknown: 13 columns without header, ns, position, covariance."""
     track = Track(path, tally)
     for row in bare_rows(path, _FIX):
-        track.add_geodetic(row, row.stamp_ns(), (row.number(1), row.number(2), row.number(3)))
-    return track.geodetic()
+        with track.row(row):
+            position = (row.number_or_nan(1), row.number_or_nan(2), row.number_or_nan(3))
+            track.add_geodetic(track.stamp_ns(row), position)
+    return track.trajectory()
 
 
 def read_radar_utm(path: Path, tally: Counter[str] | None = None, epsg: int = UTM_52N) -> Trajectory:
     """Geodetic positions (altitude 0) and yaw of a table timestamp_us, utm_e, utm_n, yaw (from grid east)."""
     track = Track(path, tally)
     for row in named_rows(path, ('timestamp_us', 'utm_e', 'utm_n', 'yaw')):
-        track.add(row, row.stamp_ns(), (row.finite(1), row.finite(2), 0.0), row.finite(3))
+        with track.row(row):
+            position = (row.number_or_nan(1), row.number_or_nan(2), 0.0)
+            track.add_utm(row, track.stamp_ns(row), position, row.finite(3))
     return track.from_utm(epsg)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from pathlib import Path
 
-from offradar_ros.errors import DataError
 from offradar_ros.geometry import Trajectory
 from offradar_ros.recordings.datasets.positions.table import Row, bare_rows
 from offradar_ros.recordings.datasets.positions.track import Track
@@ -18,18 +17,23 @@ def read_gps_twist(path: Path, tally: Counter[str] | None = None) -> Trajectory:
     As published, two samples share each stamp and the clock is set back now and then: samples whose stamp is not after
     all earlier ones are left out and tallied, and so is a listed sample without a file.
     """
-    track = Track(path, tally, allow_backwards=True)
-    for frame in read_frames(path):
+    track = Track(path, tally)
+    frames, damage = read_frames(path)
+    for error in damage:
+        track.leave_out_damaged(error)
+    for frame in frames:
         sample = path.parent / path.stem / f'{frame.name}.txt'
         if not sample.is_file():
             track.leave_out('missing sample')
             continue
         row = _first_line(sample)
-        track.add_geodetic(row, frame.stamp_ns, (row.number(0), row.number(1), row.number(2)))
-    return track.geodetic()
+        with track.row(row):
+            position = (row.number_or_nan(0), row.number_or_nan(1), row.number_or_nan(2))
+            track.add_geodetic(frame.stamp_ns, position)
+    return track.trajectory()
 
 
 def _first_line(sample: Path) -> Row:
     for row in bare_rows(sample, ('latitude', 'longitude', 'altitude')):
         return row
-    raise DataError(f'{sample}, line 1: empty file: expected latitude, longitude, altitude')
+    return Row(sample, 1, (), (), 'empty file: expected latitude, longitude, altitude')

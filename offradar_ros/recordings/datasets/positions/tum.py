@@ -15,14 +15,15 @@ _NAMES = ('seconds', 'x', 'y', 'z', 'qx', 'qy', 'qz', 'qw')
 
 def read_tum(path: Path, tally: Counter[str] | None = None) -> Trajectory:
     """Positions in metres and yaw about z, both in the file's own frame; seconds may start at zero."""
-    track = Track(path, tally)
+    track = Track(path, tally, geodetic=False)
     for row in bare_rows(path, _NAMES, separator=' '):
-        x, y, z, qx, qy, qz, qw = (row.finite(at) for at in range(1, 8))
-        if math.hypot(qx, qy, qz, qw) < 1e-6:
-            raise row.problem('expected a unit quaternion, got zero')
-        yaw = math.atan2(2 * (qw * qz + qx * qy), qw * qw + qx * qx - qy * qy - qz * qz)
-        track.add(row, _seconds_to_ns(row), (x, y, z), yaw)
-    return track.local()
+        with track.row(row):
+            x, y, z, qx, qy, qz, qw = (row.finite(at) for at in range(1, 8))
+            if math.hypot(qx, qy, qz, qw) < 1e-6:
+                raise row.problem('expected a unit quaternion, got zero')
+            yaw = math.atan2(2 * (qw * qz + qx * qy), qw * qw + qx * qx - qy * qy - qz * qz)
+            track.add_metric(_seconds_to_ns(row), (x, y, z), yaw)
+    return track.trajectory()
 
 
 def _seconds_to_ns(row: Row) -> int:

@@ -1,0 +1,81 @@
+"""Whether the clocks of radar and positions agree, from when their messages arrive.
+
+A stamp that is right lies a little before the arrival, by the latency. Where the two kinds of stamps lie differently
+far before it, by more than latencies differ, one clock is wrong.
+"""
+
+from __future__ import annotations
+
+import collections
+import statistics
+
+OFFSET_S = 1.0
+"""Clocks that seem to disagree by less than this may differ by the latencies of their messages alone."""
+_WINDOW = 256
+_FEWEST = 10
+_TOGETHER_NS = 2 * 10**9
+_CONSISTENT = 0.8
+_SPREAD_S = 0.5
+_NEAR_S = 0.75
+_KNOWN_S = {
+    37.0: 'TAI is 37 s ahead of UTC',
+    18.0: 'GPS time is 18 s ahead of UTC',
+    19.0: 'TAI is 19 s ahead of GPS time',
+}
+_ZONE_S = 1800.0
+
+
+class ArrivalClocks:
+    """Compares arrivals and stamps over the last messages. Arrivals may be of any clock that runs steadily."""
+
+    def __init__(self) -> None:
+        self._position: tuple[int, int] | None = None
+        self._differences_s: collections.deque[float] = collections.deque(maxlen=_WINDOW)
+
+    def add_position(self, arrival_ns: int, stamp_ns: int) -> None:
+        """A position arrived."""
+        self._position = arrival_ns, arrival_ns - stamp_ns
+
+    def add_scan(self, arrival_ns: int, stamp_ns: int) -> None:
+        """A scan, or what was made of it, arrived. It is compared with the position that arrived last."""
+        if self._position is not None and abs(arrival_ns - self._position[0]) <= _TOGETHER_NS:
+            self._differences_s.append((self._position[1] - (arrival_ns - stamp_ns)) / 1e9)
+
+    def offset_s(self) -> float | None:
+        """Seconds to add to positions' stamps so that they lie as far before their arrival as the scans' do.
+
+        None with too few messages, or where the differences vary, as when a recording is stopped and resumed.
+        """
+        if len(self._differences_s) < _FEWEST:
+            return None
+        offset_s = statistics.median(self._differences_s)
+        near = sum(abs(difference_s - offset_s) <= _SPREAD_S for difference_s in self._differences_s)
+        return offset_s if near >= _CONSISTENT * len(self._differences_s) else None
+
+
+def clock_problem(
+    offset_s: float | None, least_s: float = OFFSET_S, evidence: str = 'their arrival', given_s: float = 0.0
+) -> str:
+    """What is wrong with the clocks, and the option that corrects a recording; empty below `least_s`, or if unknown.
+
+    `given_s` was already added to positions' stamps: the proposed option includes it.
+    """
+    if offset_s is None or abs(offset_s) < least_s:
+        return ''
+    exact_s, why = _explained(offset_s)
+    return (
+        f'the clocks of radar and positions disagree by {abs(offset_s):.1f} s, says {evidence}{why}: set both to one '
+        f'clock; a recording is corrected by offradar convert --position-offset-s {given_s + exact_s:.1f}'
+    )
+
+
+def _explained(offset_s: float) -> tuple[float, str]:
+    """The offset that was meant, where it is a known one, and its name."""
+    sign = 1.0 if offset_s > 0 else -1.0
+    for known_s, name in _KNOWN_S.items():
+        if abs(abs(offset_s) - known_s) <= _NEAR_S:
+            return sign * known_s, f' ({name})'
+    zones = round(abs(offset_s) / _ZONE_S)
+    if zones and abs(abs(offset_s) - zones * _ZONE_S) <= _NEAR_S:
+        return sign * zones * _ZONE_S, ' (as time zones do)'
+    return offset_s, ''

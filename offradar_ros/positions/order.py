@@ -1,0 +1,178 @@
+"""The stamps of positions as they arrive: which go on, which are odd, and where a recording starts again.
+
+One odd stamp must neither end a stream nor restart it. So a stamp that jumps is held, until others confirm the jump or
+the stream goes on where it was; then those that were held are left out.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Generic, TypeVar
+
+from offradar_ros.errors import RefusedInput
+from offradar_ros.positions.rules import require_stamp
+
+FORWARD_NS = 10 * 10**9
+"""A stamp that is later than the last one by more than this is a jump: a gap, or an odd stamp."""
+CONFIRM_NS = 2 * 10**9
+"""Stamps that go on for this long after a jump confirm it ..."""
+FEWEST_CONFIRMING = 3
+"""... if there are this many of them, or sooner, if they outnumber all those before the jump."""
+MOST_HELD = 1000
+"""As many confirm it in any case: no stream makes memory grow."""
+FAR_NS = 30 * 86400 * 10**9
+SHORT_NS = 10 * 10**9
+"""A stretch no longer than `SHORT_NS` that is over `FAR_NS` from what follows has the stamps of a clock not yet set."""
+
+T = TypeVar('T')
+
+
+@dataclasses.dataclass(frozen=True)
+class Admitted(Generic[T]):
+    """What one position brings about.
+
+    Attributes:
+        positions: stamps and positions that are accepted now, in order: those that were held, and this one.
+        left_out: why positions that were held, or accepted before, do not count.
+        jumped: whether `positions` start a new stretch; earlier if their stamps are, which is a recording that starts
+            again, unless `forgotten`.
+        forgotten: whether the whole stretch before has turned out to be odd.
+    """
+
+    positions: tuple[tuple[int, T], ...] = ()
+    left_out: tuple[RefusedInput, ...] = ()
+    jumped: bool = False
+    forgotten: bool = False
+
+
+class PositionOrder(Generic[T]):
+    """The order of a stream of stamped positions of any type T.
+
+    Args:
+        restart_after_ns: a smaller step back is an error of one stamp, a larger one a jump.
+    """
+
+    def __init__(self, restart_after_ns: int) -> None:
+        self._restart_after_ns = restart_after_ns
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything: any stamp may follow."""
+        self._first_ns = 0
+        self._last_ns: int | None = None
+        self._count = 0
+        self._held: list[tuple[int, T]] = []
+        self._restart_until_ns: int | None = None
+
+    @property
+    def last_ns(self) -> int | None:
+        """Stamp of the last position that was accepted; None without one."""
+        return self._last_ns
+
+    def expect_restart(self) -> Admitted[T]:
+        """Believe a jump back at once, the next one or the one that is held: the scans have jumped back too."""
+        if self._held and self._last_ns is not None and self._held[0][0] < self._last_ns:
+            return self._confirmed()
+        self._restart_until_ns = None if self._last_ns is None else self._last_ns + CONFIRM_NS
+        return Admitted()
+
+    def add(self, stamp_ns: int, position: T) -> Admitted[T]:
+        """Accept the position, hold it, or say by RefusedInput why it is left out.
+
+        RefusedInput: `invalid_stamp`, `repeated_position_stamp`, `position_stamp_backwards` (a small step back).
+        """
+        require_stamp(stamp_ns)
+        if self._last_ns is None:
+            return self._started(stamp_ns, position)
+        if not self._held:
+            return self._continued(stamp_ns, position, ())
+        held_ns = self._held[-1][0]
+        if self._goes_on_from_before(stamp_ns):
+            self._require_later(stamp_ns, self._last_ns)
+            return self._continued(stamp_ns, position, self._dropped())
+        if held_ns - stamp_ns > self._restart_after_ns:
+            if self._last_ns - self._restart_after_ns <= stamp_ns:
+                self._require_later(stamp_ns, self._last_ns)
+            # A second jump, elsewhere: what was held stays unconfirmed.
+            return self._continued(stamp_ns, position, self._dropped())
+        self._require_later(stamp_ns, held_ns)
+        self._held.append((stamp_ns, position))
+        return self._confirmed() if self._is_confirmed() else Admitted()
+
+    def end(self) -> Admitted[T]:
+        """No position follows: what is held is accepted after a gap, and after a jump back if it is the larger part."""
+        if not self._held or self._last_ns is None:
+            return Admitted()
+        is_gap = self._held[0][0] > self._last_ns and not self._is_far()
+        if is_gap or len(self._held) > self._count:
+            return self._confirmed()
+        return Admitted(left_out=self._dropped())
+
+    def _started(self, stamp_ns: int, position: T) -> Admitted[T]:
+        self._first_ns, self._last_ns, self._count = stamp_ns, stamp_ns, 1
+        return Admitted(((stamp_ns, position),))
+
+    def _continued(self, stamp_ns: int, position: T, left_out: tuple[RefusedInput, ...]) -> Admitted[T]:
+        """With nothing held."""
+        last_ns = self._last_ns or 0
+        step_ns = stamp_ns - last_ns
+        if -self._restart_after_ns <= step_ns <= 0:
+            self._require_later(stamp_ns, last_ns)
+        if step_ns > FORWARD_NS or step_ns < 0:
+            self._held = [(stamp_ns, position)]
+            if step_ns < 0 and self._restart_until_ns is not None:
+                confirmed = self._confirmed()
+                return dataclasses.replace(confirmed, left_out=(*left_out, *confirmed.left_out))
+            return Admitted(left_out=left_out)
+        if self._restart_until_ns is not None and stamp_ns > self._restart_until_ns:
+            self._restart_until_ns = None
+        self._last_ns = stamp_ns
+        self._count += 1
+        return Admitted(((stamp_ns, position),), left_out)
+
+    def _goes_on_from_before(self, stamp_ns: int) -> bool:
+        """Whether a stamp belongs to the stretch before the jump rather than to the held ones."""
+        last_ns, first_held_ns, held_ns = self._last_ns or 0, self._held[0][0], self._held[-1][0]
+        if first_held_ns > last_ns:
+            return last_ns - self._restart_after_ns <= stamp_ns < first_held_ns - self._restart_after_ns
+        return last_ns < stamp_ns <= last_ns + FORWARD_NS and stamp_ns - held_ns > self._restart_after_ns
+
+    def _require_later(self, stamp_ns: int, last_ns: int) -> None:
+        if stamp_ns == last_ns:
+            raise RefusedInput('repeated_position_stamp', f'position stamp {stamp_ns} ns was there before: dropped')
+        if stamp_ns < last_ns:
+            raise RefusedInput(
+                'position_stamp_backwards',
+                f'position stamp {stamp_ns} ns goes back by {(last_ns - stamp_ns) / 1e9:g} s: expected growing stamps',
+            )
+
+    def _is_confirmed(self) -> bool:
+        count, span_ns = len(self._held), self._held[-1][0] - self._held[0][0]
+        return count >= FEWEST_CONFIRMING and (span_ns >= CONFIRM_NS or count > self._count or count >= MOST_HELD)
+
+    def _is_far(self) -> bool:
+        """Whether the jump is too large for a gap or a recording that starts again."""
+        return abs(self._held[0][0] - (self._last_ns or 0)) > FAR_NS
+
+    def _confirmed(self) -> Admitted[T]:
+        last_ns = self._last_ns or 0
+        odd = self._is_far() and last_ns - self._first_ns <= SHORT_NS
+        left_out = tuple(_jump(last_ns, self._held[0][0]) for _ in range(self._count)) if odd else ()
+        positions = tuple(self._held)
+        self._first_ns, self._last_ns, self._count = positions[0][0], positions[-1][0], len(positions)
+        self._held, self._restart_until_ns = [], None
+        return Admitted(positions, left_out, jumped=True, forgotten=odd)
+
+    def _dropped(self) -> tuple[RefusedInput, ...]:
+        dropped = tuple(_jump(stamp_ns, self._last_ns or 0) for stamp_ns, _ in self._held)
+        self._held = []
+        return dropped
+
+
+def _jump(stamp_ns: int, other_ns: int) -> RefusedInput:
+    apart_s = (stamp_ns - other_ns) / 1e9
+    return RefusedInput(
+        'position_stamp_jump',
+        f'position stamp {stamp_ns} ns is {abs(apart_s):.1f} s {"after" if apart_s > 0 else "before"} those around it: '
+        'dropped',
+    )

@@ -1,0 +1,94 @@
+"""Which scans get a position: scans and positions in their order of arrival, in one place for nodes and recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Generic, TypeVar
+
+from offradar_ros.config import PositionConfig
+from offradar_ros.errors import RefusedInput
+from offradar_ros.mapping.pending import PendingEmbeddings, Resolved
+from offradar_ros.positions.order import Admitted, PositionOrder
+from offradar_ros.types import Embedding, Pose
+
+T = TypeVar('T')
+Place = Callable[[int, T], Sequence[tuple[int, Pose]]]
+_MOST_LEFT_OUT = 10_000
+
+
+class Positioning(Generic[T]):
+    """Scans that wait for their positions, of type T.
+
+    Args:
+        config: how long a scan waits, between which positions is interpolated, and what starts again.
+        place: the poses in the map frame that follow from an accepted position; RefusedInput if it is not used.
+    """
+
+    def __init__(self, config: PositionConfig, place: Place[T]) -> None:
+        self._place = place
+        self._wait_ns = round(config.wait_s * 1e9)
+        self._order: PositionOrder[T] = PositionOrder(round(config.restart_after_s * 1e9))
+        self._pending = PendingEmbeddings(config)
+        self._last_scan_ns = 0
+        self._left_out: list[RefusedInput] = []
+
+    def __len__(self) -> int:
+        return len(self._pending)
+
+    def add_position(self, stamp_ns: int, position: T) -> list[Resolved]:
+        """Add a position; returns the scans that it resolves. RefusedInput if this one is left out."""
+        return self._resolved(self._order.add(stamp_ns, position), stamp_ns)
+
+    def add_scan(self, embedding: Embedding) -> list[Resolved]:
+        """Add a scan; returns those that are resolved now."""
+        resolved: list[Resolved] = []
+        if embedding.stamp_ns < self._last_scan_ns:
+            # The recording starts again: the waiting scans will get no position.
+            resolved = self._pending.flush()
+            resolved += self._resolved(self._order.expect_restart())
+            last_ns = self._order.last_ns
+            if last_ns is not None and last_ns - embedding.stamp_ns > self._wait_ns:
+                self._order.reset()
+                self._pending.forget_positions()
+        self._last_scan_ns = embedding.stamp_ns
+        return resolved + self._pending.add_embedding(embedding)
+
+    def flush(self) -> list[Resolved]:
+        """Resolve every waiting scan, as when no later position will arrive."""
+        return self._resolved(self._order.end()) + self._pending.flush()
+
+    def forget_scans(self) -> None:
+        """Remove the waiting scans, as when their session is undone."""
+        self._pending.forget_embeddings()
+
+    def forget_positions(self) -> None:
+        """Remove the positions so far, as when their frame is another one now."""
+        self._pending.forget_positions()
+
+    def take_left_out(self) -> list[RefusedInput]:
+        """Why positions that were accepted or held at first do not count after all, each once."""
+        left_out, self._left_out = self._left_out, []
+        return left_out
+
+    def leave_out(self, refusals: Sequence[RefusedInput]) -> None:
+        """Tell of positions that do not count after all."""
+        self._left_out += refusals[: max(0, _MOST_LEFT_OUT - len(self._left_out))]
+
+    def _resolved(self, admitted: Admitted[T], current_ns: int | None = None) -> list[Resolved]:
+        self.leave_out(admitted.left_out)
+        last_ns = self._pending.last_position_ns
+        if admitted.jumped and last_ns is not None and (admitted.forgotten or admitted.positions[0][0] <= last_ns):
+            # Scans that wait may still get a position of the new stretch.
+            self._pending.forget_positions()
+        resolved: list[Resolved] = []
+        for stamp_ns, position in admitted.positions:
+            try:
+                placed = self._place(stamp_ns, position)
+            except RefusedInput as refusal:
+                if stamp_ns == current_ns:
+                    raise
+                self.leave_out([refusal])
+                continue
+            for placed_ns, pose in placed:
+                resolved += self._pending.add_position(placed_ns, pose)
+        return resolved

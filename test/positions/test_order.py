@@ -1,0 +1,123 @@
+"""Odd stamps are left out, and a stream that jumps for good is followed."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from offradar_ros.errors import RefusedInput
+from offradar_ros.positions.order import MOST_HELD, Admitted, PositionOrder
+
+SECOND = 10**9
+NOW = 1_767_225_600
+YEARS = 6 * 365 * 86400
+
+
+def run(stamps_s: list[float], restart_after_s: float = 1.0) -> tuple[list[float], Counter[str]]:
+    """The stamps that are used in the end, in the order in which they were accepted, and what was left out by cause."""
+    order: PositionOrder[float] = PositionOrder(round(restart_after_s * SECOND))
+    used: list[list[float]] = [[]]
+    causes: Counter[str] = Counter()
+    for stamp_s in stamps_s:
+        try:
+            admitted = order.add(round(stamp_s * SECOND), stamp_s)
+        except RefusedInput as refused:
+            causes[refused.cause] += 1
+            continue
+        collect(admitted, used, causes)
+    collect(order.end(), used, causes)
+    return [stamp_s for stretch in used for stamp_s in stretch], causes
+
+
+def collect(admitted: Admitted[float], used: list[list[float]], causes: Counter[str]) -> None:
+    causes.update(refused.cause for refused in admitted.left_out)
+    if admitted.forgotten:
+        used.pop()
+    if admitted.jumped:
+        used.append([])
+    if not used:
+        used.append([])
+    used[-1] += [stamp_s for _, stamp_s in admitted.positions]
+
+
+def ticks(start_s: float, count: int, step_s: float = 0.1) -> list[float]:
+    return [round(start_s + step_s * k, 3) for k in range(count)]
+
+
+def test_a_sound_stream_is_used_as_it_is() -> None:
+    assert run(ticks(NOW, 50)) == (ticks(NOW, 50), {})
+    assert run(ticks(0.0, 50)) == (ticks(0.0, 50), {})
+    assert run([*ticks(NOW, 5), *ticks(NOW + 300, 5)]) == ([*ticks(NOW, 5), *ticks(NOW + 300, 5)], {})
+    assert run(ticks(NOW, 8, 30.0)) == (ticks(NOW, 8, 30.0), {})
+
+
+@pytest.mark.parametrize('away_s', [YEARS, -YEARS, 37.0, 18.0, -20.0, -NOW + 5.0])
+@pytest.mark.parametrize('odd', [1, 3, 5])
+def test_a_few_odd_stamps_in_the_middle_are_left_out(away_s: float, odd: int) -> None:
+    before, middle, after = ticks(NOW, 60), ticks(NOW + 6.0 + away_s, odd), ticks(NOW + 6.0 + 0.1 * odd, 60)
+    used, causes = run([*before, *middle, *after])
+    assert used == [*before, *after]
+    assert causes == {'position_stamp_jump': odd}
+
+
+@pytest.mark.parametrize('away_s', [YEARS, -YEARS, -NOW + 5.0])
+@pytest.mark.parametrize('odd', [1, 5, 50])
+def test_a_clock_that_is_set_after_a_while_is_believed_then(away_s: float, odd: int) -> None:
+    used, causes = run([*ticks(NOW + away_s, odd), *ticks(NOW + 0.1 * odd, 100)])
+    assert used == ticks(NOW + 0.1 * odd, 100)
+    assert causes == {'position_stamp_jump': odd}
+
+
+def test_a_small_step_back_is_one_odd_stamp() -> None:
+    used, causes = run([*ticks(NOW, 20), NOW + 1.7, NOW + 1.9, *ticks(NOW + 2.0, 20)])
+    assert used == ticks(NOW, 40)
+    assert causes == {'position_stamp_backwards': 1, 'repeated_position_stamp': 1}
+
+
+def test_a_recording_that_starts_again_is_followed() -> None:
+    used, causes = run([*ticks(NOW, 100), *ticks(NOW, 100)])
+    assert used == ticks(NOW, 100) * 2
+    assert causes == {}
+
+
+def test_scans_that_start_again_confirm_at_once() -> None:
+    order: PositionOrder[str] = PositionOrder(SECOND)
+    order.add(100 * SECOND, 'old')
+    assert order.add(50 * SECOND, 'new').positions == ()
+    assert order.expect_restart().positions == ((50 * SECOND, 'new'),)
+    order.reset()
+    order.add(100 * SECOND, 'old')
+    assert order.expect_restart().positions == ()
+    assert order.add(50 * SECOND, 'new').positions == ((50 * SECOND, 'new'),)
+
+
+def test_scans_that_started_again_long_ago_confirm_nothing() -> None:
+    order: PositionOrder[str] = PositionOrder(SECOND)
+    order.add(100 * SECOND, 'old')
+    order.expect_restart()
+    order.add(103 * SECOND, 'old')
+    assert order.add(50 * SECOND, 'odd').positions == ()
+
+
+def test_what_is_held_is_bounded() -> None:
+    order: PositionOrder[int] = PositionOrder(SECOND)
+    for k in range(3 * MOST_HELD):
+        order.add(10**15 + k * SECOND, k)
+    held = next(k for k in range(2 * MOST_HELD) if order.add(k, k).positions)
+    assert held < MOST_HELD
+
+
+def test_a_gap_at_the_end_is_no_odd_stamp() -> None:
+    assert run([*ticks(NOW, 20), NOW + 60.0]) == ([*ticks(NOW, 20), NOW + 60.0], {})
+    used, causes = run([*ticks(NOW, 20), NOW - 60.0])
+    assert (used, causes) == (ticks(NOW, 20), {'position_stamp_jump': 1})
+
+
+@given(st.lists(st.integers(-5, 4_200_000_000), max_size=40))
+def test_every_stamp_is_used_or_counted_once(stamps_s: list[int]) -> None:
+    used, causes = run([float(stamp_s) for stamp_s in stamps_s])
+    assert len(used) + causes.total() == len(stamps_s)
+    assert set(used) <= set(stamps_s)
