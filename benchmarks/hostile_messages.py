@@ -8,6 +8,7 @@ them, and differ from time to time.
 from __future__ import annotations
 
 import array
+import copy
 import json
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
@@ -30,6 +31,8 @@ INTEGERS = (0, 1, -1, 2, 3, 8, 127, 255, 999_999_999, 10**9)
 POWERS = (7, 8, 15, 16, 20, 24, 28, 29, 30, 31, 32, 62, 63, 64)
 FLOATS = (np.nan, np.inf, -np.inf, 1e308, -1e308, 3.4e38, 1e19, 5e-324, 0.0, -0.0, 1e-30, 999.0, -999.0)
 LONG_TEXT = 2**20
+LARGEST_LIST = 2**23
+"""Most bytes of a list that is repeated: such a message may be repeated itself."""
 TEXTS = (
     '',
     'x' * LONG_TEXT,
@@ -156,7 +159,10 @@ def _spoil(message: Any, rng: np.random.Generator) -> None:
 
 def _hostile(value: Any, kind: str, rng: np.random.Generator) -> Any:
     if isinstance(value, list):
-        return value[: int(rng.integers(len(value) + 1))] if rng.random() < 0.5 else value * int(rng.integers(2, 500))
+        if rng.random() < 0.5:
+            return value[: int(rng.integers(len(value) + 1))]
+        most = LARGEST_LIST // (sum(len(serialize_message(each)) for each in value) + 1)
+        return [copy.deepcopy(each) for _ in range(min(int(rng.integers(2, 500)), most)) for each in value]
     if isinstance(value, array.array):
         length = int(rng.integers(3))
         return value[: [0, len(value) // 2, len(value)][length]] + array.array('B', rng.bytes(length))

@@ -12,8 +12,8 @@ from offradar_ros.types import PlaceTable
 MAX_COORDINATE_M = 1e8
 """No position on Earth has a larger coordinate, whatever the origin of the frame."""
 
-MAX_YAW_RAD = 2.0 * np.pi
-"""A heading is within one turn, whichever way it is counted."""
+MAX_YAW_RAD = 1e6
+"""A heading may be counted on over the turns of a drive, as paths have it."""
 
 MAX_PLACE_ID = 2**32 - 1
 MAX_SESSION_ID = 2**31 - 1
@@ -34,7 +34,7 @@ def place_problem(table: PlaceTable) -> str | None:
         (f'a session id outside 0 to {MAX_SESSION_ID}', _within(table.session_ids, 0, MAX_SESSION_ID)),
         (f'a stamp outside 0 to {END_NS} ns', _within(table.stamps_ns, 0, END_NS - 1)),
         (f'a position outside ±{MAX_COORDINATE_M:g} m', valid_positions(table.positions_m)),
-        ('a heading of more than a turn', np.isnan(table.yaws_rad) | (np.abs(table.yaws_rad) <= MAX_YAW_RAD)),
+        (f'a heading outside ±{MAX_YAW_RAD:g} rad', np.isnan(table.yaws_rad) | (np.abs(table.yaws_rad) <= MAX_YAW_RAD)),
         ('a U that is not finite or below 0', _within(table.uncertainties, 0.0, float(np.finfo(np.float32).max))),
         (f'a mean that is not finite or beyond ±{MAX_MEAN_VALUE:g}', valid_means(table.means)),
     ):
