@@ -63,7 +63,7 @@ def run(settings: Settings) -> list[Result]:
             radar.connect()
             memory = drive(nodes, radar, seconds)
             radar.settle()
-            tally = radar.tally()
+            tally, accounts = radar.tally(), radar.accounts()
     ended = {name: node.process.returncode for name, node in nodes.nodes.items()}
     examples = [f'{name}: exit status {status}' for name, status in ended.items() if status]
     examples += [
@@ -75,7 +75,7 @@ def run(settings: Settings) -> list[Result]:
         if seconds >= SHORTEST_S and slope > GROWTH_MB_PER_MIN and rise > RISE_MB:
             examples.append(f'{name}: memory grows by {slope:.2f} MB a minute')
     if tally.lost:
-        examples.append(f'scans: {tally}')
+        examples.append(f'scans: {tally}; {accounts}')
     figures = {'sent': tally.sent, 'counted': tally.counted, 'sessions': radar.sessions} | {
         f'{name} MB/min': round(growth(samples)[0], 3) for name, samples in memory.items()
     }
@@ -212,6 +212,15 @@ class Radar:
         answered = sum(stamp in self._answers for stamp in self._sent)
         twice = sum(self._answers[stamp] > 1 for stamp in self._sent)
         return Tally(len(self._sent), answered, twice, self._counted() - self._baseline)
+
+    def accounts(self) -> str:
+        """What the nodes say that became of their scans and embeddings, to find a loss by."""
+        kept = {
+            node: {key: value for key, value in values.items() if key.startswith(('scans.', 'embeddings.'))}
+            for node, values in self._diagnostics.items()
+        }
+        received = {'answers': self._answers.total(), 'of other stamps': len(set(self._answers) - set(self._sent))}
+        return f'{kept | {"radar": received}}'
 
     def _counted(self) -> int:
         encoder, query = self._diagnostics.get('encoder', {}), self._diagnostics.get('query', {})
