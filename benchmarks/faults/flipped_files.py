@@ -168,7 +168,8 @@ def read_network(backend: str) -> Read:
 
 def small_parameters(path: Path) -> Path:
     """A parameter file as `offradar calibrate` writes it."""
-    write_parameters(path, {leaf.name: leaf.value for leaf in parameters(Config())}, 'calibrated on a drive')
+    values = {leaf.name: leaf.value for leaf in parameters(Config())}
+    write_parameters(path, values, 'calibrated on a drive', with_digest=True)
     return path
 
 

@@ -6,6 +6,8 @@ import dataclasses
 import time
 from collections import Counter
 from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any
 
 import numpy as np
 import rclpy
@@ -27,6 +29,7 @@ from offradar_ros.messages import STAMP, STAMP_OFFSET, header_stamp_ns
 from offradar_ros.nodes.encoder_node import SCANS
 from offradar_ros.recordings.bags.topics import FIX
 from offradar_ros.ros import qos
+from offradar_ros.ros.lost_messages import LostMessages
 
 NAME = 'soak'
 PACE_HZ = 40.0
@@ -39,6 +42,8 @@ WARM_UP_SHARE = 1 / 3
 GROWTH_MB_PER_MIN = 1.0
 """A slope of a node's memory above this, and a rise above `RISE_MB`, is a leak."""
 RISE_MB = 3.0
+SHORTEST_S = 45.0
+"""In less time than this, the memory of a process that has just started says nothing."""
 PARAMETERS: Mapping[str, object] = {
     'encoder.threads': 1,
     'map.match_distance_m': 1.0,
@@ -61,7 +66,7 @@ def run(settings: Settings) -> list[Result]:
             radar.connect()
             memory = drive(nodes, radar, seconds)
             radar.settle()
-            tally = radar.tally()
+            tally, accounts = radar.tally(), radar.accounts()
     ended = {name: node.process.returncode for name, node in nodes.nodes.items()}
     examples = [f'{name}: exit status {status}' for name, status in ended.items() if status]
     examples += [
@@ -70,11 +75,11 @@ def run(settings: Settings) -> list[Result]:
     crashes = len(examples)
     for name, samples in memory.items():
         slope, rise = growth(samples)
-        if slope > GROWTH_MB_PER_MIN and rise > RISE_MB:
+        if seconds >= SHORTEST_S and slope > GROWTH_MB_PER_MIN and rise > RISE_MB:
             examples.append(f'{name}: memory grows by {slope:.2f} MB a minute')
     if tally.lost:
-        examples.append(f'scans: {tally}')
-    figures = {'sent': tally.sent, 'counted': tally.counted, 'sessions': radar.sessions} | {
+        examples.append(f'scans: {tally}; {accounts}')
+    figures = {'sent': tally.sent, 'counted': tally.counted, 'unheard': tally.unheard, 'sessions': radar.sessions} | {
         f'{name} MB/min': round(growth(samples)[0], 3) for name, samples in memory.items()
     }
     return [
@@ -96,17 +101,22 @@ def run(settings: Settings) -> list[Result]:
 
 @dataclasses.dataclass(frozen=True)
 class Tally:
-    """What became of the scans: `counted` is what the nodes' diagnostics say was not answered."""
+    """What became of the scans.
+
+    `counted` is what the nodes' diagnostics say was not answered; `unheard` are answers that were sent, by the numbers
+    of those after them, and lost on their way to this process.
+    """
 
     sent: int
     answered: int
     twice: int
     counted: int
+    unheard: int = 0
 
     @property
     def lost(self) -> int:
         """Scans that are neither answered nor counted; negative where more were counted than are missing."""
-        return self.sent - self.answered - self.counted
+        return self.sent - self.answered - self.counted - self.unheard
 
 
 def growth(samples: list[tuple[float, float]]) -> tuple[float, float]:
@@ -151,8 +161,10 @@ class Radar:
         self._sent: list[int] = []
         self._answers: Counter[int] = Counter()
         self._diagnostics: dict[str, dict[str, str]] = {}
+        self._unheard = 0
         for kind, topic in ((PointCloud2, 'matches'), (DiagnosticArray, 'rejections')):
-            self._node.create_subscription(kind, topic, self._on_answer, qos.UPDATES, raw=True)
+            gaps = LostMessages(partial(self._node.count_publishers, topic))
+            self._node.create_subscription(kind, topic, partial(self._on_answer, gaps), qos.UPDATES, raw=True)
         self._node.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, qos.RESULTS)
         self._clients = {
             name: self._node.create_client(Trigger, f'map_server/{name}') for name in ('start_session', 'end_session')
@@ -182,7 +194,7 @@ class Radar:
         self._await(lambda: self._waiting() == 0)
         # Those before the nodes had found one another are in no count.
         self._sent = [stamp for stamp in self._sent if stamp in self._answers]
-        self._baseline = self._counted()
+        self._baseline, self._deaf = self._counted(), self._unheard
 
     def send(self) -> None:
         """One scan with its position, stamped now; each stamp is later than the one before."""
@@ -209,7 +221,16 @@ class Radar:
         """What has become of the scans so far, by the last reports."""
         answered = sum(stamp in self._answers for stamp in self._sent)
         twice = sum(self._answers[stamp] > 1 for stamp in self._sent)
-        return Tally(len(self._sent), answered, twice, self._counted() - self._baseline)
+        return Tally(len(self._sent), answered, twice, self._counted() - self._baseline, self._unheard - self._deaf)
+
+    def accounts(self) -> str:
+        """What the nodes say that became of their scans and embeddings, to find a loss by."""
+        kept = {
+            node: {key: value for key, value in values.items() if key.startswith(('scans.', 'embeddings.'))}
+            for node, values in self._diagnostics.items()
+        }
+        received = {'answers': self._answers.total(), 'of other stamps': len(set(self._answers) - set(self._sent))}
+        return f'{kept | {"radar": received}}'
 
     def _counted(self) -> int:
         encoder, query = self._diagnostics.get('encoder', {}), self._diagnostics.get('query', {})
@@ -234,7 +255,8 @@ class Radar:
             raise SystemExit(f'error: {name}: {future.result().message if future.done() else "no answer in 60 s"}')
         return str(future.result().message)
 
-    def _on_answer(self, cdr: bytes) -> None:
+    def _on_answer(self, gaps: LostMessages, cdr: bytes, info: Mapping[str, Any]) -> None:
+        self._unheard += gaps.arrived(info)
         self._answers[header_stamp_ns(cdr)] += 1
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:

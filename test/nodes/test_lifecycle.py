@@ -414,7 +414,7 @@ def test_a_map_too_large_for_a_message_is_read_from_its_file(
 
     for session in range(3):
         assert trigger(observer, 'start_session').success
-        start = 100 * (session + 1)
+        start = 100 + 5 * session
         for i in range(2):
             lon = -1.25 + 0.001 * (2 * session + i)
             fix(NavSatFix(header=header((start + i) * second, 'gps'), latitude=51.75, longitude=lon))

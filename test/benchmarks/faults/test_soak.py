@@ -24,3 +24,4 @@ def test_what_is_lost() -> None:
     assert Tally(sent=10, answered=6, twice=0, counted=4).lost == 0
     assert Tally(sent=10, answered=6, twice=0, counted=3).lost == 1
     assert Tally(sent=10, answered=8, twice=0, counted=3).lost == -1
+    assert Tally(sent=10, answered=6, twice=0, counted=3, unheard=1).lost == 0
