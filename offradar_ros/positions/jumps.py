@@ -9,6 +9,9 @@ from __future__ import annotations
 import dataclasses
 import math
 
+import numpy as np
+from numpy.typing import NDArray
+
 from offradar_ros.errors import RefusedInput
 from offradar_ros.types import Pose
 
@@ -93,6 +96,12 @@ class PositionJumps:
     def _dropped(self) -> tuple[RefusedInput, ...]:
         held, self._held = self._held, []
         return tuple(_refusal(each, self._last) for each in held if self._last is not None)
+
+
+def has_jumps(stamps_ns: NDArray[np.int64], xyz_m: NDArray[np.float64]) -> bool:
+    """Whether any of (N, 3) positions in metres, by (N,) stamps in order, is out of reach of the one before."""
+    apart_m = np.hypot(*np.diff(xyz_m[:, :2], axis=0).T)
+    return bool(np.any(apart_m > SLACK_M + MAX_SPEED_MPS * np.diff(stamps_ns) / 1e9))
 
 
 def _apart_m(one: Pose, other: Pose) -> float:

@@ -44,8 +44,8 @@ def decode_polar_image(
     copy where they are columns.
 
     Raises RefusedInput with cause wrong_encoding, empty_image, image_too_large, short_step, short_data, no_signal
-    (every byte is zero), too_few_rows (power that changes with range), unknown_range_resolution, unreadable_metadata (the 11 bytes are there, but useless), or as
-    `split_rows`.
+    (every byte is zero), too_few_rows (in most, power does not change with range), unknown_range_resolution,
+    unreadable_metadata (the 11 bytes are there, but useless), or as `split_rows`.
     """
     _check_fields(height, width, step, encoding, config.max_image_bytes)
     image = _pixels(data, height, width, step)

@@ -406,6 +406,10 @@ def test_a_stamp_that_is_none_is_counted_once(
     wait_until(lambda: node.status.drops == {'invalid_stamp': 1})
 
 
+def is_longer(received: list[Any], count: int) -> bool:
+    return len(received) > count
+
+
 def test_stamps_that_jump_back_again_and_again_do_not_flood_the_log(observer: Observer, start_node: StartNode) -> None:
     """As those of two radars with two clocks on one topic."""
     node = start_node(EncoderNode, {'encoder.backlog': 50})
@@ -416,7 +420,7 @@ def test_stamps_that_jump_back_again_and_again_do_not_flood_the_log(observer: Ob
         for second in (100, 50):
             count = len(embeddings)
             send(image(second * SECOND + pair * SECOND // 4))
-            wait_until(lambda count=count: len(embeddings) > count)
+            wait_until(partial(is_longer, embeddings, count))
     assert node.status.counts['recordings.restarted'] == 20
     lines = [message.msg for message in list(logged) if 'jumped back' in message.msg]
     assert len(lines) < 10

@@ -363,7 +363,7 @@ def test_one_source_is_no_trouble(observer: Observer, start_node: StartNode) -> 
     node = start_node(EncoderNode)
     send = observer.publisher(Image, SCANS, qos.SCANS)
     send(Image(header=header(1, 'radar'), encoding='rgb8'))
-    wait_until(lambda: node.status.drops.total())
+    wait_until(node.status.drops.total)
     assert 'mixed' not in reports.wait_for(DiagnosticStatus.WARN, 'wrong_encoding').message
 
 

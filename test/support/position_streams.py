@@ -63,6 +63,8 @@ STREAMS: dict[str, tuple[list[Fix], dict[str, int]]] = {
     'the pole': (changed(MIDDLE, at(90.0, 180.0)), {'invalid_position': 3}),
     'another continent': (changed(MIDDLE, at(-33.9, 151.2)), {'far_position': 3}),
     'another continent at first': (changed(range(30), at(37.4, -122.1)), {'far_position': 30}),
+    'a jump': (changed([70], at(51.755, -1.25)), {'position_jump': 1}),
+    'a jump for seconds': (changed(MANY, at(51.755, -1.25)), {'position_jump': 25}),
     'no altitude': (changed(range(COUNT), altitude(math.nan)), {}),
     'an altitude now and then': (changed(range(0, COUNT, 3), altitude(math.nan)), {}),
     'an impossible altitude': (changed(MIDDLE, altitude(-99_999.0)), {}),
