@@ -36,6 +36,7 @@ SERVICES = {
 def session(
     action: Annotated[Action, typer.Argument(help='What the map server is to do.')],
     timeout: Annotated[float, typer.Option(min=0.1, max=3600.0, help='Longest wait for the map server, s.')] = 60.0,
+    namespace: Annotated[str, typer.Option(help='Namespace of the map server, such as /car_1.')] = '',
 ) -> None:
     """Start, end, undo or save a session of the running map server, or clear its map, and print its answer."""
     if importlib.util.find_spec('rclpy') is None:
@@ -46,10 +47,10 @@ def session(
         raise OffradarError(problem)
     # From here on, because importing ROS takes time too.
     with held_signals(signal.SIGINT, signal.SIGTERM) as check:
-        _call(SERVICES[action], timeout, check)
+        _call(SERVICES[action], timeout, namespace, check)
 
 
-def _call(service: str, timeout: float, check: Callable[[], None]) -> None:
+def _call(service: str, timeout: float, namespace: str, check: Callable[[], None]) -> None:
     # Imported here: the other commands work without ROS.
     import rclpy  # noqa: PLC0415
     from rclpy.signals import SignalHandlerOptions  # noqa: PLC0415
@@ -59,7 +60,7 @@ def _call(service: str, timeout: float, check: Callable[[], None]) -> None:
 
     initialise([], signal_handler_options=SignalHandlerOptions.NO)
     with refusals_of_ros():
-        node = rclpy.create_node('offradar_session')
+        node = rclpy.create_node('offradar_session', namespace=namespace)
     client = SessionClient(node, timeout, report=partial(typer.echo, err=True), check=check)
     try:
         typer.echo(client.call(service))

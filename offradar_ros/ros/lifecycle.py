@@ -13,6 +13,7 @@ from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from rclpy.service import Service
 
 from offradar_ros.entry_point import explain
+from offradar_ros.ros import qos
 
 _SHUTDOWNS = (
     Transition.TRANSITION_UNCONFIGURED_SHUTDOWN,
@@ -49,6 +50,7 @@ class SteadyLifecycleNode(LifecycleNode):
             except Exception as error:
                 return self._failed(srv_name, error, response)
 
+        options.setdefault('qos_profile', qos.SERVICES)
         chosen = answer_later if inspect.iscoroutinefunction(callback) else answer
         return super().create_service(srv_type, srv_name, chosen, **options)
 

@@ -16,4 +16,6 @@ POSITIONS = _reliable(2000, DurabilityPolicy.VOLATILE)
 RESULTS = _reliable(10, DurabilityPolicy.VOLATILE)
 # A subscriber that misses one would hold another map than the server.
 UPDATES = _reliable(1000, DurabilityPolicy.VOLATILE)
+# Of more requests that wait than this, the oldest are never answered; by default that is 10.
+SERVICES = _reliable(1000, DurabilityPolicy.VOLATILE)
 LATCHED = _reliable(1, DurabilityPolicy.TRANSIENT_LOCAL)

@@ -60,7 +60,9 @@ class SessionClient:
             self.waiting_for = f'the service {client.service_name}'
             hint = f'gives up after {self._timeout_s:g} s; is map_server_node running, in this domain and namespace?'
             if not self._wait(client.service_is_ready, self._timeout_s, hint):
-                raise OffradarError(f'service map_server/{name}: no map server within {self._timeout_s:g} s')
+                raise OffradarError(
+                    f'service map_server/{name}: no map server within {self._timeout_s:g} s{self._elsewhere(client.service_name)}'
+                )
             future = client.call_async(Trigger.Request())
             self.waiting_for = f'the answer of {client.service_name}, which may be carried out all the same'
             if not self._wait(future.done, answer_s, f'gives up after {answer_s:g} s'):
@@ -71,6 +73,19 @@ class SessionClient:
             return str(response.message)
         finally:
             self._node.destroy_client(client)
+
+    def _elsewhere(self, wanted: str) -> str:
+        """Map servers of other namespaces than that of the service `wanted`, and how to reach them."""
+        ending = f'/map_server/{wanted.rpartition("/")[2]}'
+        services = [service for service, _ in self._node.get_service_names_and_types()]
+        # A service that is only asked for is among them.
+        found = sorted(each.removesuffix(ending) for each in services if each.endswith(ending) and each != wanted)
+        if not found:
+            return ''
+        return (
+            f': there is one in {", ".join(namespace or "/" for namespace in found)}: name the namespace '
+            '(offradar session --namespace, or --ros-args -r __ns:= of replay_node)'
+        )
 
     def _wait(self, done: Callable[[], bool], timeout_s: float, hint: str) -> bool:
         executor = SingleThreadedExecutor(context=self._node.context)

@@ -114,3 +114,29 @@ def test_a_map_server_that_does_not_answer_is_reported(tmp_path: Path) -> None:
                 assert waiting.wait(WAIT_S) == 143
         finally:
             server.send_signal(signal.SIGCONT)
+
+
+@pytest.mark.skipif(importlib.util.find_spec('rclpy') is None, reason='rclpy is not installed')
+def test_a_map_server_of_another_namespace_is_named_and_reached(tmp_path: Path, domain_id: int) -> None:
+    from offradar_ros.lab.live.node_processes import Stack  # noqa: PLC0415
+
+    nodes = Stack(tmp_path, domain_id, {})
+    server = nodes.start('map_server_node', ['--ros-args', '-r', '__ns:=/car_1', '-p', 'map.start_session:=false'])
+
+    def call(*arguments: str) -> tuple[int, str]:
+        command = [sys.executable, '-m', 'offradar_ros.cli.main', 'session', 'start', *arguments]
+        ran = subprocess.run(
+            command, env=nodes.environment, capture_output=True, text=True, timeout=WAIT_S, check=False
+        )
+        return ran.returncode, ran.stdout + ran.stderr
+
+    try:
+        status, printed = call('--namespace', '/car_1')
+        assert (status, 'session 1 started' in printed) == (0, True), printed
+        status, printed = call('--timeout', '10')
+        assert status == 1
+        assert 'no map server within 10 s: there is one in /car_1: name the namespace' in printed
+        status, printed = call('--namespace', 'car 1')
+        assert (status, printed.count('\n'), 'car 1' in printed) == (1, 1, True), printed
+    finally:
+        server.stop()

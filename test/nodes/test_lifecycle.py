@@ -25,6 +25,7 @@ from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, SetParameters
 from rclpy.parameter import Parameter as RclpyParameter
+from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Image, NavSatFix, PointCloud2
 from small_maps import make_map
 from std_srvs.srv import Trigger
@@ -307,6 +308,17 @@ def test_sessions_are_services(
         cleared = trigger(observer, 'clear')
         assert cleared.success
         assert Path(cleared.message.rpartition(' ')[2]).exists()
+
+
+def test_many_calls_at_once_are_all_answered(observer: Observer, start_node: StartNode, tmp_path: Path) -> None:
+    start_node(MapServerNode, {'map.path': str(tmp_path / 'town.db')})
+    depth = QoSProfile(depth=1000)
+    names = ('save', 'end_session', 'start_session', 'subscribers')
+    clients = [observer.node.create_client(Trigger, f'map_server/{name}', qos_profile=depth) for name in names]
+    for client in clients:
+        assert client.wait_for_service(WAIT_S)
+    answers = [client.call_async(Trigger.Request()) for _ in range(50) for client in clients]
+    wait_until(lambda: all(answer.done() for answer in answers))
 
 
 @pytest.mark.parametrize('service', ['undo_session', 'clear'])
