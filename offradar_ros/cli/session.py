@@ -54,12 +54,16 @@ def _call(service: str, timeout: float, namespace: str, check: Callable[[], None
     # Imported here: the other commands work without ROS.
     import rclpy  # noqa: PLC0415
     from rclpy.signals import SignalHandlerOptions  # noqa: PLC0415
+    from rclpy.validate_namespace import validate_namespace  # noqa: PLC0415
 
     from offradar_ros.ros.initialise import initialise, refusals_of_ros  # noqa: PLC0415
     from offradar_ros.ros.session_client import SessionClient  # noqa: PLC0415
 
     initialise([], signal_handler_options=SignalHandlerOptions.NO)
     with refusals_of_ros():
+        if namespace:
+            # Before a node is made with it: rclpy complains on stderr about one that it gives up.
+            validate_namespace(f'/{namespace.lstrip("/")}')
         node = rclpy.create_node('offradar_session', namespace=namespace)
     client = SessionClient(node, timeout, report=partial(typer.echo, err=True), check=check)
     try:

@@ -95,7 +95,9 @@ def _check_domain(text: str) -> None:
 
 
 def _explain(error: Exception) -> str:
-    text = str(error).splitlines()[0] if str(error).strip() else type(error).__name__
+    lines = [line.strip() for line in str(error).splitlines()] or [type(error).__name__]
+    # A name that is refused is on the second line.
+    text = ' '.join(lines[:2]) if lines[0].endswith(':') else lines[0]
     # Where in the C sources it was found says nothing to a user.
     text = re.sub(r', at \S+:\d+', '', text).removeprefix('failed to initialize rcl: ')
     if 'initialize logging' in text:

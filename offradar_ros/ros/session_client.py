@@ -60,9 +60,8 @@ class SessionClient:
             self.waiting_for = f'the service {client.service_name}'
             hint = f'gives up after {self._timeout_s:g} s; is map_server_node running, in this domain and namespace?'
             if not self._wait(client.service_is_ready, self._timeout_s, hint):
-                raise OffradarError(
-                    f'service map_server/{name}: no map server within {self._timeout_s:g} s{self._elsewhere(client.service_name)}'
-                )
+                where = self._elsewhere(client.service_name)
+                raise OffradarError(f'service map_server/{name}: no map server within {self._timeout_s:g} s{where}')
             future = client.call_async(Trigger.Request())
             self.waiting_for = f'the answer of {client.service_name}, which may be carried out all the same'
             if not self._wait(future.done, answer_s, f'gives up after {answer_s:g} s'):

@@ -39,6 +39,7 @@ CAUSES = {
         'unknown_range_resolution',
         'invalid_stamp',
         'no_signal',
+        'too_few_rows',
         'wrong_size',
     },
 }
