@@ -33,7 +33,8 @@ class PolarScan:
         range_offset_m: metres added to every range.
         azimuth_stamps_ns: (A,) int64 measurement time of each row, or None if the source has none.
         row_faults: number of rows by what was wrong with them: ``angle_interpolated``, ``stamp_interpolated``,
-            ``stamp_unusable`` (the stamp of the scan is in its place), ``no_power``, ``saturated``, ``damaged``.
+            ``stamp_unusable`` (the stamp of the scan is in its place), ``no_power``, ``saturated``, ``damaged``,
+            ``missing`` (of `radar.azimuth_samples`, and the others are the first of a turn).
     """
 
     stamp_ns: int

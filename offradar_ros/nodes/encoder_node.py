@@ -10,7 +10,7 @@ import dataclasses
 import functools
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -21,6 +21,7 @@ from offradar_ros.encoders.registry import make_encoder
 from offradar_ros.errors import RefusedInput
 from offradar_ros.messages import scan_from_compressed, scan_from_image, stamp_ns
 from offradar_ros.ros import navtech, qos
+from offradar_ros.ros.diagnostics import Trouble
 from offradar_ros.ros.embedding_message import embedding_message, model_message
 from offradar_ros.ros.ledger import Ledger
 from offradar_ros.ros.newest_worker import NewestWorker
@@ -32,6 +33,8 @@ from offradar_ros.types import PolarScan
 SCANS = 'radar_data/b_scan_image'
 COMPRESSED_SCANS = f'{SCANS}/compressed'
 B_SCANS = 'radar_data/b_scan_msg'
+PARTIAL_SCANS = 10
+"""So many scans in a row that are no whole rotation are worth a word."""
 SLOW_S = 10.0
 """A scan that takes longer than this is reported while it does."""
 
@@ -70,6 +73,7 @@ class EncoderNode(StageNode):
         self._radar = self.config.radar
         self._has_b_scans = False
         self._recording = self._encoded_recording = 0
+        self._partial = 0
         self._worker: NewestWorker[Received] | None = None
         self._ledger = Ledger('scans', lambda: self._worker.unfinished if self._worker else 0)
         self._embeddings = self.publisher(PointCloud2, 'embedding', qos.RESULTS)
@@ -124,6 +128,16 @@ class EncoderNode(StageNode):
         self.status.warning = ''
         if busy_s > SLOW_S:
             self.status.warning = f'one scan has been encoded for {busy_s:.0f} s: the encoder hangs or is far too slow'
+
+    def troubles(self) -> Iterator[Trouble]:
+        """All scans are smaller than a rotation."""
+        if self._partial >= PARTIAL_SCANS:
+            yield Trouble(
+                'partial_scans',
+                f'the last {self._partial} scans had fewer rows than radar.azimuth_samples = '
+                f'{self._radar.azimuth_samples}, and are taken for the first part of a turn: set it to the number of '
+                'rows of a rotation, or see why the driver cuts them off',
+            )
 
     def _settle(self, forgotten: list[Received]) -> None:
         for _ in forgotten:
@@ -197,6 +211,7 @@ class EncoderNode(StageNode):
         if encoded.restarted:
             self.status.counts['recordings.restarted'] += 1
             self.log_now_and_then('stamps jumped back: the recording starts again')
+        self._partial = self._partial + 1 if 'missing' in encoded.row_faults else 0
         for fault, count in encoded.row_faults.items():
             self.status.counts[f'rows.{fault}'] += count
         if encoded.embedding is not None:

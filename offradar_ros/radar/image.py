@@ -56,7 +56,9 @@ def decode_polar_image(
         image = np.asarray(cv2.transpose(image), np.uint8)
     if config.metadata_columns == 'auto':
         _require_no_metadata(image)
-    return scan_from_rows(image, Rows(equal_angles(len(image), config), None, {}), stamp_ns, config)
+    missing = max(0, config.azimuth_samples - len(image))
+    rows = Rows(equal_angles(len(image), config), None, {'missing': missing})
+    return scan_from_rows(image, rows, stamp_ns, config)
 
 
 def _starts_with_metadata(image: NDArray[np.uint8], config: RadarConfig) -> bool:

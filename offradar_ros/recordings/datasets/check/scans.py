@@ -38,6 +38,7 @@ ROW_FAULTS = {
     'damaged': 'damaged lines, rows without power',
     'no_power': 'azimuths without any power (partial rotation)',
     'saturated': 'azimuths whose every power value is 255',
+    'missing': 'fewer rows than radar.azimuth_samples, they are placed in the first part of a turn',
 }
 """What `PolarScan.row_faults` counts, in words."""
 
