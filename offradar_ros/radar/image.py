@@ -30,6 +30,8 @@ from offradar_ros.types import PolarScan
 
 ENCODINGS = ('8UC1', 'mono8')
 _LARGEST_POWER = 255
+_FEW_MISSING = 0.02
+"""A share of a rotation that some drivers leave out of a scan."""
 _LEAST_SIGHT = 0.25
 """Share of a rotation that must show something; sectors that look at the vehicle itself are blanked in some."""
 
@@ -57,7 +59,8 @@ def decode_polar_image(
     if config.metadata_columns == 'auto':
         _require_no_metadata(image)
     missing = max(0, config.azimuth_samples - len(image))
-    rows = Rows(equal_angles(len(image), config), None, {'missing': missing})
+    faults = {'missing': missing if missing > _FEW_MISSING * config.azimuth_samples else 0}
+    rows = Rows(equal_angles(len(image), config), None, faults)
     return scan_from_rows(image, rows, stamp_ns, config)
 
 

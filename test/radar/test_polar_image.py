@@ -111,6 +111,7 @@ def test_a_partial_image_holds_the_first_rows_of_a_rotation() -> None:
     assert scan.azimuths_rad[-1] == pytest.approx(math.radians(0.9 * 398))
     partial = decode_polar_image(**fields(powers(100, 3360)))
     assert partial.azimuths_rad[-1] == pytest.approx(math.radians(0.9 * 99))
+    assert (scan.row_faults, partial.row_faults) == ({}, {'missing': 300})
 
 
 def blind(*seeing: int, value: int = 255) -> np.ndarray:
