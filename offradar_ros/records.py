@@ -28,7 +28,7 @@ from cattrs.gen import make_dict_structure_fn
 
 from offradar_ros.bounded_input import add_float_resolver, parse_json, parse_yaml, read_text
 from offradar_ros.errors import ConfigError, OffradarError
-from offradar_ros.whole_file import write_whole_file
+from offradar_ros.whole_file import require_same_kind, write_whole_file
 from offradar_ros.yaml_digest import AlteredError, check_digest
 
 RecordT = TypeVar('RecordT')
@@ -111,10 +111,15 @@ def write_record(path: str | Path, record: Any) -> None:
         raise ConfigError(f'{path}: cannot be written ({error.strerror})') from error
 
 
-def require_writable(path: Path) -> None:
-    """ConfigError if no file can be written at `path`; an existing file is not changed."""
+def require_writable(path: Path, like: bytes | None = b'') -> None:
+    """ConfigError if no file that begins as `like`, by default text, can be written at `path`; None if any may.
+
+    An existing file is not changed.
+    """
     existed = path.exists()
     try:
+        if like is not None:
+            require_same_kind(path, like)
         with path.open('ab'):
             pass
         if not existed:
