@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros.geometry import LeftOut, Trajectory
+from offradar_ros.positions.motion import metres_apart_m, points_apart_m
 from offradar_ros.positions.order import FAR_NS, Admitted, PositionOrder
 from offradar_ros.positions.rules import FAR_M, apart_m, geo_point, require_pose
 from offradar_ros.types import Pose
@@ -36,7 +37,9 @@ class PositionTrack:
         self._geodetic = geodetic
         self._tally: Counter[str] = Counter() if tally is None else tally
         self._first: dict[str, str] = {}
-        self._order: PositionOrder[_Row] = PositionOrder(RESTART_AFTER_NS)
+        self._order: PositionOrder[_Row] = PositionOrder(
+            RESTART_AFTER_NS, points_apart_m if geodetic else metres_apart_m
+        )
         self._stretches: list[_Stretch] = []
 
     @property

@@ -8,6 +8,7 @@ from typing import Generic, TypeVar
 from offradar_ros.config import PositionConfig
 from offradar_ros.errors import RefusedInput
 from offradar_ros.mapping.pending import PendingEmbeddings, Resolved
+from offradar_ros.positions.motion import Apart
 from offradar_ros.positions.order import Admitted, PositionOrder
 from offradar_ros.types import Embedding, Pose
 
@@ -22,12 +23,13 @@ class Positioning(Generic[T]):
     Args:
         config: how long a scan waits, between which positions is interpolated, and what starts again.
         place: the poses in the map frame that follow from an accepted position; RefusedInput if it is not used.
+        apart: metres between two positions; without it only their stamps are looked at.
     """
 
-    def __init__(self, config: PositionConfig, place: Place[T]) -> None:
+    def __init__(self, config: PositionConfig, place: Place[T], apart: Apart[T] | None = None) -> None:
         self._place = place
         self._wait_ns = round(config.wait_s * 1e9)
-        self._order: PositionOrder[T] = PositionOrder(round(config.restart_after_s * 1e9))
+        self._order: PositionOrder[T] = PositionOrder(round(config.restart_after_s * 1e9), apart)
         self._pending = PendingEmbeddings(config)
         self._last_scan_ns = 0
         self._left_out: list[RefusedInput] = []
@@ -77,7 +79,8 @@ class Positioning(Generic[T]):
     def _resolved(self, admitted: Admitted[T], current_ns: int | None = None) -> list[Resolved]:
         self.leave_out(admitted.left_out)
         last_ns = self._pending.last_position_ns
-        if admitted.jumped and last_ns is not None and (admitted.forgotten or admitted.positions[0][0] <= last_ns):
+        starts_anew = admitted.forgotten or admitted.elsewhere
+        if admitted.jumped and last_ns is not None and (starts_anew or admitted.positions[0][0] <= last_ns):
             # Scans that wait may still get a position of the new stretch.
             self._pending.forget_positions()
         resolved: list[Resolved] = []
