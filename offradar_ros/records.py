@@ -83,13 +83,13 @@ def replace(record: RecordT, values: Mapping[str, Any], noun: str = 'key', fallb
 
 
 def flatten(tree: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
-    """A tree of mappings as one dict with dotted names."""
+    """A tree of mappings as one dict with dotted names; ConfigError where one is there with dots and as a tree."""
     flat: dict[str, Any] = {}
     for key, value in tree.items():
-        if isinstance(value, Mapping):
-            flat.update(flatten(value, f'{prefix}{key}.'))
-        else:
-            flat[f'{prefix}{key}'] = value
+        found = flatten(value, f'{prefix}{key}.') if isinstance(value, Mapping) else {f'{prefix}{key}': value}
+        for name in flat.keys() & found.keys():
+            raise ConfigError(f'{name} is there twice, with dots and as a mapping')
+        flat |= found
     return flat
 
 
