@@ -250,6 +250,27 @@ def test_the_proposed_offset_brings_both_together(length_ns: int, later_ns: int,
     )
 
 
+@pytest.mark.parametrize(
+    ('away_s', 'why', 'option'),
+    [
+        (3600.0, ', as time zones do: ', '-3600.0'),
+        (-8 * 3600.0, ', as time zones do: ', '28800.0'),
+        (-5.5 * 3600.0, ', as time zones do: ', '19800.0'),
+        (-1024 * 7 * 86400.0, ', a GPS week number that has rolled over: 1024 weeks: ', '619315200.0'),
+        (-315_964_782.0, ', GPS time counts from 1980, and is 18 s ahead of UTC: ', '315964782.0'),
+        (37.0, ', TAI is 37 s ahead of UTC: ', '-37.0'),
+        (5000.0, ': ', '-4998.0'),
+    ],
+)
+def test_an_offset_that_clocks_usually_have_is_proposed_exactly(away_s: float, why: str, option: str) -> None:
+    """Positions from 2 s before the scans to 2 s after them, on another clock."""
+    scans = 1_700_000_000 * 10**9 + np.arange(40) * 250_000_000
+    known = scans[0] - 2 * 10**9 + np.arange(140) * 10**8 + round(away_s * 1e9)
+    trajectory = Trajectory(known, np.zeros((140, 3)), np.full(140, np.nan), geodetic=False)
+    text = coverage('gps', scans, trajectory, PositionConfig()).text
+    assert text.endswith(f'(if the clocks disagree{why}offradar convert --position-offset-s {option})')
+
+
 def test_an_offset_already_given_is_part_of_the_proposed_one() -> None:
     known = np.array([100, 110]) * 10**9
     trajectory = Trajectory(known, np.zeros((2, 3)), np.full(2, np.nan), geodetic=False)

@@ -47,11 +47,12 @@ def ins_row(stamp: int, status: str = 'INS_SOLUTION_GOOD', yaw: float = 0.0) -> 
 
 
 def test_oxford_gps(tmp_path: Path) -> None:
-    path = written(tmp_path, GPS_HEADER, f'000{US},7,51.762042,-1.262751,65.1,1', f'000{US + 200000},7,51.8,-1.3,66,1')
+    rows = [f'000{US},7,51.762042,-1.26275,65.1,1', f'000{US + 200000},7,51.76205,-1.26276,66,1']
+    path = written(tmp_path, GPS_HEADER, *rows)
     trajectory = read_oxford_gps(path)
     assert trajectory.geodetic
     assert trajectory.stamps_ns.tolist() == [US * 1000, (US + 200000) * 1000]
-    assert trajectory.positions.tolist() == [[51.762042, -1.262751, 65.1], [51.8, -1.3, 66.0]]
+    assert trajectory.positions.tolist() == [[51.762042, -1.26275, 65.1], [51.76205, -1.26276, 66.0]]
     assert np.isnan(trajectory.yaws_rad).all()
 
 
@@ -143,10 +144,10 @@ def test_radiate_leaves_out_doubled_and_backward_samples(tmp_path: Path) -> None
     listing.write_text(''.join(f'Frame: {k:06d} Time: 1574859835{t}\n' for k, t in enumerate(times)))
     (tmp_path / 'GPS_IMU_Twist').mkdir()
     for k in range(5):
-        (tmp_path / 'GPS_IMU_Twist' / f'{k:06d}.txt').write_text(f'55.8{k},-3.3,209.2 \n0.02,0,0 \n')
+        (tmp_path / 'GPS_IMU_Twist' / f'{k:06d}.txt').write_text(f'55.8000{k},-3.3,209.2 \n0.02,0,0 \n')
     tally: Counter[str] = Counter()
     trajectory = read_gps_twist(listing, tally)
-    assert trajectory.positions[:, 0].tolist() == [55.80, 55.82, 55.84]
+    assert trajectory.positions[:, 0].tolist() == [55.8, 55.80002, 55.80004]
     assert tally == {'repeated_position_stamp': 1, 'position_stamp_backwards': 1, 'missing sample': 1}
 
 
