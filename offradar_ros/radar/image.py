@@ -85,8 +85,10 @@ def scan_from_rows(power: NDArray[np.uint8], rows: Rows, stamp_ns: int, config: 
     RefusedInput with cause no_signal or unknown_range_resolution.
     """
     strongest = power.max(axis=1, initial=0)
-    if not strongest.any():
-        raise RefusedInput('no_signal', f'scan at {stamp_ns} ns holds no signal: every power value is zero')
+    if strongest.size and strongest.min() == strongest.max() and np.all(power == strongest[0]):
+        raise RefusedInput(
+            'no_signal', f'scan at {stamp_ns} ns holds no signal: every power value is {strongest[0] or "zero"}'
+        )
     faults = rows.faults | {
         'no_power': int(np.count_nonzero(strongest == 0)),
         'saturated': int(np.count_nonzero(power.min(axis=1) == _LARGEST_POWER)),

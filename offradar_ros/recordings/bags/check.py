@@ -21,6 +21,7 @@ from offradar_ros.recordings.bags.topics import FIX_TYPE, ChosenTopics
 from offradar_ros.recordings.datasets.check.clocks import ScanClock
 from offradar_ros.recordings.datasets.check.coverage import coverage
 from offradar_ros.recordings.datasets.check.findings import Finding, Findings, counted, note, ok, problem
+from offradar_ros.recordings.datasets.check.repeats import Repeats
 from offradar_ros.recordings.datasets.check.scans import ROW_FAULTS
 from offradar_ros.recordings.datasets.check.sizes import Sizes
 from offradar_ros.recordings.datasets.check.stamps import check_stamps
@@ -61,7 +62,7 @@ def _findings(bag: Bag, radar: RadarConfig, position: PositionConfig, chosen: Ch
         return
     yield ok(f'scans: {topic}')
     scans = _Scans([], [], ScanClock())
-    sizes = Sizes()
+    sizes, repeats = Sizes(), Repeats()
     refused: dict[str, list[str]] = {}
     mended: Counter[str] = Counter()
     for raw in bag.messages([topic]):
@@ -75,9 +76,11 @@ def _findings(bag: Bag, radar: RadarConfig, position: PositionConfig, chosen: Ch
             refused.setdefault(refusal.cause, []).append(str(refusal))
         else:
             sizes.add(scan, f'at {scan.stamp_ns} ns')
+            repeats.add(scan, f'at {scan.stamp_ns} ns')
             scans.clock.add(scan)
             mended.update(fault for fault in scan.row_faults if fault in MENDED)
     yield from sizes.findings()
+    yield from repeats.findings()
     for cause, messages in sorted(refused.items()):
         yield problem(f'{counted(len(messages), "scan")} would be refused ({cause}): {messages[0]}')
     for fault, count in mended.items():
