@@ -22,7 +22,7 @@ _ROW_STAMP_SLACK_NS = 50_000_000
 _LOST_ROW_STEPS = 1.5
 # What is the same for every scan, so that one line names them all.
 _REFUSALS = {
-    'no_signal': 'no signal, every power value is the same',
+    'no_signal': 'no signal, every power value is zero, or the same',
     'no_metadata': 'rows without the metadata columns that this layout has: read another layout (--layout), or set '
     'radar.metadata_columns to 0 if all bytes are power, or radar.row_angles to equal if the first 11 are not',
     'no_row_angles': f'encoder counts that are zero, constant or decreasing: {WAY_OUT}',
