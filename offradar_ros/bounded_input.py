@@ -18,6 +18,7 @@ MAX_DEPTH = 64
 """Deepest nesting of YAML and JSON."""
 MAX_YAML_NODES = 200_000
 """Most values of a YAML text, each alias counted with all that it stands for."""
+_LONGEST_KEY = 60
 _MAX_YAML_EXPANDED = 4 * MAX_TEXT_BYTES
 
 
@@ -61,7 +62,8 @@ def parse_json(text: str | bytes, limit_bytes: int = MAX_TEXT_BYTES) -> Any:
 def parse_yaml(text: str, limit_bytes: int = MAX_TEXT_BYTES) -> Any:
     """YAML text to plain values; as in YAML 1.2 and in ROS, 1e-5 is a number.
 
-    yaml.YAMLError or ValueError if it is not YAML, too long or too deep, or if its aliases stand for too much.
+    yaml.YAMLError or ValueError if it is not YAML, too long or too deep, if its aliases stand for too much, or if a key
+    stands twice in one mapping: one of its values would be lost.
     """
     _require_short(len(text), limit_bytes)
     try:
@@ -110,6 +112,19 @@ class _Loader(yaml.SafeLoader):
 add_float_resolver(_Loader)
 
 
+def _require_distinct_keys(node: yaml.Node) -> None:
+    if not isinstance(node, yaml.MappingNode):
+        return
+    found: dict[tuple[str, str], int] = {}
+    for key, _ in node.value:
+        if isinstance(key, yaml.ScalarNode):
+            line = key.start_mark.line + 1
+            if (key.tag, key.value) in found:
+                name, first = ascii(key.value[:_LONGEST_KEY]), found[key.tag, key.value]
+                raise ValueError(f'line {line}: {name} is there twice, first in line {first}')
+            found[key.tag, key.value] = line
+
+
 class _Expansion:
     """Nodes and characters that a YAML tree has when each alias is replaced by what it stands for."""
 
@@ -127,6 +142,7 @@ class _Expansion:
             raise ValueError('an alias stands inside its own anchor')
         if id(node) not in self._known:
             self._open.add(id(node))
+            _require_distinct_keys(node)
             nodes, characters, height = 1, 0, 0
             parts = (
                 node.value if isinstance(node, yaml.SequenceNode) else [part for pair in node.value for part in pair]

@@ -545,18 +545,35 @@ def read_parameters(path: str | Path) -> dict[str, Any]:
     """Dotted names and values of a parameter file, for ROS (``ros__parameters`` of any node) or plain.
 
     All names in the file, including parameters that only nodes have (see `is_node_parameter`). ConfigError for a file
-    that cannot be read or holds no parameters.
+    that cannot be read, is empty, or has two values of a parameter, for two nodes, of which a command cannot choose.
     """
     values: dict[str, Any] = {}
+    named: dict[str, str] = {}
     try:
-        for key, branch in _mapping(read_tree(path)).items():
-            if isinstance(branch, Mapping) and 'ros__parameters' in branch:
-                values |= flatten(_mapping(branch['ros__parameters']))
-            else:
-                values |= flatten({key: branch})
-    except ValueError as error:
-        raise ConfigError(f'{path}: {error}') from None
+        tree = read_tree(path)
+        if tree is None:
+            raise ValueError('holds no parameters: expected some, or no file')
+        branches = _mapping(tree)
+        nodes = [key for key, branch in branches.items() if isinstance(branch, Mapping) and 'ros__parameters' in branch]
+        values |= flatten({key: branch for key, branch in branches.items() if key not in nodes})
+        for key in nodes:
+            found = flatten(_mapping(branches[key]['ros__parameters']))
+            if '*' not in str(key):
+                _require_same_values(named, values, str(key), found)
+            values |= found
+    except (ConfigError, ValueError) as error:
+        raise ConfigError(str(error) if str(path) in str(error) else f'{path}: {error}') from None
     return values
+
+
+def _require_same_values(named: dict[str, str], values: dict[str, Any], node: str, found: dict[str, Any]) -> None:
+    """ValueError where another node by name has another value; `named` is extended."""
+    for name, value in found.items():
+        if name in named and values[name] != value and not is_node_parameter(name):
+            raise ValueError(
+                f'{name} is {values[name]!r} for {named[name]} and {value!r} for {node}: expected a file for each'
+            )
+        named[name] = node
 
 
 def _mapping(tree: Any) -> Mapping[str, Any]:

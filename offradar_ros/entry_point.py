@@ -110,6 +110,7 @@ def run_guarded(program: Callable[[], int]) -> int:
     1 for an error, and for a reader of stdout that has gone, silently; 130 for Ctrl-C. A defect shows its traceback
     before the line. SystemExit passes.
     """
+    _open_closed_streams()
     _accept_any_text()
     try:
         try:
@@ -138,6 +139,21 @@ def _say(text: str) -> None:
     if sys.stderr is not None:
         with contextlib.suppress(OSError, ValueError):
             print(text, file=sys.stderr, flush=True)
+
+
+def _open_closed_streams() -> None:
+    """Give a program that was started without stdin, stdout or stderr the null device in their place.
+
+    Else the next file that is opened, such as a map, takes the number, and whatever a library prints is written to it.
+    """
+    for number in range(3):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)
+    for name, number in (('stdout', 1), ('stderr', 2)):
+        if getattr(sys, name) is None:
+            setattr(sys, name, os.fdopen(number, 'w', closefd=False))
 
 
 def _accept_any_text() -> None:

@@ -12,12 +12,13 @@ from typing import Any, Protocol
 from offradar_ros.config import RadarConfig
 from offradar_ros.errors import DataError, RefusedInput
 from offradar_ros.geometry import GeoPoint
-from offradar_ros.positions.rules import geo_point, require_pose
+from offradar_ros.positions.rules import geo_point, require_accurate, require_pose
 from offradar_ros.radar.image import decode_polar_image
 from offradar_ros.radar.png import decode_png
 from offradar_ros.types import PolarScan, Pose
 
 NO_FIX = -1
+UNKNOWN_COVARIANCE = 0
 _JPEG = b'\xff\xd8\xff'
 # CDR: 4 bytes of encapsulation, then the header's stamp, in every message that starts with std_msgs/Header.
 STAMP_OFFSET = 4
@@ -81,6 +82,8 @@ def point_from_fix(message: Any) -> GeoPoint:
     """The position in a sensor_msgs/NavSatFix; RefusedInput (`no_fix`, `invalid_position`) where it holds none."""
     if message.status.status == NO_FIX:
         raise RefusedInput('no_fix', 'NavSatFix status is -1 (no fix): position dropped')
+    if message.position_covariance_type != UNKNOWN_COVARIANCE:
+        require_accurate(message.position_covariance[0], message.position_covariance[4])
     return geo_point(message.latitude, message.longitude, message.altitude)
 
 

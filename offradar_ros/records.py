@@ -28,7 +28,7 @@ from cattrs.gen import make_dict_structure_fn
 
 from offradar_ros.bounded_input import add_float_resolver, parse_json, parse_yaml, read_text
 from offradar_ros.errors import ConfigError, OffradarError
-from offradar_ros.whole_file import write_whole_file
+from offradar_ros.whole_file import require_same_kind, write_whole_file
 from offradar_ros.yaml_digest import AlteredError, check_digest
 
 RecordT = TypeVar('RecordT')
@@ -83,13 +83,13 @@ def replace(record: RecordT, values: Mapping[str, Any], noun: str = 'key', fallb
 
 
 def flatten(tree: Mapping[str, Any], prefix: str = '') -> dict[str, Any]:
-    """A tree of mappings as one dict with dotted names."""
+    """A tree of mappings as one dict with dotted names; ConfigError where one is there with dots and as a tree."""
     flat: dict[str, Any] = {}
     for key, value in tree.items():
-        if isinstance(value, Mapping):
-            flat.update(flatten(value, f'{prefix}{key}.'))
-        else:
-            flat[f'{prefix}{key}'] = value
+        found = flatten(value, f'{prefix}{key}.') if isinstance(value, Mapping) else {f'{prefix}{key}': value}
+        for name in flat.keys() & found.keys():
+            raise ConfigError(f'{name} is there twice, with dots and as a mapping')
+        flat |= found
     return flat
 
 
@@ -111,10 +111,15 @@ def write_record(path: str | Path, record: Any) -> None:
         raise ConfigError(f'{path}: cannot be written ({error.strerror})') from error
 
 
-def require_writable(path: Path) -> None:
-    """ConfigError if no file can be written at `path`; an existing file is not changed."""
+def require_writable(path: Path, like: bytes | None = b'') -> None:
+    """ConfigError if no file that begins as `like`, by default text, can be written at `path`; None if any may.
+
+    An existing file is not changed.
+    """
     existed = path.exists()
     try:
+        if like is not None:
+            require_same_kind(path, like)
         with path.open('ab'):
             pass
         if not existed:

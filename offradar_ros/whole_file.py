@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import contextlib
 import errno
 import os
@@ -11,6 +12,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import BinaryIO
 
+_START = 4096
+_KINDS = {
+    b'SQLite format 3\0': 'a SQLite database, such as a map',
+    b'\x89MCAP': 'an MCAP recording',
+    b'#ROSBAG': 'a ROS 1 recording',
+    b'\x89PNG': 'a PNG image',
+}
+_TEXT, _BINARY = 'text', 'binary data'
+
 
 @contextlib.contextmanager
 def whole_file(path: str | Path) -> Iterator[BinaryIO]:
@@ -18,7 +28,8 @@ def whole_file(path: str | Path) -> Iterator[BinaryIO]:
 
     If the block raises, or the file cannot be written, what was at `path` is left as it was. A symbolic link at `path`
     is replaced, not followed; a file keeps its permissions. OSError for a folder that is missing or not writable, a
-    full disk, and a folder, device or FIFO at `path`.
+    full disk, a folder, device or FIFO at `path`, and a file there of another kind than the one that is written: a map
+    or a recording is not replaced by a table because somebody mistook its name.
     """
     target = Path(path)
     mode = _mode(target)
@@ -34,6 +45,8 @@ def whole_file(path: str | Path) -> Iterator[BinaryIO]:
             yield file
             file.flush()
             os.fsync(descriptor)
+            file.seek(0)
+            require_same_kind(target, file.read(_START))
         draft.replace(target)
     except BaseException:
         draft.unlink(missing_ok=True)
@@ -58,6 +71,33 @@ def sync_folder(folder: Path) -> None:
             raise
     finally:
         os.close(descriptor)
+
+
+def require_same_kind(target: Path, start: bytes) -> None:
+    """OSError if what is at `target` is of another kind than a file that begins with `start`."""
+    try:
+        with target.open('rb') as file:
+            there = file.read(_START)
+    except FileNotFoundError:
+        return
+    except PermissionError:
+        # Who may write to the folder may replace what they cannot read; nobody can tell what it is.
+        return
+    if there and _kind(there) != _kind(start):
+        what = f'Holds {_kind(there)}, and not what would be written: give another name'
+        raise OSError(errno.EEXIST, what, str(target))
+
+
+def _kind(start: bytes) -> str:
+    for signature, kind in _KINDS.items():
+        if start.startswith(signature):
+            return kind
+    # What is cut off at the end may be half a character.
+    text = codecs.getincrementaldecoder('utf-8')()
+    try:
+        return _BINARY if '\0' in text.decode(start) else _TEXT
+    except UnicodeDecodeError:
+        return _BINARY
 
 
 def _mode(target: Path) -> int | None:

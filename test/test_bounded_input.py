@@ -75,6 +75,18 @@ def test_yaml_that_would_grow_without_bound(text: str, problem: str) -> None:
         parse_yaml(text)
 
 
+@pytest.mark.parametrize(
+    'text', ['a: 1\nb: 2\na: 3', '{a: 1, a: 1}', 'x: {y: [{a: 1, "a": 2}]}', '/**: {a: 1}\n/**: {b: 2}']
+)
+def test_a_key_that_is_there_twice_is_refused(text: str) -> None:
+    with pytest.raises(ValueError, match=r'line \d: .* is there twice, first in line 1'):
+        parse_yaml(text)
+
+
+def test_a_key_of_its_own_beside_merged_ones_is_no_second() -> None:
+    assert parse_yaml('a: &a {b: 1, c: 2}\nd:\n  <<: *a\n  b: 3') == {'a': {'b': 1, 'c': 2}, 'd': {'b': 3, 'c': 2}}
+
+
 def test_aliases_within_bounds_are_read() -> None:
     assert parse_yaml('a: &a {b: 1}\nc: [*a, *a]') == {'a': {'b': 1}, 'c': [{'b': 1}, {'b': 1}]}
     chain = ''.join(f'a{i}: &a{i} [*a{i - 1}]\n' for i in range(1, MAX_DEPTH + 3))

@@ -92,8 +92,40 @@ def test_any_node_s_parameters_and_plain_ones_are_read(tmp_path: Path) -> None:
     path = tmp_path / 'params.yaml'
     path.write_text('/**:\n  ros__parameters:\n    map: {replace: all}\nquery.top_k: 3\n/x:\n  ros__parameters:\n')
     assert read_parameters(path) == {'map.replace': 'all', 'query.top_k': 3}
-    path.write_text('')
-    assert read_parameters(path) == {}
+    path.write_text('/**: {ros__parameters: {map.replace: all}}\n/encoder: {ros__parameters: {map.replace: none}}')
+    assert read_parameters(path) == {'map.replace': 'none'}
+
+
+@pytest.mark.parametrize(
+    ('text', 'problem'),
+    [
+        ('', 'holds no parameters'),
+        ('# all of it is commented out\n', 'holds no parameters'),
+        ('map: {replace: all}\nmap: {match_distance_m: 3}', "line 2: 'map' is there twice, first in line 1"),
+        ('map: {replace: all}\nmap.replace: nearest', 'map.replace is there twice, with dots and as a mapping'),
+        (
+            '/car1/encoder: {ros__parameters: {radar.range_resolution_m: 0.04}}\n'
+            '/car2/encoder: {ros__parameters: {radar: {range_resolution_m: 0.06}}}',
+            'radar.range_resolution_m is 0.04 for /car1/encoder and 0.06 for /car2/encoder: expected a file for each',
+        ),
+    ],
+)
+def test_a_file_of_which_something_would_be_lost_is_refused(tmp_path: Path, text: str, problem: str) -> None:
+    path = tmp_path / 'params.yaml'
+    path.write_text(text)
+    with pytest.raises(ConfigError) as refused:
+        read_parameters(path)
+    assert problem in str(refused.value)
+    assert str(refused.value).count(str(path)) == 1
+
+
+def test_nodes_that_agree_and_have_their_own_settings_may_be_in_one_file(tmp_path: Path) -> None:
+    path = tmp_path / 'params.yaml'
+    path.write_text(
+        '/encoder: {ros__parameters: {map.replace: all, use_sim_time: true}}\n'
+        '/query: {ros__parameters: {map.replace: all, use_sim_time: false}}'
+    )
+    assert load_config(path).map.replace == 'all'
 
 
 @pytest.mark.parametrize(

@@ -263,3 +263,48 @@ def test_a_name_that_no_encoding_has_is_printed_all_the_same(tmp_path: Path, enc
     name = os.fsencode(tmp_path) + b'/\xff\xfe'
     assert_refused(ended('check', os.fsdecode(name), env=encoding), 'no such folder')
     assert ended('parameters', env=encoding).returncode == 0
+
+
+def close_all(numbers: tuple[int, ...]) -> None:
+    for number in numbers:
+        os.close(number)
+
+
+@pytest.mark.parametrize('closed', [(0,), (2,), (1, 2), (0, 1, 2)])
+def test_a_program_without_its_streams_writes_nothing_into_its_files(tmp_path: Path, closed: tuple[int, ...]) -> None:
+    """A file that took the number of stderr would hold what libraries print."""
+    code = (
+        'import os, sys\n'
+        'from offradar_ros.entry_point import run_guarded\n'
+        'def program():\n'
+        '    file = os.open(sys.argv[1], os.O_CREAT | os.O_WRONLY)\n'
+        '    assert file > 2\n'
+        '    os.write(file, b"kept")\n'
+        '    os.write(2, b"printed by a library")\n'
+        '    print("printed"), print("printed", file=sys.stderr)\n'
+        '    return 0\n'
+        'sys.exit(run_guarded(program))\n'
+    )
+    ran = subprocess.run(
+        [sys.executable, '-c', code, tmp_path / 'file'],
+        env={**os.environ, 'PYTHONPATH': str(PROJECT)},
+        timeout=WAIT_S,
+        check=False,
+        preexec_fn=lambda: close_all(closed),
+    )
+    assert ran.returncode == 0
+    assert (tmp_path / 'file').read_bytes() == b'kept'
+
+
+def test_check_without_stderr_prints_its_findings() -> None:
+    ran = subprocess.run(
+        [*OFFRADAR, 'check', SESSION],
+        env={**os.environ, 'PYTHONPATH': str(PROJECT)},
+        stdout=subprocess.PIPE,
+        text=True,
+        timeout=WAIT_S,
+        check=False,
+        preexec_fn=lambda: os.close(2),
+    )
+    assert ran.returncode == 0
+    assert '10 scans' in ran.stdout

@@ -94,3 +94,30 @@ def test_a_name_as_long_as_the_file_system_allows(tmp_path: Path) -> None:
     with pytest.raises(OSError, match='too long'):
         write_whole_file(tmp_path / ('a' * 256), b'1')
     assert [found.name for found in tmp_path.iterdir()] == [path.name]
+
+
+@pytest.mark.parametrize(
+    ('there', 'written'),
+    [
+        (b'SQLite format 3\0 and pages', b'a,b\n1,2\n'),
+        (b'\x89MCAP0\r\n', b'\x08\x07\x12\x00'),
+        (b'SQLite format 3\0', b'\x10\0\0\0\0\0\0\0{}'),
+        (b'#ROSBAG V2.0\n', b'a,b\n'),
+        (b'\x10\0\0\0\0\0\0\0{}', b'a: 1\n'),
+        (b'a: 1\n', b'\x89PNG\r\n\x1a\n'),
+    ],
+)
+def test_a_file_of_another_kind_stays(tmp_path: Path, there: bytes, written: bytes) -> None:
+    (tmp_path / 'a').write_bytes(there)
+    with pytest.raises(OSError, match='give another name'):
+        write_whole_file(tmp_path / 'a', written)
+    assert (tmp_path / 'a').read_bytes() == there
+    assert [found.name for found in tmp_path.iterdir()] == ['a']
+
+
+def test_a_file_of_the_same_kind_and_an_empty_one_are_replaced(tmp_path: Path) -> None:
+    # The start that is looked at ends within a character.
+    for there, written in ((b'', b'\x89PNG'), (b'a' * 4095 + 'ü'.encode(), b'b'), (b'\0\1', b'\2\0')):
+        (tmp_path / 'a').write_bytes(there)
+        write_whole_file(tmp_path / 'a', written)
+        assert (tmp_path / 'a').read_bytes() == written

@@ -18,6 +18,7 @@ from offradar_ros.encoders.protocol import Encoder
 from offradar_ros.encoders.registry import make_encoder
 from offradar_ros.errors import DataError, RefusedInput
 from offradar_ros.processes import Progress
+from offradar_ros.radar.repeated_power import RepeatedPower
 from offradar_ros.retrieval.thresholds import static_thresholds
 from offradar_ros.sequence import RadarSequence
 
@@ -31,9 +32,9 @@ def calibrate_drive(
 
     Coefficients of the probability that ship for the encoder are kept, with the median U of the drive as the usual
     one. The threshold on U is the lowest static one that rejects an ordinary scan with a chance of at most
-    `reject_at_most`; 0 takes the highest, and so does a drive with too few scans. Scans that are refused are left out;
-    DataError if fewer than two are left. The variance of a learned encoder is scaled by training (prior at 1): only its
-    threshold is chosen. `progress` gets (done, scans) after each scan.
+    `reject_at_most`; 0 takes the highest, and so does a drive with too few scans. Scans that are refused, or repeat the
+    one before, are left out; DataError if fewer than two are left. The variance of a learned encoder is scaled by
+    training (prior at 1): only its threshold is chosen. `progress` gets (done, scans) after each scan.
     """
     encoder = make_encoder(config.encoder)
     uncertainties = _uncertainties(sequence, encoder, progress)
@@ -72,9 +73,14 @@ def _uncertainties(sequence: RadarSequence, encoder: Encoder, progress: Progress
     """(M,) U of the scans that are not refused."""
     found: list[float] = []
     refused: dict[str, list[str]] = {}
+    power = RepeatedPower()
     for index in range(len(sequence)):
         try:
-            found.append(encoder.encode(sequence.scan(index)).uncertainty)
+            scan = sequence.scan(index)
+            uncertainty = encoder.encode(scan).uncertainty
+            if power.is_repeated(scan):
+                raise RefusedInput('repeated_power', f'scan at {scan.stamp_ns} ns is the one before once more')
+            found.append(uncertainty)
         except RefusedInput as refusal:
             refused.setdefault(refusal.cause, []).append(str(refusal))
         if progress is not None:

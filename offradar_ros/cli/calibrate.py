@@ -128,7 +128,7 @@ def calibrate(
     else:
         require_writable(out)
         if plot is not None:
-            require_writable(plot)
+            require_writable(plot, like=None)
         limit = ErrorLimit(error_rate or ERROR_RATE, confidence or CONFIDENCE, off_map_rate or OFF_MAP_RATE)
         calibration, choice = _over_road(sources, layout, topics, config, limit, spacing_m)
         if isinstance(choice, GateChoice) and plot is not None:

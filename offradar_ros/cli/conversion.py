@@ -27,7 +27,7 @@ class Conversion(NamedTuple):
         skipped: for each scan that was left out, why it cannot be read.
         position_problem: how many scans have no position, and why; empty if every scan has one.
         row_faults: number of scans by what was wrong with some of their rows and has been mended.
-        warnings: positions that were left out, and clocks that disagree, one line each.
+        warnings: scans and stamps that are odd, positions that were left out, clocks that disagree, one line each.
     """
 
     scans: int
@@ -53,7 +53,8 @@ def convert_sequence(
 
     def skip(index: int, error: OffradarError) -> None:
         if not skip_unreadable:
-            raise DataError(f'{error} (--skip-unreadable leaves such scans out)') from error
+            where = '' if str(sequence.name) in str(error) else f'{sequence.name}, scan {index}: '
+            raise DataError(f'{where}{error} (--skip-unreadable leaves such scans out)') from error
         skipped[index] = error
 
     tallied = TalliedSequence(sequence)
@@ -61,6 +62,7 @@ def convert_sequence(
     written_ns = np.delete(sequence.stamps_ns, list(skipped))
     position_problem = _position_problem(sequence, written_ns, options.position_offset_ns)
     warnings = _position_warnings(sequence, tallied.clock, options.position_offset_ns)
+    warnings = (*tallied.problems(), *warnings)
     return Conversion(len(sequence), list(map(str, skipped.values())), position_problem, dict(tallied.faults), warnings)
 
 

@@ -8,6 +8,7 @@ import typer
 from offradar_ros.cli.bag_topics import Positions, Topic
 from offradar_ros.cli.conversion import Conversion, as_recorded, convert_sequence
 from offradar_ros.cli.convert_set import ConvertOptions, convert_set
+from offradar_ros.cli.outputs import require_beside
 from offradar_ros.cli.progress import progress_bar
 from offradar_ros.config import load_config
 from offradar_ros.errors import ConfigError
@@ -64,6 +65,7 @@ def convert(
         )
         return
     sequence = open_source(source, layout, radar, topics)
+    require_beside(source, out)
     existed = out.exists()
     with progress_bar(f'converting {sequence.name}') as progress:
         made = convert_sequence(sequence, out, options, skip_unreadable, progress)

@@ -195,6 +195,7 @@ def _print_session(config: Config, positions: Optional[str], result: DriveResult
     typer.echo(report.summary())
     if report.inserted + report.replaced + report.kept == 0:
         causes = ', '.join(f'{counted(count, "scan")} {cause}' for cause, count in sorted(report.dropped.items()))
+        causes = causes or 'no scan could be read'
         wanted = POSITION_TYPES[config.position.source]
         if positions is None:
             causes = f'the bag has no {wanted}, which position.source: {config.position.source} asks for'

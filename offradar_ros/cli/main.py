@@ -17,6 +17,7 @@ import typer
 from typer.core import TyperGroup
 
 from offradar_ros import __version__
+from offradar_ros.cli.outputs import require_other_outputs
 from offradar_ros.entry_point import require_ordinary_files, run_guarded
 
 COMMANDS = {
@@ -58,7 +59,10 @@ class _Commands(TyperGroup):
 
 
 def _of_files(command: Callable[..., Any]) -> Callable[..., Any]:
-    """The command, which refuses a path that is a FIFO or a device, or holds one: it would wait for it for ever."""
+    """The command, which refuses a path that is a FIFO or a device, or holds one: it would wait for it for ever.
+
+    It refuses to replace a file that it reads, too.
+    """
     inputs = set()
     for name, parameter in inspect.signature(command).parameters.items():
         for option in getattr(parameter.annotation, '__metadata__', ()):
@@ -74,6 +78,7 @@ def _of_files(command: Callable[..., Any]) -> Callable[..., Any]:
                 # The folder of an option may be any, such as the one that results are written to.
                 if isinstance(path, Path) and (name in inputs or not path.is_dir()):
                     require_ordinary_files(path)
+        require_other_outputs(command.__name__, options)
         return command(**options)
 
     return checked

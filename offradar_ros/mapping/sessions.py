@@ -130,9 +130,11 @@ class SessionMap:
         """
         is_other = self._model is not None and not self._model.is_same_model(info)
         if self._model and is_other and (len(self) or self._undoable):
+            same = self._model.dimension == info.dimension
+            dimensions = '' if same else f' (d = {self._model.dimension}, not {info.dimension})'
             raise MapError(
                 f'{self._where}: holds embeddings of {self._model.name} {self._model.fingerprint[:12]}, '
-                f'not of {info.name} {info.fingerprint[:12]} (d = {self._model.dimension}, not {info.dimension}): '
+                f'not of {info.name} {info.fingerprint[:12]}{dimensions}: '
                 'use that model, or another map.path'
             )
         if self._adopted and self._adopted.is_same_model(info):

@@ -23,6 +23,12 @@ _KNOWN_S = {
     19.0: 'TAI is 19 s ahead of GPS time',
 }
 _ZONE_S = 1800.0
+_LARGEST_ZONE = 28
+_EPOCHS_S = {
+    1024 * 7 * 86400.0: 'a GPS week number that has rolled over: 1024 weeks',
+    315_964_800.0 - 18.0: 'GPS time counts from 1980, and is 18 s ahead of UTC',
+    315_964_800.0: 'GPS time counts from 1980',
+}
 
 
 class ArrivalClocks:
@@ -67,6 +73,14 @@ def clock_problem(
         f'the clocks of radar and positions disagree by {abs(offset_s):.1f} s, says {evidence}{why}: set both to one '
         f'clock; a recording is corrected by offradar convert --position-offset-s {given_s + exact_s:.1f}'
     )
+
+
+def known_offset(lowest_s: float, highest_s: float) -> tuple[float, str] | None:
+    """The one usual offset between two clocks within these bounds, and its name; None if there is none, or several."""
+    zones = {k * _ZONE_S: 'as time zones do' for k in range(1, _LARGEST_ZONE + 1)}
+    known = [(sign * s, name) for s, name in (_KNOWN_S | _EPOCHS_S | zones).items() for sign in (1.0, -1.0)]
+    found = [(s, name) for s, name in known if lowest_s <= s <= highest_s]
+    return found[0] if len(found) == 1 else None
 
 
 def _explained(offset_s: float) -> tuple[float, str]:

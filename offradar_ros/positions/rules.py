@@ -17,22 +17,26 @@ LOWEST_M, HIGHEST_M = -12_000.0, 20_000.0
 """An altitude beyond these stands for none, like NaN: the position is then that of a 2D fix."""
 LARGEST_COORDINATE_M = 2e7
 """Half the way around the Earth: no position in metres, be it UTM, has a larger coordinate."""
+LEAST_ACCURATE_M = 100.0
+"""Standard deviation of a position that stands for none: places are told apart at a quarter of it."""
 YEAR_2000_NS, YEAR_2100_NS = 946_684_800 * 10**9, 4_102_444_800 * 10**9
 
 FAR_M = 100_000.0
 """Positions farther than this from one another are not of one drive, nor of one map, whose frame is flat."""
-_EARTH_RADIUS_M = 6_371_000.0
+EARTH_RADIUS_M = 6_371_000.0
+"""Of a sphere that is the Earth to a third of a per cent."""
 
 CAUSES = {
     'damaged': 'damaged',
     'no_fix': 'without fix',
     'invalid_position': 'not on the Earth',
     'far_position': 'far from all others',
+    'position_jump': 'far from those around them',
+    'position_held': 'held by the receiver',
     'invalid_stamp': 'with an impossible stamp',
     'repeated_position_stamp': 'repeated stamp',
     'position_stamp_backwards': 'stamp that goes back',
     'position_stamp_jump': 'stamp far from those around it',
-    'position_jump': 'farther from those around it than a vehicle drives',
 }
 """Why a position is left out, by the cause under which it is counted, in words."""
 
@@ -55,6 +59,21 @@ def geo_point(latitude_deg: float, longitude_deg: float, altitude_m: float = mat
         )
     known = LOWEST_M <= altitude_m <= HIGHEST_M
     return GeoPoint(latitude_deg, longitude_deg, altitude_m if known else 0.0)
+
+
+def require_accurate(*variances_m2: float) -> None:
+    """RefusedInput('no_fix') for horizontal variances in m² of a position that is not known to `LEAST_ACCURATE_M`.
+
+    Receivers that search report a last position, or any, and an accuracy of kilometres, with whatever status. NaN, zero
+    and negative variances say nothing.
+    """
+    worst_m = math.sqrt(max((float(v) for v in variances_m2 if v > 0.0), default=0.0))
+    if worst_m > LEAST_ACCURATE_M:
+        raise RefusedInput(
+            'no_fix',
+            f'the receiver says that its position is accurate to {worst_m:.0f} m: expected {LEAST_ACCURATE_M:g} m or '
+            'less, dropped',
+        )
 
 
 def require_pose(pose: Pose) -> Pose:
@@ -82,4 +101,4 @@ def apart_m(a_deg: NDArray[np.float64], b_deg: NDArray[np.float64]) -> NDArray[n
     a, b = np.radians(a_deg[..., :2]), np.radians(b_deg[..., :2])
     half = np.sin((b - a) / 2.0) ** 2
     chord = half[..., 0] + np.cos(a[..., 0]) * np.cos(b[..., 0]) * half[..., 1]
-    return np.asarray(2.0 * _EARTH_RADIUS_M * np.arcsin(np.sqrt(np.clip(chord, 0.0, 1.0))))
+    return np.asarray(2.0 * EARTH_RADIUS_M * np.arcsin(np.sqrt(np.clip(chord, 0.0, 1.0))))

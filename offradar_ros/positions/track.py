@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections import Counter
 
 import numpy as np
 from numpy.typing import NDArray
 
-from offradar_ros.geometry import GeoPoint, LeftOut, LocalFrame, Trajectory
-from offradar_ros.positions.jumps import PositionJumps, has_jumps
+from offradar_ros.geometry import LeftOut, Trajectory
+from offradar_ros.positions.motion import metres_apart_m, points_apart_m
 from offradar_ros.positions.order import FAR_NS, Admitted, PositionOrder
 from offradar_ros.positions.rules import FAR_M, apart_m, geo_point, require_pose
 from offradar_ros.types import Pose
@@ -38,7 +37,9 @@ class PositionTrack:
         self._geodetic = geodetic
         self._tally: Counter[str] = Counter() if tally is None else tally
         self._first: dict[str, str] = {}
-        self._order: PositionOrder[_Row] = PositionOrder(RESTART_AFTER_NS)
+        self._order: PositionOrder[_Row] = PositionOrder(
+            RESTART_AFTER_NS, points_apart_m if geodetic else metres_apart_m
+        )
         self._stretches: list[_Stretch] = []
 
     @property
@@ -81,7 +82,6 @@ class PositionTrack:
         stamps_ns = np.array([stamp_ns for stamp_ns, _ in rows], np.int64)
         table = np.array([row for _, row in rows], np.float64).reshape(-1, 4)
         kept = self._of_one_place(table)
-        kept[kept] = self._without_jumps(stamps_ns[kept], table[kept])
         left_out = tuple(LeftOut(cause, count, self._first.get(cause, '')) for cause, count in self._tally.items())
         return Trajectory(stamps_ns[kept], table[kept, :3], table[kept, 3], self._geodetic, left_out)
 
@@ -116,22 +116,6 @@ class PositionTrack:
                     alone.append((stamp_ns, row))
             kept += [alone] if alone else []
         return kept
-
-    def _without_jumps(self, stamps_ns: NDArray[np.int64], table: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """(N,) which of (N, 4) rows a vehicle may have driven to."""
-        kept = np.ones(len(table), np.bool_)
-        if not len(table):
-            return kept
-        xyz_m = LocalFrame(GeoPoint(*table[0, :3])).to_enu(table[:, :3]) if self._geodetic else table[:, :3]
-        if not has_jumps(stamps_ns, xyz_m):
-            return kept
-        jumps, accepted = PositionJumps(), set[int]()
-        poses = zip(stamps_ns.tolist(), (Pose(*row) for row in xyz_m.tolist()), strict=True)
-        for checked in (*itertools.starmap(jumps.add, poses), jumps.end()):
-            accepted.update(stamp_ns for stamp_ns, _ in checked.poses)
-            for refusal in checked.left_out:
-                self.leave_out(refusal.cause, str(refusal))
-        return np.isin(stamps_ns, np.array(sorted(accepted), np.int64))
 
     def _of_one_place(self, table: NDArray[np.float64]) -> NDArray[np.bool_]:
         """(N,) which of (N, 4) rows are not far from all others: those of the largest group."""

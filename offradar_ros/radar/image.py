@@ -95,6 +95,9 @@ def scan_from_rows(power: NDArray[np.uint8], rows: Rows, stamp_ns: int, config: 
     strongest = power.max(axis=1, initial=0)
     if not strongest.any():
         raise RefusedInput('no_signal', f'scan at {stamp_ns} ns holds no signal: every power value is zero')
+    resolution_m = range_resolution(config, power.shape[1])
+    if strongest.min() == strongest.max() and np.all(power == strongest[0]):
+        raise RefusedInput('no_signal', f'scan at {stamp_ns} ns holds no signal: every power value is {strongest[0]}')
     weakest = power.min(axis=1, initial=_LARGEST_POWER)
     _require_sight(int(np.count_nonzero(strongest > weakest)), max(len(power), config.azimuth_samples), stamp_ns)
     faults = rows.faults | {
@@ -111,7 +114,7 @@ def scan_from_rows(power: NDArray[np.uint8], rows: Rows, stamp_ns: int, config: 
         stamp_ns=stamp_ns,
         power=power,
         azimuths_rad=azimuths_rad,
-        range_resolution_m=range_resolution(config, power.shape[1]),
+        range_resolution_m=resolution_m,
         range_offset_m=config.range_offset_m,
         azimuth_stamps_ns=stamps_ns,
         row_faults={name: count for name, count in faults.items() if count},

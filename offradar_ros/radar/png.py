@@ -23,6 +23,17 @@ from offradar_ros.types import PolarScan
 
 SIGNATURE = b'\x89PNG\r\n\x1a\n'
 _CHANNELS = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}
+_COLOURS = {0: 'gray', 2: 'RGB', 3: 'palette', 4: 'gray with alpha', 6: 'RGBA'}
+_OTHERS = {
+    b'\xff\xd8\xff': 'JPEG, which changes the power',
+    b'II*\0': 'TIFF',
+    b'MM\0*': 'TIFF',
+    b'BM': 'BMP',
+    b'PK\x03\x04': 'a zip archive',
+    b'\x1f\x8b': 'a gzip archive',
+    b'version https://git-lfs': 'a pointer of Git LFS: git lfs pull fetches the file',
+    b'<': 'a page of a web site, as for a download that failed',
+}
 _OTHER_CHUNKS = 1024**2
 _MOST_CHUNKS = 2**17
 _INFLATED_UNSEEN = 1024**2
@@ -54,7 +65,7 @@ def read_gray_png(source: str | Path | bytes, max_bytes: int) -> NDArray[np.uint
         raise DataError(f'{name}: cannot be read ({error.strerror})') from None
     width, height, depth, colour = check_png(data, name)
     if (depth, colour) != (8, 0):
-        raise DataError(f'{name}: expected an 8-bit gray PNG, got bit depth {depth} and colour type {colour}')
+        raise DataError(f'{name}: expected an 8-bit gray PNG, got {depth}-bit {_COLOURS.get(colour, f"type {colour}")}')
     if width * height > max_bytes:
         raise RefusedInput(
             'image_too_large', f'{name}: {height} rows of {width} bytes is over radar.max_image_bytes = {max_bytes}'
@@ -86,7 +97,8 @@ class PngHeader(NamedTuple):
 def check_png(data: bytes, name: str) -> PngHeader:
     """The header of a complete PNG whose checksums are right; DataError, with `name`, for any other data."""
     if not data.startswith(SIGNATURE):
-        raise DataError(f'{name}: not a PNG file' if data else f'{name}: empty file, expected a PNG')
+        kind = next((f', but {kind}' for start, kind in _OTHERS.items() if data.startswith(start)), '')
+        raise DataError(f'{name}: not a PNG file{kind}' if data else f'{name}: empty file, expected a PNG')
     header: PngHeader | None = None
     pixels: list[memoryview] = []
     at = len(SIGNATURE)

@@ -23,6 +23,7 @@ from offradar_ros.recordings.bags.reader import Bag, RawMessage
 from offradar_ros.recordings.bags.scan_topic import DECODERS, scan_topic
 from offradar_ros.recordings.bags.topics import FIX_TYPE, ODOMETRY_TYPE, VEHICLE_ODOMETRY, ChosenTopics
 from offradar_ros.recordings.datasets.check.clocks import ScanClock
+from offradar_ros.recordings.datasets.check.repeats import Repeats
 from offradar_ros.stages.encode import EncodeStage
 from offradar_ros.stages.map import MapStage, MapUpdate
 from offradar_ros.stages.query import QueryStage
@@ -41,7 +42,7 @@ class DriveResult:
         localisations: where the vehicle is after each embedding; None where that is not known.
         report: of the session that the drive was mapped as; None if it was not mapped.
         refused: dropped scans and positions by cause.
-        warnings: what keeps positions out of the map, or spoils them, one line each.
+        warnings: what keeps positions out of the map, or spoils them, and scans that are repeated, one line each.
     """
 
     outcomes: tuple[Outcome, ...]
@@ -106,6 +107,7 @@ class _Drive:
         self._refused: Counter[str] = Counter()
         self._clocks = ArrivalClocks()
         self._motion = ScanClock()
+        self._repeats = Repeats()
         self._track = PositionTrack(geodetic=bool(positions) and bag.topics[positions or ''] == FIX_TYPE)
         if isinstance(session_map, PlaceTable):
             self._query.load(session_map, self._fingerprint)
@@ -136,7 +138,7 @@ class _Drive:
             except RefusedInput as problem:
                 self._refused[problem.cause] += 1
         report = None
-        warnings = [self._clock_problem()]
+        warnings = [*(finding.text for finding in self._repeats.findings()), self._clock_problem()]
         if self._mapping:
             updates, report = self._mapping.end_session()
             self._apply(updates)
@@ -159,6 +161,7 @@ class _Drive:
     def _decoded(self, msgtype: str, message: Any) -> PolarScan:
         scan: PolarScan = DECODERS[msgtype](message, self._config.radar)
         self._motion.add(scan)
+        self._repeats.add(scan, f'at {scan.stamp_ns} ns')
         return scan
 
     def _handle_position(self, raw: RawMessage, message: Any) -> None:

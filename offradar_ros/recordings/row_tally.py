@@ -1,4 +1,4 @@
-"""A sequence that tells afterwards which of its scans had rows that were mended, and how the radar moved."""
+"""A sequence that tells afterwards what was odd about its scans, which rows were mended, and how the radar moved."""
 
 from __future__ import annotations
 
@@ -9,6 +9,11 @@ from numpy.typing import NDArray
 
 from offradar_ros.geometry import Trajectory
 from offradar_ros.recordings.datasets.check.clocks import ScanClock
+from offradar_ros.recordings.datasets.check.findings import counted
+from offradar_ros.recordings.datasets.check.repeats import Repeats
+from offradar_ros.recordings.datasets.check.scans import scan_faults
+from offradar_ros.recordings.datasets.check.sizes import Sizes
+from offradar_ros.recordings.datasets.check.stamps import check_stamps
 from offradar_ros.sequence import RadarSequence
 from offradar_ros.types import PolarScan
 
@@ -28,6 +33,14 @@ class TalliedSequence:
         self._sequence = sequence
         self.faults: Counter[str] = Counter()
         self.clock = ScanClock()
+        self._sizes, self._repeats = Sizes(), Repeats()
+        self._odd: Counter[str] = Counter()
+
+    def problems(self) -> tuple[str, ...]:
+        """What `offradar check` would say of the stamps, and of the scans read so far, one line each."""
+        found = (*self._sizes.findings(), *self._repeats.findings(), *check_stamps(self.stamps_ns))
+        odd = (f'{fault}: {counted(count, "scan")}' for fault, count in self._odd.items())
+        return (*(finding.text for finding in found if finding.level == 'problem'), *odd)
 
     @property
     def name(self) -> str:
@@ -57,4 +70,7 @@ class TalliedSequence:
         scan = self._sequence.scan(index)
         self.faults.update(fault for fault in scan.row_faults if fault in MENDED)
         self.clock.add(scan)
+        self._sizes.add(scan, f'at {scan.stamp_ns} ns')
+        self._repeats.add(scan, f'at {scan.stamp_ns} ns')
+        self._odd.update(scan_faults(scan))
         return scan

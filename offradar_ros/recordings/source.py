@@ -41,7 +41,7 @@ def is_bag(path: str | Path) -> bool:
     path = Path(path)
     if not path.is_dir():
         return path.exists() and is_storage(path)
-    if (path / METADATA).exists() or any(path.glob('*.mcap')):
+    if (path / METADATA).exists() or any(not file.name.startswith('.') for file in path.glob('*.mcap')):
         return True
     # Data sets may have such files beside their scans.
     return holds_storage(path) and recognised(path) is None

@@ -17,6 +17,7 @@ from offradar_ros.geometry import GeoPoint
 from offradar_ros.mapping.pending import Resolved
 from offradar_ros.mapping.session_report import SessionReport, UndoReport
 from offradar_ros.mapping.sessions import SessionMap
+from offradar_ros.positions.motion import positions_apart_m
 from offradar_ros.positions.rules import geo_point, require_pose
 from offradar_ros.stages.map_frame import MapFrame
 from offradar_ros.stages.positioning import Positioning
@@ -79,7 +80,7 @@ class MapStage:
     def __init__(self, config: Config, session_map: SessionMap, clock: Callable[[], float] = time.monotonic) -> None:
         self.map = session_map
         self._clock = clock
-        self._positioning: Positioning[GeoPoint | Pose] = Positioning(config.position, self._placed)
+        self._positioning: Positioning[GeoPoint | Pose] = Positioning(config.position, self._placed, positions_apart_m)
         self._waiting_for_model: collections.deque[Embedding] = collections.deque()
         self._frame = MapFrame(session_map.origin)
         self._discarded = False

@@ -8,7 +8,7 @@ from typing import Generic, TypeVar
 from offradar_ros.config import PositionConfig
 from offradar_ros.errors import RefusedInput
 from offradar_ros.mapping.pending import PendingEmbeddings, Resolved
-from offradar_ros.positions.jumps import Checked, PositionJumps
+from offradar_ros.positions.motion import Apart
 from offradar_ros.positions.order import Admitted, PositionOrder
 from offradar_ros.types import Embedding, Pose
 
@@ -23,13 +23,13 @@ class Positioning(Generic[T]):
     Args:
         config: how long a scan waits, between which positions is interpolated, and what starts again.
         place: the poses in the map frame that follow from an accepted position; RefusedInput if it is not used.
+        apart: metres between two positions; without it only their stamps are looked at.
     """
 
-    def __init__(self, config: PositionConfig, place: Place[T]) -> None:
+    def __init__(self, config: PositionConfig, place: Place[T], apart: Apart[T] | None = None) -> None:
         self._place = place
         self._wait_ns = round(config.wait_s * 1e9)
-        self._order: PositionOrder[T] = PositionOrder(round(config.restart_after_s * 1e9))
-        self._jumps = PositionJumps()
+        self._order: PositionOrder[T] = PositionOrder(round(config.restart_after_s * 1e9), apart)
         self._pending = PendingEmbeddings(config)
         self._last_scan_ns = 0
         self._left_out: list[RefusedInput] = []
@@ -60,13 +60,13 @@ class Positioning(Generic[T]):
             last_ns = self._order.last_ns
             if last_ns is not None and last_ns - embedding.stamp_ns > self._wait_ns:
                 self._order.reset()
-                self.forget_positions()
+                self._pending.forget_positions()
         self._last_scan_ns = embedding.stamp_ns
         return resolved + self._pending.add_embedding(embedding)
 
     def flush(self) -> list[Resolved]:
         """Resolve every waiting scan, as when no later position will arrive."""
-        return self._resolved(self._order.end()) + self._take(self._jumps.end()) + self._pending.flush()
+        return self._resolved(self._order.end()) + self._pending.flush()
 
     def forget_scans(self) -> None:
         """Remove the waiting scans, as when their session is undone."""
@@ -75,7 +75,6 @@ class Positioning(Generic[T]):
     def forget_positions(self) -> None:
         """Remove the positions so far, as when their frame is another one now."""
         self._pending.forget_positions()
-        self._jumps.reset()
 
     def take_left_out(self) -> list[RefusedInput]:
         """Why positions that were accepted or held at first do not count after all, each once."""
@@ -89,9 +88,10 @@ class Positioning(Generic[T]):
     def _resolved(self, admitted: Admitted[T], current_ns: int | None = None) -> list[Resolved]:
         self.leave_out(admitted.left_out)
         last_ns = self._pending.last_position_ns
-        if admitted.jumped and last_ns is not None and (admitted.forgotten or admitted.positions[0][0] <= last_ns):
+        starts_anew = admitted.forgotten or admitted.elsewhere
+        if admitted.jumped and last_ns is not None and (starts_anew or admitted.positions[0][0] <= last_ns):
             # Scans that wait may still get a position of the new stretch.
-            self.forget_positions()
+            self._pending.forget_positions()
         resolved: list[Resolved] = []
         for stamp_ns, position in admitted.positions:
             try:
@@ -102,12 +102,5 @@ class Positioning(Generic[T]):
                 self.leave_out([refusal])
                 continue
             for placed_ns, pose in placed:
-                resolved += self._take(self._jumps.add(placed_ns, pose))
+                resolved += self._pending.add_position(placed_ns, pose)
         return resolved
-
-    def _take(self, checked: Checked) -> list[Resolved]:
-        self.leave_out(checked.left_out)
-        if checked.jumped:
-            # Nothing lies between the last position before a jump and the first after it.
-            self._pending.forget_positions()
-        return [resolved for stamp_ns, pose in checked.poses for resolved in self._pending.add_position(stamp_ns, pose)]

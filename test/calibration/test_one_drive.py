@@ -12,6 +12,7 @@ from offradar_ros.calibration.parameters import shipped_confidence
 from offradar_ros.config import load_config
 from offradar_ros.encoders.registry import make_encoder
 from offradar_ros.errors import DataError
+from offradar_ros.types import PolarScan
 
 RING_KEY = load_config(overrides={'encoder.name': 'ring_key'})
 
@@ -42,3 +43,25 @@ def test_shipped_coefficients_are_kept_with_the_usual_u_of_the_drive(street: Cal
     assert config.query.confidence == dataclasses.replace(shipped, model=config.query.model)
     assert config.query.confidence.usual_uncertainty == pytest.approx(usual)
     assert 'query.min_probability' not in calibration.values
+
+
+def test_scans_that_are_repeated_are_left_out(street: Callable[..., Any]) -> None:
+    drive = street(count=12)
+
+    class Repeating:
+        name, stamps_ns, layout, trajectory = drive.name, drive.stamps_ns, drive.layout, drive.trajectory
+
+        def __init__(self, every: int) -> None:
+            self._every = every
+
+        def __len__(self) -> int:
+            return len(drive)
+
+        def scan(self, index: int) -> PolarScan:
+            scan: PolarScan = drive.scan(index - index % self._every)
+            return dataclasses.replace(scan, stamp_ns=int(drive.stamps_ns[index]))
+
+    found = calibrate_drive(Repeating(3), RING_KEY, 0.05)
+    assert found.lines[0].startswith('4 of 12 scans: ')
+    with pytest.raises(DataError, match='got 1; 11 of 12 scans refused: repeated_power: '):
+        calibrate_drive(Repeating(12), RING_KEY, 0.05)

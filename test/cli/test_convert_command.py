@@ -13,10 +13,12 @@ import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from rosbags.rosbag2 import StoragePlugin, Writer
+from radar_images import speckle
+from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 
 from offradar_ros.recordings.bags.reader import TYPES, Bag
 from offradar_ros.recordings.bags.sequence import BagSequence
+from offradar_ros.recordings.bags.topics import SCANS
 from offradar_ros.recordings.datasets.registry import LAYOUTS, open_sequence
 
 WAIT_S = 60.0
@@ -255,7 +257,7 @@ def stored_scans(folder: Path, counts: NDArray[np.int64], stamps_ns: NDArray[np.
     """Two scans in MulRan's form with metadata columns."""
     folder.mkdir(parents=True)
     for start_ns in (1_767_225_600_000_000_000, 1_767_225_600_250_000_000):
-        image = np.random.default_rng(0).integers(1, 200, (400, 11 + 3360), np.uint8)
+        image = np.random.default_rng(start_ns).integers(1, 200, (400, 11 + 3360), np.uint8)
         stamps = start_ns + 625_000 * np.arange(400) if stamps_ns is None else stamps_ns
         image[:, :8] = stamps.astype('<i8').reshape(-1, 1).view(np.uint8)
         image[:, 8:10] = counts.astype('<u2').reshape(-1, 1).view(np.uint8)
@@ -323,3 +325,38 @@ def test_a_bag_of_clocks_that_disagree_is_corrected_by_the_option(
     assert trajectory is not None
     assert true is not None
     np.testing.assert_array_equal(trajectory.stamps_ns + 37 * 10**9, true.stamps_ns)
+
+
+def test_odd_scans_are_told_of_as_check_does(done: Callable[..., str], tmp_path: Path) -> None:
+    """Names of two files exchanged, one scan there twice, one of another size."""
+    folder, start_us = tmp_path / 'drive' / 'radar', 1_700_000_000_000_000
+    folder.mkdir(parents=True)
+    for k in range(6):
+        stamp_us = start_us + k * 250_000
+        power = speckle(1, (400, 400 if k == 5 else 576), seed=0 if k == 1 else k)[0]
+        stamps = (stamp_us + np.arange(400) * 625).astype('<i8').reshape(-1, 1).view(np.uint8)
+        counts = (np.arange(400) * 14).astype('<u2').reshape(-1, 1).view(np.uint8)
+        image = np.concatenate([stamps, counts, np.full((400, 1), 255, np.uint8), power], axis=1)
+        name = start_us + {2: 4, 4: 2}.get(k, k) * 250_000
+        cv2.imwrite(str(folder / f'{name}.png'), image)
+    params = tmp_path / 'car.yaml'
+    params.write_text('radar: {range_resolution_m: 0.175}')
+    printed = done('convert', folder.parent, tmp_path / 'bag', '--params', params)
+    assert 'warning: 1 scan with the very power of the one before, which no radar measures' in printed
+    assert 'warning: stamp of the scan is not within the stamps of its rows: 2 scans' in printed
+    assert 'warning: odd size: 1 scan of 400 azimuths × 400 range bins' in printed
+
+
+def test_a_scan_of_a_bag_that_cannot_be_read_is_named(
+    refused: Callable[..., str], street_bag: Callable[..., Path], tmp_path: Path
+) -> None:
+    bag = street_bag('town', count=3)
+    with Reader(bag) as reader:
+        recorded = [(c.topic, c.msgtype, log_ns, cdr) for c, log_ns, cdr in reader.messages()]
+    with Writer(tmp_path / 'odd', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connections = {t: writer.add_connection(t, kind, typestore=TYPES) for t, kind in {r[:2] for r in recorded}}
+        for topic, _, log_ns, cdr in recorded:
+            # The nanoseconds of the stamp.
+            broken = cdr[:8] + b'\xff\xff\xff\x7f' + cdr[12:] if topic == SCANS else cdr
+            writer.write(connections[topic], log_ns, broken)
+    assert 'error: odd, scan 0: header stamp of ' in refused('convert', tmp_path / 'odd', tmp_path / 'out')

@@ -109,8 +109,9 @@ def test_angles_are_right_to_a_step_whatever_happens_to_a_tenth_of_the_rows(
     counts[at] = CORRUPTIONS[kind](true, at, random)
     found = angles(counts)
     assert found.mended <= wrong + 1
-    # Several rows at an end that are as little off look like rows after a gap.
-    limit = 42 if kind == 'a little back' else 14
+    # Rows at an end that are as little off, by chance too, look like rows after a gap.
+    off = np.abs(np.mod(counts[at] - true[at] + 2800, 5600) - 2800)
+    limit = 42 if np.any((off > 0) & (off <= 42)) else 14
     assert error_rad(found.angles_rad, true, 5600) <= limit * TURN / 5600 + 1e-9
 
 

@@ -16,6 +16,7 @@ from offradar_ros.lab.simulation.sequence import SimulatedSequence
 from offradar_ros.recordings.datasets.check import clocks as check_clocks
 from offradar_ros.recordings.datasets.check.clocks import ScanClock
 from offradar_ros.recordings.motion_clock import MotionOffset
+from offradar_ros.types import PolarScan
 
 SECOND = 10**9
 
@@ -116,3 +117,37 @@ def test_a_short_drive_says_nothing(street: Callable[..., Any]) -> None:
     for index in range(len(sequence)):
         clock.add(sequence.scan(index))
     assert list(clock.findings('gps', sequence.trajectory, 1.5)) == []
+
+
+def test_positions_that_stand_still_while_the_scans_move_are_told_of(seen: Seen) -> None:
+    standing = np.broadcast_to(seen.trajectory.positions[0], seen.trajectory.positions.shape)
+    frozen = dataclasses.replace(seen.trajectory, positions=np.array(standing))
+    text = seen.clock.problem(frozen, 1.5)
+    assert text.startswith('the positions stay within 0.0 m while the scans move at about ')
+    (finding,) = seen.clock.findings('gps', frozen, 1.5)
+    assert (finding.level, finding.text) == ('problem', f'gps: {text}')
+
+
+def test_positions_that_stand_still_as_the_scans_do_are_right() -> None:
+    clock = ScanClock()
+    plan = session_plan(0, scans=1, seed=4, degraded=0.0)
+    sequence = SimulatedSequence(make_city(CityPlan(seed=4)), plan)
+    scan, rng = sequence.scan(0), np.random.default_rng(0)
+    for k in range(20):
+        noise = rng.integers(0, 8, scan.power.shape, np.uint8)
+        power = np.clip(scan.power.astype(np.int16) + noise, 0, 255).astype(np.uint8)
+        clock.add(dataclasses.replace(scan, stamp_ns=scan.stamp_ns + k * SECOND // 4, power=power))
+    stamps_ns = scan.stamp_ns + np.arange(50, dtype=np.int64) * SECOND // 10
+    still = Trajectory(stamps_ns, np.zeros((50, 3)), np.full(50, np.nan), geodetic=False)
+    assert clock.problem(still, 1.5) == ''
+
+
+def test_scans_of_noise_alone_say_nothing_of_positions_that_stand_still() -> None:
+    clock, rng = ScanClock(), np.random.default_rng(0)
+    for k in range(20):
+        power = rng.integers(1, 40, (400, 576), np.uint8)
+        azimuths = np.linspace(0.0, 2 * np.pi, 400, endpoint=False, dtype=np.float64)
+        clock.add(PolarScan(10**18 + k * SECOND // 4, power, azimuths, 0.175))
+    stamps_ns = 10**18 + np.arange(50, dtype=np.int64) * SECOND // 10
+    still = Trajectory(stamps_ns, np.zeros((50, 3)), np.full(50, np.nan), geodetic=False)
+    assert clock.problem(still, 1.5) == ''

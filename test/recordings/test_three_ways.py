@@ -41,8 +41,8 @@ def message(fix: Fix) -> Any:
         latitude=fix.latitude_deg,
         longitude=fix.longitude_deg,
         altitude=fix.altitude_m,
-        position_covariance=np.zeros(9),
-        position_covariance_type=0,
+        position_covariance=np.diag([fix.variance_m2] * 3).reshape(-1),
+        position_covariance_type=2 if fix.variance_m2 else 0,
     )
 
 
@@ -89,7 +89,11 @@ def oxford_table(path: Path, fixes: list[Fix]) -> Path:
 
 def exact_table(path: Path, fixes: list[Fix]) -> Path:
     """As MulRan writes it: no header, whole nanoseconds."""
-    rows = [f'{fix.stamp_ns},{fix.latitude_deg!r},{fix.longitude_deg!r},{fix.altitude_m!r}' + ',0' * 9 for fix in fixes]
+    rows = [
+        f'{fix.stamp_ns},{fix.latitude_deg!r},{fix.longitude_deg!r},{fix.altitude_m!r},'
+        + ','.join(map(str, np.diag([fix.variance_m2] * 3).reshape(-1)))
+        for fix in fixes
+    ]
     path.write_text('\n'.join(rows) + '\n')
     return path
 

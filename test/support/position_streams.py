@@ -26,6 +26,7 @@ class Fix:
     latitude_deg: float
     longitude_deg: float
     altitude_m: float = 60.0
+    variance_m2: float = 0.0
 
 
 def sound() -> list[Fix]:
@@ -51,6 +52,10 @@ def altitude(value: float) -> Callable[[Fix], Fix]:
     return lambda fix: dataclasses.replace(fix, altitude_m=value)
 
 
+def variance(value: float) -> Callable[[Fix], Fix]:
+    return lambda fix: dataclasses.replace(fix, variance_m2=value)
+
+
 FIRST, MIDDLE, MANY = range(5), range(70, 73), range(60, 85)
 STREAMS: dict[str, tuple[list[Fix], dict[str, int]]] = {
     'sound': (sound(), {}),
@@ -63,11 +68,16 @@ STREAMS: dict[str, tuple[list[Fix], dict[str, int]]] = {
     'the pole': (changed(MIDDLE, at(90.0, 180.0)), {'invalid_position': 3}),
     'another continent': (changed(MIDDLE, at(-33.9, 151.2)), {'far_position': 3}),
     'another continent at first': (changed(range(30), at(37.4, -122.1)), {'far_position': 30}),
-    'a jump': (changed([70], at(51.755, -1.25)), {'position_jump': 1}),
-    'a jump for seconds': (changed(MANY, at(51.755, -1.25)), {'position_jump': 25}),
     'no altitude': (changed(range(COUNT), altitude(math.nan)), {}),
     'an altitude now and then': (changed(range(0, COUNT, 3), altitude(math.nan)), {}),
     'an impossible altitude': (changed(MIDDLE, altitude(-99_999.0)), {}),
+    'accurate to kilometres': (changed(MANY, variance(1e7)), {'no_fix': 25}),
+    'of a receiver in a street': (changed(MANY, variance(400.0)), {}),
+    'of unknown variance': (changed(MANY, variance(math.nan)), {}),
+    'elsewhere at first': (changed(range(1), at(51.80, -1.25)), {'position_jump': 1}),
+    'elsewhere in the middle': (changed(MIDDLE, at(51.753, -1.25)), {'position_jump': 3}),
+    'without a longitude in the middle': (changed(MIDDLE, at(51.7504, 0.0)), {'position_jump': 3}),
+    'elsewhere at last': (changed(range(138, 140), at(51.80, -1.25)), {'position_jump': 2}),
     'years ahead at first': (changed(FIRST, later(YEARS_NS)), {'position_stamp_jump': 5}),
     'years ahead in the middle': (changed(MIDDLE, later(YEARS_NS)), {'position_stamp_jump': 3}),
     'years back at first': (changed(FIRST, later(-YEARS_NS)), {'position_stamp_jump': 5}),

@@ -73,7 +73,7 @@ def images(drive: Any, topic: str, encoding: str, height: int, width: int) -> It
             encoding=encoding,
             is_bigendian=0,
             step=width * depth,
-            data=np.full(height * width * depth, 90, np.uint8),
+            data=(np.arange(height * width * depth) % 90).astype(np.uint8),
         )
         yield Recorded(stamp_ns, topic, IMAGE_TYPE, image)
 

@@ -17,10 +17,12 @@ from offradar_ros.recordings.bags.position_topic import position_topic
 from offradar_ros.recordings.bags.positions import arrival_offset_s, arrivals, position_topics, trajectory_of
 from offradar_ros.recordings.bags.reader import Bag
 from offradar_ros.recordings.bags.scan_topic import DECODERS, scan_topic
+from offradar_ros.recordings.bags.storage import METADATA, unlisted_files
 from offradar_ros.recordings.bags.topics import FIX_TYPE, ChosenTopics
 from offradar_ros.recordings.datasets.check.clocks import ScanClock
 from offradar_ros.recordings.datasets.check.coverage import coverage
-from offradar_ros.recordings.datasets.check.findings import Finding, Findings, counted, note, ok, problem
+from offradar_ros.recordings.datasets.check.findings import Finding, Findings, counted, first_few, note, ok, problem
+from offradar_ros.recordings.datasets.check.repeats import Repeats
 from offradar_ros.recordings.datasets.check.scans import ROW_FAULTS
 from offradar_ros.recordings.datasets.check.sizes import Sizes
 from offradar_ros.recordings.datasets.check.stamps import check_stamps
@@ -45,8 +47,20 @@ def check_bag(
 ) -> Findings:
     """Read every message of a bag; DataError where it cannot be read at all."""
     with Bag(path) as bag:
-        found = tuple(_findings(bag, radar or RadarConfig(), position or PositionConfig(), topics or ChosenTopics()))
+        found = (
+            *_unlisted(Path(path)),
+            *_findings(bag, radar or RadarConfig(), position or PositionConfig(), topics or ChosenTopics()),
+        )
     return Findings(Path(path), 'bag', found)
+
+
+def _unlisted(path: Path) -> Iterator[Finding]:
+    names = unlisted_files(path)
+    if names:
+        yield problem(
+            f'{first_few(names)}: in the folder, but not in {METADATA}, so not read: ros2 bag reindex adds it, or move '
+            'it elsewhere'
+        )
 
 
 def _findings(bag: Bag, radar: RadarConfig, position: PositionConfig, chosen: ChosenTopics) -> Iterator[Finding]:
@@ -61,7 +75,7 @@ def _findings(bag: Bag, radar: RadarConfig, position: PositionConfig, chosen: Ch
         return
     yield ok(f'scans: {topic}')
     scans = _Scans([], [], ScanClock())
-    sizes = Sizes()
+    sizes, repeats = Sizes(), Repeats()
     refused: dict[str, list[str]] = {}
     mended: Counter[str] = Counter()
     for raw in bag.messages([topic]):
@@ -75,9 +89,11 @@ def _findings(bag: Bag, radar: RadarConfig, position: PositionConfig, chosen: Ch
             refused.setdefault(refusal.cause, []).append(str(refusal))
         else:
             sizes.add(scan, f'at {scan.stamp_ns} ns')
+            repeats.add(scan, f'at {scan.stamp_ns} ns')
             scans.clock.add(scan)
             mended.update(fault for fault in scan.row_faults if fault in MENDED)
     yield from sizes.findings()
+    yield from repeats.findings()
     for cause, messages in sorted(refused.items()):
         yield problem(f'{counted(len(messages), "scan")} would be refused ({cause}): {messages[0]}')
     for fault, count in mended.items():

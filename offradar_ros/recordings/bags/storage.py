@@ -42,7 +42,7 @@ def readable_paths(path: Path) -> tuple[Path, ...]:
 
 def holds_storage(folder: Path) -> bool:
     """Whether a file in the folder has the suffix of a recording, be it of ROS 2, compressed or of ROS 1."""
-    return bool(_storage_files(folder)) or any(folder.glob('*.bag'))
+    return bool(_storage_files(folder)) or any(not file.name.startswith('.') for file in folder.glob('*.bag'))
 
 
 def is_storage(file: Path) -> bool:
@@ -50,6 +50,17 @@ def is_storage(file: Path) -> bool:
     if file.suffix in (*STORAGES, '.bag') or _suffix(file) in STORAGES:
         return True
     return file.is_file() and _start(file).startswith((_MCAP, _SQLITE, _ROS1))
+
+
+def unlisted_files(path: Path) -> list[str]:
+    """Names of recordings in a bag's folder that its metadata does not name, so that nobody reads them."""
+    if not (path / METADATA).is_file():
+        return []
+    try:
+        listed = {file.name for file in _metadata(path).files}
+    except (OSError, yaml.YAMLError, ValueError, KeyError, TypeError, AttributeError):
+        return []
+    return [file.name for file in _storage_files(path) if file.name not in listed]
 
 
 def unreadable(path: Path, reason: str) -> DataError:
@@ -132,7 +143,8 @@ def _without_metadata(folder: Path) -> DataError:
 
 
 def _storage_files(folder: Path) -> list[Path]:
-    return sorted(file for file in folder.iterdir() if _suffix(file) in STORAGES)
+    # Hidden ones are not recordings: macOS puts a ._NAME beside each file that it copies.
+    return sorted(file for file in folder.iterdir() if _suffix(file) in STORAGES and not file.name.startswith('.'))
 
 
 def _suffix(file: Path) -> str:

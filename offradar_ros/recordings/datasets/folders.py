@@ -9,6 +9,7 @@ from offradar_ros.errors import DataError, RefusedInput
 from offradar_ros.radar.navtech_rows import has_metadata
 from offradar_ros.radar.png import read_gray_png
 from offradar_ros.recordings.datasets.stamp_names import stamp_of_name
+from offradar_ros.recordings.datasets.text_encoding import read_lines
 
 _MAX_BYTES = 64 * 2**20
 _MOST_READ = 5
@@ -38,12 +39,14 @@ def sequence_folder(folder: Path, names: Sequence[str]) -> Path:
     return folder
 
 
-def lines_of(path: Path, encoding: str = 'utf-8') -> list[str]:
+def lines_of(path: Path) -> list[str]:
     """Lines of a text file; DataError where it cannot be read."""
     try:
-        return path.read_text(encoding=encoding).splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise DataError(f'{path}: cannot be read ({error})') from None
+        return read_lines(path)
+    except OSError as error:
+        raise DataError(f'{path}: cannot be read ({error.strerror})') from None
+    except ValueError:
+        raise DataError(f'{path}: cannot be read (expected UTF-8 text)') from None
 
 
 def named_by_stamp(files: Sequence[Path]) -> bool:

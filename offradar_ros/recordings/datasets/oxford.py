@@ -10,6 +10,7 @@ from offradar_ros.errors import DataError
 from offradar_ros.recordings.datasets.folders import (
     files_of,
     first_folder,
+    have_metadata,
     lines_of,
     named_by_stamp,
     sequence_folder,
@@ -29,12 +30,15 @@ _SIZE = (400, 3779)
 def locate(path: Path) -> Path | None:
     """The folder of scans, if this is the layout."""
     folder = first_folder(path, ('radar',), '.png') or (path if files_of(path, '.png') else None)
-    if folder is None or not named_by_stamp(files_of(folder, '.png')):
+    if folder is None:
         return None
+    files = files_of(folder, '.png')
+    is_named = named_by_stamp(files)
     root = sequence_folder(folder, ('radar',))
     if any((root / name).exists() for name in ('radar.timestamps', 'gps/gps.csv', 'gps/ins.csv')):
-        return folder
-    return folder if shape_of(files_of(folder, '.png')) == _SIZE else None
+        # Files that were given other names have the stamps in their rows.
+        return folder if is_named or have_metadata(files) else None
+    return folder if is_named and shape_of(files) == _SIZE else None
 
 
 def open_oxford(folder: Path, radar: RadarConfig) -> RecordedSequence:
@@ -60,7 +64,7 @@ def open_oxford(folder: Path, radar: RadarConfig) -> RecordedSequence:
 
 def _listing_differences(listing: Path, files: Sequence[Path]) -> list[str]:
     """How radar.timestamps and the files on disk disagree."""
-    if not listing.exists():
+    if not (listing.exists() and named_by_stamp(files)):
         return []
     try:
         listed = _listed_stamps(listing)

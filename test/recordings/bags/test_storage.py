@@ -17,8 +17,10 @@ from recorded_topics import fixes, record, scans
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
 from offradar_ros.errors import DataError
+from offradar_ros.recordings.bags.check import check_bag
 from offradar_ros.recordings.bags.reader import TYPES, Bag
 from offradar_ros.recordings.bags.sequence import BagSequence
+from offradar_ros.recordings.bags.topics import SCANS
 from offradar_ros.recordings.source import is_bag, open_source
 
 
@@ -287,3 +289,20 @@ def test_a_message_without_a_stamp_is_one_unreadable_scan(drive: Any, tmp_path: 
     with pytest.raises(DataError, match='not a readable'):
         sequence.scan(1)
     np.testing.assert_array_equal(sequence.scan(2).power, drive.scan(2).power)
+
+
+def test_what_macos_puts_beside_its_files_is_no_recording(street_bag: Callable[..., Path]) -> None:
+    bag = street_bag('bag', count=2)
+    (bag / '._bag.mcap').write_bytes(b'\0\5\x16\7' * 50)
+    with Bag(bag) as opened:
+        assert opened.counts[SCANS] == 2
+    (bag / 'metadata.yaml').unlink()
+    with pytest.raises(DataError, match=r'or read .*/bag\.mcap by itself'):
+        Bag(bag)
+
+
+def test_a_file_that_the_metadata_does_not_name_is_told_of(street_bag: Callable[..., Path]) -> None:
+    bag = street_bag('bag', count=2)
+    shutil.copy(bag / 'bag.mcap', bag / 'bag_1.mcap')
+    (problem,) = check_bag(bag).problems
+    assert problem.text.startswith('bag_1.mcap: in the folder, but not in metadata.yaml, so not read: ')

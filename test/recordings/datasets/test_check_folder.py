@@ -1,14 +1,17 @@
 from __future__ import annotations
 
 import dataclasses
+import gzip
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from radar_images import read_image
 
 from offradar_ros.config import PositionConfig, RadarConfig
 from offradar_ros.errors import DataError
@@ -62,8 +65,57 @@ def test_truncated_and_foreign_files(oxford_folder: Path, which: int) -> None:
     assert only_problem(oxford_folder) == f'{scan}: truncated PNG, it ends after 5000 bytes'
     scan.write_bytes(b'GIF89a')
     assert only_problem(oxford_folder) == f'{scan}: not a PNG file'
+    scan.write_bytes(b'version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 1\n')
+    assert only_problem(oxford_folder).startswith(f'{scan}: not a PNG file, but a pointer of Git LFS: git lfs pull')
+    scan.write_bytes(b'\xff\xd8\xff\xe0')
+    assert only_problem(oxford_folder) == f'{scan}: not a PNG file, but JPEG, which changes the power'
     scan.write_bytes(b'')
     assert only_problem(oxford_folder) == f'{scan}: empty file, expected a PNG'
+
+
+def test_files_that_are_damaged_alike_are_one_line(oxford_folder: Path) -> None:
+    scans = scans_of(oxford_folder)
+    for k, scan in enumerate(scans[1:]):
+        scan.write_bytes(scan.read_bytes()[: 5000 + k])
+    assert only_problem(oxford_folder) == (
+        f'{scans[1]}: truncated PNG, it ends after 5000 bytes (and 4 scans like it: {scans[2].name}, {scans[3].name}, '
+        f'{scans[4].name} and 1 more)'
+    )
+
+
+def test_a_scan_that_is_there_again_is_told_of(oxford_folder: Path) -> None:
+    """With a stamp of its own, as a driver sends it that repeats the last one."""
+    first, second = scans_of(oxford_folder)[2:4]
+    image = read_image(first)
+    repeated = np.concatenate([read_image(second)[:, :11], image[:, 11:]], axis=1)
+    cv2.imwrite(str(second), repeated)
+    assert only_problem(oxford_folder) == (
+        '1 scan with the very power of the one before, which no radar measures: the driver or the recording repeats it '
+        f'({second.name})'
+    )
+
+
+def test_files_that_were_numbered_anew_are_read_with_their_positions(oxford_folder: Path) -> None:
+    for number, scan in enumerate(scans_of(oxford_folder)):
+        scan.rename(scan.with_name(f'{number:06d}.png'))
+    findings = check_folder(oxford_folder)
+    assert (findings.layout, findings.problems) == ('oxford', ())
+    assert any('6 of 6 scans have a position' in finding.text for finding in findings.findings)
+
+
+@pytest.mark.parametrize('encoding', ['utf-8-sig', 'utf-16', 'utf-16-le', 'utf-16-be'])
+def test_lists_and_tables_of_windows_are_read(oxford_folder: Path, encoding: str) -> None:
+    mark = {'utf-16-le': '\ufeff', 'utf-16-be': '\ufeff'}.get(encoding, '')
+    for path in (oxford_folder / 'radar.timestamps', oxford_folder / 'gps' / 'gps.csv'):
+        path.write_bytes((mark + path.read_text().replace('\n', '\r\n')).encode(encoding))
+    assert check_folder(oxford_folder).problems == ()
+
+
+def test_a_table_that_is_no_text_is_refused_as_such(oxford_folder: Path) -> None:
+    table = oxford_folder / 'gps' / 'gps.csv'
+    table.write_bytes(gzip.compress(table.read_bytes()))
+    assert only_problem(oxford_folder).startswith(f'{table}, line 1: expected ')
+    assert '\\x' not in only_problem(oxford_folder)
 
 
 def test_scans_missing_from_disk_and_from_the_list(oxford_folder: Path) -> None:
@@ -111,7 +163,7 @@ def test_odd_sizes_empty_scans_and_wrong_stamps(oxford_folder: Path, scan_writer
     problems = {finding.text for finding in check_folder(oxford_folder).problems}
     assert problems == {
         f'odd size: 1 scan of 400 azimuths × 3360 range bins of 0.0595238 m, first {scans[1].name}',
-        f'no signal, every power value is zero: 1 scan ({scans[2].name})',
+        f'no signal, every power value is zero, or the same: 1 scan ({scans[2].name})',
         f'stamp of the scan is not within the stamps of its rows: 1 scan ({scans[3].name})',
         f'azimuths without any power (partial rotation): 1 scan ({scans[4].name})',
         'rows without the metadata columns that this layout has: read another layout (--layout), or set '
@@ -250,6 +302,27 @@ def test_the_proposed_offset_brings_both_together(length_ns: int, later_ns: int,
     )
 
 
+@pytest.mark.parametrize(
+    ('away_s', 'why', 'option'),
+    [
+        (3600.0, ', as time zones do: ', '-3600.0'),
+        (-8 * 3600.0, ', as time zones do: ', '28800.0'),
+        (-5.5 * 3600.0, ', as time zones do: ', '19800.0'),
+        (-1024 * 7 * 86400.0, ', a GPS week number that has rolled over: 1024 weeks: ', '619315200.0'),
+        (-315_964_782.0, ', GPS time counts from 1980, and is 18 s ahead of UTC: ', '315964782.0'),
+        (37.0, ', TAI is 37 s ahead of UTC: ', '-37.0'),
+        (5000.0, ': ', '-4998.0'),
+    ],
+)
+def test_an_offset_that_clocks_usually_have_is_proposed_exactly(away_s: float, why: str, option: str) -> None:
+    """Positions from 2 s before the scans to 2 s after them, on another clock."""
+    scans = 1_700_000_000 * 10**9 + np.arange(40) * 250_000_000
+    known = scans[0] - 2 * 10**9 + np.arange(140) * 10**8 + round(away_s * 1e9)
+    trajectory = Trajectory(known, np.zeros((140, 3)), np.full(140, np.nan), geodetic=False)
+    text = coverage('gps', scans, trajectory, PositionConfig()).text
+    assert text.endswith(f'(if the clocks disagree{why}offradar convert --position-offset-s {option})')
+
+
 def test_an_offset_already_given_is_part_of_the_proposed_one() -> None:
     known = np.array([100, 110]) * 10**9
     trajectory = Trajectory(known, np.zeros((2, 3)), np.full(2, np.nan), geodetic=False)
@@ -272,7 +345,7 @@ def test_a_scan_that_is_there_twice_is_named(oxford_folder: Path) -> None:
     twin = scans[3].with_name(f'{int(scans[3].stem) + 1}.png')
     twin.write_bytes(scans[3].read_bytes())
     (oxford_folder / 'radar.timestamps').unlink()
-    text = only_problem(oxford_folder)
+    text, _ = (problem.text for problem in check_folder(oxford_folder).problems)
     assert text.startswith('1 scan less than a quarter of a period after the one before')
     assert f'First {twin.name}, 0.001 ms after {scans[3].name}' in text
 

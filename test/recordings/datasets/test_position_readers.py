@@ -47,13 +47,12 @@ def ins_row(stamp: int, status: str = 'INS_SOLUTION_GOOD', yaw: float = 0.0) -> 
 
 
 def test_oxford_gps(tmp_path: Path) -> None:
-    path = written(
-        tmp_path, GPS_HEADER, f'000{US},7,51.762042,-1.262751,65.1,1', f'000{US + 200000},7,51.76206,-1.2628,66,1'
-    )
+    rows = [f'000{US},7,51.762042,-1.26275,65.1,1', f'000{US + 200000},7,51.76205,-1.26276,66,1']
+    path = written(tmp_path, GPS_HEADER, *rows)
     trajectory = read_oxford_gps(path)
     assert trajectory.geodetic
     assert trajectory.stamps_ns.tolist() == [US * 1000, (US + 200000) * 1000]
-    assert trajectory.positions.tolist() == [[51.762042, -1.262751, 65.1], [51.76206, -1.2628, 66.0]]
+    assert trajectory.positions.tolist() == [[51.762042, -1.26275, 65.1], [51.76205, -1.26276, 66.0]]
     assert np.isnan(trajectory.yaws_rad).all()
 
 

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from offradar_ros.geometry import Trajectory
+import numpy as np
+
+from offradar_ros.geometry import LocalFrame, Trajectory
 from offradar_ros.positions.clocks import clock_problem
 from offradar_ros.radar.motion import Motion, ScanMotion
 from offradar_ros.recordings.datasets.check.findings import Finding, note, ok, problem
@@ -12,6 +14,10 @@ from offradar_ros.recordings.motion_clock import FEWEST_MOTIONS, motion_offset
 from offradar_ros.types import PolarScan
 
 _LEAST_GAIN = 0.15
+_FEWEST_MOVING = 8
+_STANDING_M = 3.0
+_MOVING_MPS, _FASTEST_MPS = 3.0, 60.0
+_SPREAD = 0.5
 
 
 class ScanClock:
@@ -29,7 +35,13 @@ class ScanClock:
 
     def findings(self, name: str, trajectory: Trajectory, max_gap_s: float) -> Iterator[Finding]:
         """What the motion says of the clocks; nothing for a recording too short to tell."""
-        if len(self._motions) < FEWEST_MOTIONS or not len(trajectory):
+        if not len(trajectory):
+            return
+        standing = self._standing(trajectory)
+        if standing:
+            yield problem(f'{name}: {standing}')
+            return
+        if len(self._motions) < FEWEST_MOTIONS:
             return
         text = self.problem(trajectory, max_gap_s)
         found = motion_offset(self._motions, trajectory, max_gap_s)
@@ -44,13 +56,38 @@ class ScanClock:
             yield ok(f'{name}: moves as the scans do (correlation {found.correlation:.2f}): the clocks agree')
 
     def problem(self, trajectory: Trajectory, max_gap_s: float, given_s: float = 0.0) -> str:
-        """By how much the clocks disagree; empty if they agree, or if that cannot be told.
+        """By how much the clocks disagree, or that only the scans move; empty if all agree, or if that cannot be told.
 
         `given_s` is what was already added to the trajectory's stamps: the offset that is proposed includes it.
         """
+        standing = self._standing(trajectory)
+        if standing:
+            return standing
         found = motion_offset(self._motions, trajectory, max_gap_s)
         # A broad peak, of a drive with few turns, does not tell a second or two.
         if found is None or found.correlation - found.unmoved < _LEAST_GAIN:
             return ''
         evidence = f'the motion of both (correlation {found.correlation:.2f})'
         return clock_problem(found.offset_s, evidence=evidence, given_s=given_s)
+
+    def _standing(self, trajectory: Trajectory) -> str:
+        """That the positions stand still while the scans move; empty if they do not."""
+        if len(self._motions) < _FEWEST_MOVING or not len(trajectory):
+            return ''
+        origin = trajectory.origin()
+        metric = trajectory.in_frame(LocalFrame(origin) if origin else None)
+        during = (metric.stamps_ns >= self._motions[0].stamp_ns) & (metric.stamps_ns <= self._motions[-1].stamp_ns)
+        if not during.any():
+            return ''
+        extent_m = float(np.ptp(metric.positions[during, :2], axis=0).max())
+        speeds_mps = np.array([motion.speed_mps for motion in self._motions])
+        speed_mps = float(np.median(speeds_mps))
+        # Scans without structure give any speed, and each another.
+        is_steady = float(np.median(np.abs(np.diff(speeds_mps)))) <= _SPREAD * speed_mps
+        is_known = _MOVING_MPS <= speed_mps <= _FASTEST_MPS and is_steady
+        if extent_m > _STANDING_M or not is_known:
+            return ''
+        return (
+            f'the positions stay within {extent_m:.1f} m while the scans move at about {speed_mps:.0f} m/s: the '
+            'receiver repeats an old one, or they are of another drive'
+        )

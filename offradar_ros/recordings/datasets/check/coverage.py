@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from offradar_ros.config import PositionConfig
 from offradar_ros.geometry import Trajectory
+from offradar_ros.positions.clocks import known_offset
 from offradar_ros.recordings.datasets.check.findings import Finding, ok, problem
 from offradar_ros.recordings.datasets.coverage import seconds_apart
 
@@ -37,9 +38,10 @@ def coverage(
         early = trajectory.stamps_ns[-1] < stamps_ns[0]
         where = 'end {} before the first scan' if early else 'start {} after the last scan'
         text = f'{name}: no scan has a position: positions {where.format(duration(apart_s))}'
-        remedy_s = offset_s + _offset_s(stamps_ns, trajectory)
+        found_s, why = _offset_s(stamps_ns, trajectory)
+        remedy_s = offset_s + found_s
         if abs(remedy_s) <= LARGEST_OFFSET_S:
-            text += f' (if the clocks disagree: offradar convert --position-offset-s {remedy_s:.1f})'
+            text += f' (if the clocks disagree{why}: offradar convert --position-offset-s {remedy_s:.1f})'
         return problem(text)
     count = int(np.count_nonzero(trajectory.covers(stamps_ns, round(position.max_gap_s * 1e9))))
     text = f'{name}: {count} of {len(stamps_ns)} scans have a position (gaps up to {position.max_gap_s:g} s)'
@@ -56,6 +58,14 @@ def duration(seconds: float) -> str:
     return f'{seconds:.1f} s' if seconds < _DAY_S else f'{seconds / _DAY_S:.1f} days'
 
 
-def _offset_s(stamps_ns: NDArray[np.int64], trajectory: Trajectory) -> float:
-    """Seconds to add to the positions, so that the first one is at the first scan, or less than 0.1 s before it."""
-    return int(stamps_ns[0] - trajectory.stamps_ns[0]) // _STEP_NS * _STEP_NS / 1e9
+def _offset_s(stamps_ns: NDArray[np.int64], trajectory: Trajectory) -> tuple[float, str]:
+    """Seconds to add to the positions, and why so many.
+
+    Where a usual offset makes the positions cover the scans, as far as they can, it is that; else the first position is
+    brought to the first scan, or less than 0.1 s before it.
+    """
+    first_ns, last_ns = int(stamps_ns[0] - trajectory.stamps_ns[0]), int(stamps_ns[-1] - trajectory.stamps_ns[-1])
+    usual = known_offset(min(first_ns, last_ns) / 1e9, max(first_ns, last_ns) / 1e9)
+    if usual is not None:
+        return usual[0], f', {usual[1]}'
+    return first_ns // _STEP_NS * _STEP_NS / 1e9, ''

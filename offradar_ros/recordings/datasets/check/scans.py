@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Callable, Iterator
 
@@ -10,6 +11,7 @@ import numpy as np
 from offradar_ros.errors import DataError, RefusedInput
 from offradar_ros.radar.encoder_counts import LARGEST_SHARE_MENDED, WAY_OUT
 from offradar_ros.recordings.datasets.check.findings import Finding, counted, first_few, note, ok, problem
+from offradar_ros.recordings.datasets.check.repeats import Repeats
 from offradar_ros.recordings.datasets.check.sizes import Sizes
 from offradar_ros.recordings.datasets.sequence import RecordedSequence
 from offradar_ros.types import PolarScan
@@ -20,9 +22,9 @@ _ROW_STAMP_SLACK_NS = 50_000_000
 _LOST_ROW_STEPS = 1.5
 # What is the same for every scan, so that one line names them all.
 _REFUSALS = {
-    'no_signal': 'no signal, every power value is zero',
     'too_few_rows': 'too few azimuths whose power changes with range: the radar is blocked or saturated, or the '
     'rotation was cut off',
+    'no_signal': 'no signal, every power value is zero, or the same',
     'no_metadata': 'rows without the metadata columns that this layout has: read another layout (--layout), or set '
     'radar.metadata_columns to 0 if all bytes are power, or radar.row_angles to equal if the first 11 are not',
     'no_row_angles': f'encoder counts that are zero, constant or decreasing: {WAY_OUT}',
@@ -31,6 +33,7 @@ _REFUSALS = {
     'turned_image': 'an image that is turned or mirrored, its metadata columns are not at the start of the rows: turn '
     'it back',
 }
+_NUMBER = re.compile(r'\d+')
 ROW_FAULTS = {
     'angle_interpolated': 'encoder counts that contradict the others, their azimuths are interpolated',
     'stamp_interpolated': 'row stamps that contradict the others, interpolated',
@@ -57,7 +60,8 @@ def check_scans(
     if 0 < sample < len(sequence):
         indices = [int(i) for i in np.linspace(0, len(sequence) - 1, sample).round()]
         yield note(f'{len(indices)} of {len(sequence)} scans decoded')
-    sizes = Sizes()
+    sizes, repeats = Sizes(), Repeats()
+    unreadable: dict[str, list[str]] = {}
     faults: dict[str, list[str]] = {}
     anchors: Counter[str] = Counter()
     for done, index in enumerate(indices, start=1):
@@ -67,7 +71,7 @@ def check_scans(
         try:
             scan = sequence.scan(index)
         except DataError as error:
-            yield problem(str(error))
+            unreadable.setdefault(_NUMBER.sub('#', str(error).replace(file, '')), [str(error)]).append(file)
             continue
         except RefusedInput as refusal:
             reason = str(refusal).removeprefix(f'{sequence.files[index]}: ')
@@ -76,11 +80,16 @@ def check_scans(
         if decoded is not None:
             decoded(scan)
         sizes.add(scan, file)
-        for fault in _faults(scan):
+        repeats.add(scan, file)
+        for fault in (*(ROW_FAULTS[name] for name in scan.row_faults), *scan_faults(scan)):
             faults.setdefault(fault, []).append(file)
         if scan.azimuth_stamps_ns is not None and 'stamp_unusable' not in scan.row_faults:
             anchors[_anchor(scan)] += 1
+    for first, *others in unreadable.values():
+        more = f' (and {counted(len(others) - 1, "scan")} like it: {first_few(others[1:])})' if len(others) > 1 else ''
+        yield problem(first + more)
     yield from sizes.findings()
+    yield from repeats.findings()
     for fault, files in faults.items():
         found = note if fault == ROW_FAULTS['saturated'] else problem
         yield found(f'{fault}: {counted(len(files), "scan")} ({first_few(files)})')
@@ -89,9 +98,8 @@ def check_scans(
             yield ok(f'stamp of the scan is that of its {anchor} row: {counted(count, "scan")}')
 
 
-def _faults(scan: PolarScan) -> Iterator[str]:
-    for fault in scan.row_faults:
-        yield ROW_FAULTS[fault]
+def scan_faults(scan: PolarScan) -> Iterator[str]:
+    """What is odd about a scan's azimuths and stamp, in words."""
     steps = np.diff(np.sort(scan.azimuths_rad))
     if len(steps) == 0:
         yield 'a single azimuth'

@@ -7,6 +7,7 @@ from collections import Counter
 from pathlib import Path
 
 from offradar_ros.geometry import Trajectory
+from offradar_ros.positions.rules import require_accurate
 from offradar_ros.recordings.datasets.positions.table import bare_rows, named_rows
 from offradar_ros.recordings.datasets.positions.track import Track
 
@@ -30,6 +31,7 @@ def read_mulran_gps(path: Path, tally: Counter[str] | None = None) -> Trajectory
     track = Track(path, tally)
     for row in bare_rows(path, _FIX):
         with track.row(row):
+            require_accurate(row.number_or_nan(4), row.number_or_nan(8))
             position = (row.number_or_nan(1), row.number_or_nan(2), row.number_or_nan(3))
             track.add_geodetic(track.stamp_ns(row), position)
     return track.trajectory()

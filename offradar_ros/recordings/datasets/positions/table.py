@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 from offradar_ros.errors import DataError
 from offradar_ros.recordings.datasets.stamp_names import parse_stamp_ns
+from offradar_ros.recordings.datasets.text_encoding import encoding_of_file
 
 _LONGEST_LINE = 64 * 1024
 _SEPARATORS = {',': 'commas', ';': 'semicolons', '\t': 'tabs', ' ': 'spaces'}
@@ -87,6 +88,8 @@ def named_rows(path: Path, names: Sequence[str]) -> Iterator[Row]:
     wanted_names = [name.lower() for name in names]
     missing = [name for name, wanted in zip(names, wanted_names, strict=True) if wanted not in header]
     if missing:
+        if first and (fault := _character_fault(first)):
+            raise DataError(f'{path}, line 1: {fault}: expected a header with {", ".join(names)}')
         what = f'no column {", ".join(missing)}' if first else 'empty file'
         found = f', found {_shown(first)} separated by {_SEPARATORS[separator]}' if first else ''
         raise DataError(f'{path}, line 1: {what}: expected a header with {", ".join(names)}{found}')
@@ -161,7 +164,10 @@ def _lines(path: Path) -> Iterator[tuple[int, str, bool]]:
     if path.exists() and not path.is_file():
         raise DataError(f'{path}: cannot be read (not a regular file)')
     try:
-        with path.open(encoding='utf-8-sig', errors='surrogateescape') as file:
+        encoding = encoding_of_file(path)
+        # A byte that is no text damages its line only; in UTF-16 there is nothing to escape it to.
+        errors = 'replace' if encoding == 'utf-16' else 'surrogateescape'
+        with path.open(encoding=encoding, errors=errors) as file:
             number = 0
             while text := file.readline(_LONGEST_LINE):
                 number += 1

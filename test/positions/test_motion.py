@@ -1,0 +1,104 @@
+"""Positions where no vehicle can be, and positions that a receiver repeats while the vehicle drives on."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+import pytest
+
+from offradar_ros.errors import RefusedInput
+from offradar_ros.geometry import GeoPoint, Trajectory
+from offradar_ros.positions.motion import points_apart_m, positions_apart_m
+from offradar_ros.positions.rules import apart_m
+from offradar_ros.positions.track import PositionTrack
+from offradar_ros.types import Pose
+
+START_NS = 1_767_225_600 * 10**9
+
+
+def track(positions_m: list[float], rate_hz: float = 10.0) -> tuple[Trajectory, Counter[str]]:
+    """Of positions along a line, in metres."""
+    made = PositionTrack(geodetic=False)
+    for k, x_m in enumerate(positions_m):
+        try:
+            made.add_pose(START_NS + round(k * 1e9 / rate_hz), Pose(x_m, 0.0))
+        except RefusedInput as refused:
+            made.leave_out(refused.cause)
+    return made.trajectory(), made.tally
+
+
+def drive(count: int, speed_mps: float = 8.0, start_m: float = 0.0, rate_hz: float = 10.0) -> list[float]:
+    return [start_m + speed_mps * k / rate_hz for k in range(count)]
+
+
+def test_a_drive_is_used_as_it_is() -> None:
+    for speed_mps in (0.0, 0.3, 8.0, 90.0):
+        for rate_hz in (1.0, 10.0, 50.0):
+            found, tally = track(drive(200, speed_mps, rate_hz=rate_hz), rate_hz)
+            assert (len(found), tally) == (200, {})
+
+
+@pytest.mark.parametrize('away_m', [-500.0, 100.0, 20_000.0, 86_000.0])
+@pytest.mark.parametrize('odd', [1, 2, 10])
+def test_positions_where_no_vehicle_can_be_are_left_out(away_m: float, odd: int) -> None:
+    positions = drive(100)
+    for k in range(40, 40 + odd):
+        positions[k] += away_m
+    found, tally = track(positions)
+    assert tally == {'position_jump': odd}
+    assert found.positions[:, 0].max() < 100.0
+    assert len(found) == 100 - odd
+
+
+def test_first_positions_of_the_place_where_the_receiver_was_switched_off_are_left_out() -> None:
+    found, tally = track([5000.0, 5000.0, *drive(100)])
+    assert tally == {'position_jump': 2}
+    assert len(found) == 100
+
+
+def test_a_vehicle_that_is_moved_is_followed() -> None:
+    found, tally = track([*drive(50), *drive(50, start_m=3000.0)])
+    assert (len(found), tally) == (100, {})
+
+
+@pytest.mark.parametrize(('speed_mps', 'rate_hz'), [(8.0, 10.0), (20.0, 10.0), (25.0, 1.0), (8.0, 50.0)])
+def test_a_position_that_the_receiver_holds_is_left_out(speed_mps: float, rate_hz: float) -> None:
+    before = drive(round(10 * rate_hz), speed_mps, rate_hz=rate_hz)
+    held = [before[-1]] * round(20 * rate_hz)
+    after = drive(round(10 * rate_hz), speed_mps, before[-1] + 20 * speed_mps, rate_hz)
+    found, tally = track([*before, *held, *after], rate_hz)
+    stale_s = (found.stamps_ns[found.positions[:, 0] == before[-1]].max() - START_NS) / 1e9 - 10.0
+    assert stale_s * speed_mps <= 10.0
+    assert tally['position_held'] >= (20.0 - 10.0 / speed_mps) * rate_hz - 2
+    assert (found.positions[:, 0] >= after[0]).sum() >= len(after) - 1
+
+
+def test_a_vehicle_that_brakes_and_stands_keeps_its_position() -> None:
+    """Receivers that hold the position of a vehicle that stands still are right."""
+    braking, speed_mps, x_m = [], 15.0, 80.0
+    while speed_mps > 0.0:
+        x_m += speed_mps / 10
+        braking.append(x_m)
+        speed_mps -= 0.8
+    found, tally = track([*drive(100), *braking, *[braking[-1]] * 600])
+    assert tally == {}
+    assert len(found) == 700 + len(braking)
+
+
+def test_a_receiver_of_whole_metres_is_used() -> None:
+    found, tally = track([float(round(x_m)) for x_m in drive(300)])
+    assert (len(found), tally) == (300, {})
+
+
+def test_a_second_receiver_rate_that_repeats_each_position_is_used() -> None:
+    found, tally = track([8.0 * (k // 10) for k in range(300)])
+    assert (len(found), tally) == (300, {})
+
+
+def test_metres_apart_are_those_of_the_arrays() -> None:
+    a, b = (51.75, -1.25), (51.76, -1.27)
+    assert points_apart_m(a, b) == pytest.approx(float(apart_m(np.array(a), np.array(b))))
+    assert positions_apart_m(GeoPoint(*a), GeoPoint(*b)) == points_apart_m(a, b)
+    assert positions_apart_m(Pose(0.0, 0.0), Pose(3.0, 4.0)) == 5.0
+    assert positions_apart_m(GeoPoint(*a), Pose(0.0, 0.0)) == 0.0
