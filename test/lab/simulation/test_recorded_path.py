@@ -35,7 +35,7 @@ def write_tum(path: Path, seconds: Array, poses: Array) -> Path:
 @given(
     st.lists(
         st.tuples(
-            st.floats(0.01, 5.0), st.floats(-10.0, 10.0), st.floats(-10.0, 10.0), st.floats(-math.pi + 1e-6, math.pi - 1e-6)
+            st.floats(0.01, 5.0), st.floats(-9.0, 9.0), st.floats(-9.0, 9.0), st.floats(-math.pi + 1e-6, math.pi - 1e-6)
         ),
         min_size=2,
         max_size=20,
