@@ -13,7 +13,7 @@ from rclpy.subscription import Subscription
 
 from offradar_ros.ros.diagnostics import Trouble
 from offradar_ros.ros.input_watch import InputWatch
-from offradar_ros.ros.topic_hints import LISTED, full_name, why_silent
+from offradar_ros.ros.topic_hints import LISTED, NOBODY, full_name, why_silent
 
 
 class Input:
@@ -49,7 +49,7 @@ class Input:
         self.topic = topic
         self.watch = InputWatch()
         self.last_why = ''
-        """Why it was silent when messages were last missed; empty if none were."""
+        """Why it was silent when messages were missed, and what to do as far as was ever known; empty if none were."""
         self._node, self._message_type, self._receive = node, message_type, receive
         self._source, self._instead, self._is_needed = source, instead, is_needed
         # rclpy writes overrides into the profile that it is given, which other subscriptions share.
@@ -112,8 +112,11 @@ class Input:
         """Why nothing comes, once that is longer than usual; None while messages come or are not needed."""
         if not self._source or not self.watch.is_silent or not self._is_needed():
             return None
-        self.last_why = self.why_silent()
-        return Trouble(f'silent.{self.topic}', f'{self.silence()}: {self.last_why}', is_error=self.watch.is_dead)
+        why = self.why_silent()
+        # Whoever publishes elsewhere may end before the session does.
+        if not (self.last_why and why.startswith(NOBODY)):
+            self.last_why = why
+        return Trouble(f'silent.{self.topic}', f'{self.silence()}: {why}', is_error=self.watch.is_dead)
 
     def silence(self) -> str:
         """How long nothing came, as text."""

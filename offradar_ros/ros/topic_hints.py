@@ -13,6 +13,8 @@ from offradar_ros.ros.connections import UNKNOWN
 
 LISTED = 'one that died is listed for 20 s'
 """What to think of a node that is named and does not run any more."""
+NOBODY = 'nobody publishes there:'
+"""How a hint begins that names nobody."""
 MAX_NAMED = 5
 """Most topics or nodes that a hint names."""
 _SHARED_TYPES = ('sensor_msgs/msg/PointCloud2', 'diagnostic_msgs/msg/DiagnosticStatus')
@@ -49,7 +51,7 @@ def why_silent(
     for kind, remedy in (instead or {}).items():
         if found := _published(node, kind, name, topic):
             return f'nobody publishes there, but {kind} is published on {found}: {remedy}'
-    return f'nobody publishes there: is {source} running, in this domain and namespace?'
+    return f'{NOBODY} is {source} running, in this domain and namespace?'
 
 
 def rivals(node: Node, topics: Iterable[str]) -> dict[str, str]:

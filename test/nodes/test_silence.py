@@ -238,6 +238,7 @@ def test_positions_that_never_came_are_named_live_and_in_the_report(
     mapping.wait_for(DiagnosticStatus.ERROR, *expected, '-r gps/fix:=TOPIC')
     # The report is asked for after the drive, when the receiver may be off.
     observer.node.destroy_publisher(receiver)
+    mapping.wait_for(DiagnosticStatus.ERROR, 'nobody publishes there: is the receiver of positions running')
     report = mapping.end()
     assert 'no position ever came on /gps/fix: nobody publishes there, but sensor_msgs/msg/NavSatFix' in report
 
