@@ -54,7 +54,7 @@ def damaged(data: bytes) -> bytes:
     [
         (jpeg, 'lossy_image', "image_transport's parameter format: png"),
         (lambda power: png(cv2.merge([power] * 3)), 'wrong_encoding', '8-bit gray'),
-        (lambda power: png(power.astype(np.uint16)), 'wrong_encoding', 'bit depth 16'),
+        (lambda power: png(power.astype(np.uint16)), 'wrong_encoding', 'got 16-bit gray'),
         (lambda power: png(power)[:5000], 'wrong_encoding', 'truncated PNG'),
         (lambda power: damaged(png(power)), 'wrong_encoding', 'damaged PNG'),
         (lambda power: bytes(12) + png(power), 'wrong_encoding', 'not a PNG'),

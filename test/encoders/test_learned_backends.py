@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -295,6 +296,6 @@ def test_an_operator_that_opencv_does_not_support_is_reported(tmp_path: Path, sm
     assert '\n' not in str(refused.value)
 
 
-def test_a_file_whose_name_is_not_text_gives_a_model_that_is(small_weights: Path) -> None:
-    odd = small_weights.rename(small_weights.parent / os.fsdecode(b'\xff.safetensors'))
+def test_a_file_whose_name_is_not_text_gives_a_model_that_is(small_weights: Path, tmp_path: Path) -> None:
+    odd = Path(shutil.copy(small_weights, tmp_path / os.fsdecode(b'\xff.safetensors')))
     assert TorchEncoder(odd).info.metadata['file'] == '?.safetensors'
