@@ -92,13 +92,12 @@ def scan_from_rows(power: NDArray[np.uint8], rows: Rows, stamp_ns: int, config: 
 
     RefusedInput with cause no_signal, too_few_rows or unknown_range_resolution.
     """
-    strongest = power.max(axis=1, initial=0)
+    strongest, weakest = power.max(axis=1, initial=0), power.min(axis=1, initial=_LARGEST_POWER)
     if not strongest.any():
         raise RefusedInput('no_signal', f'scan at {stamp_ns} ns holds no signal: every power value is zero')
     resolution_m = range_resolution(config, power.shape[1])
-    if strongest.min() == strongest.max() and np.all(power == strongest[0]):
+    if weakest.min() == strongest.max():
         raise RefusedInput('no_signal', f'scan at {stamp_ns} ns holds no signal: every power value is {strongest[0]}')
-    weakest = power.min(axis=1, initial=_LARGEST_POWER)
     _require_sight(int(np.count_nonzero(strongest > weakest)), max(len(power), config.azimuth_samples), stamp_ns)
     faults = rows.faults | {
         'no_power': int(np.count_nonzero(strongest == 0)),
