@@ -76,6 +76,13 @@ def server(stack: Callable[..., Stack], path: Path) -> Stack:
     return stack(parameters, names=('map_server_node',))
 
 
+def map_session(observer: Observer, driver: Driver, scans: int) -> None:
+    """A session of so many scans, from its start to its end."""
+    assert trigger(observer, 'start_session').success
+    driver.drive(scans)
+    assert trigger(observer, 'end_session').success
+
+
 def test_a_copy_made_while_the_server_runs_has_each_ended_session(
     observer: Observer, stack: Callable[..., Stack], path: Path
 ) -> None:
@@ -83,9 +90,7 @@ def test_a_copy_made_while_the_server_runs_has_each_ended_session(
         nodes.wait_until_ready()
         driver = Driver(observer)
         for session in (1, 2):
-            assert trigger(observer, 'start_session').success
-            driver.drive(3)
-            assert trigger(observer, 'end_session').success
+            map_session(observer, driver, 3)
             copy = path.with_name(f'laptop_{session}.db')
             shutil.copy(path, copy)
             assert len(read_map(copy).places) == 3 * session
@@ -99,9 +104,7 @@ def test_without_the_file_no_service_succeeds_until_the_whole_map_is_written_aga
     with server(stack, path) as nodes:
         nodes.wait_until_ready()
         driver = Driver(observer)
-        assert trigger(observer, 'start_session').success
-        driver.drive(3)
-        assert trigger(observer, 'end_session').success
+        map_session(observer, driver, 3)
         assert trigger(observer, 'start_session').success
         driver.drive(2)
         for file in path.parent.glob('town.db*'):
@@ -138,9 +141,7 @@ def test_at_exit_the_whole_map_is_rescued(
     with server(stack, path) as nodes:
         nodes.wait_until_ready()
         driver = Driver(observer)
-        assert trigger(observer, 'start_session').success
-        driver.drive(3)
-        assert trigger(observer, 'end_session').success
+        map_session(observer, driver, 3)
         if is_running:
             assert trigger(observer, 'start_session').success
             driver.drive(2)
