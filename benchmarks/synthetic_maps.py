@@ -68,6 +68,7 @@ def map_file(folder: Path, places: int, seed: int) -> Path:
             anchors_m=table.positions_m[:, :2],
             before={},
             next_place_id=places,
+            origin=None,
             undoable=[],
         )
         store.close()

@@ -39,6 +39,10 @@ class _Running:
     saved: bool = False
 
 
+class OtherModelError(MapError):
+    """The map holds embeddings of another model."""
+
+
 class SessionMap:
     """A parent map with sessions, in the file `map.path` or, if that is empty, in memory only.
 
@@ -52,7 +56,6 @@ class SessionMap:
         # None until this process has one; its first write also ends sessions that another process left running.
         self._adopted: ModelInfo | None = None
         self._origin: GeoPoint | None = None
-        self._is_origin_written = True
         self._parent = ParentMap(config, 0)
         self._running: _Running | None = None
         self._undoable: list[tuple[StoredSession, Before]] = []
@@ -124,7 +127,7 @@ class SessionMap:
         return self._model
 
     def adopt_model(self, info: ModelInfo) -> None:
-        """Accept embeddings of this model from now on; MapError if the map holds embeddings of another model.
+        """Accept embeddings of this model from now on; OtherModelError if the map holds embeddings of another model.
 
         One of the same fingerprint and another dimension is another model too: the file could not be read any more.
         """
@@ -132,7 +135,7 @@ class SessionMap:
         if self._model and is_other and (len(self) or self._undoable):
             same = self._model.dimension == info.dimension
             dimensions = '' if same else f' (d = {self._model.dimension}, not {info.dimension})'
-            raise MapError(
+            raise OtherModelError(
                 f'{self._where}: holds embeddings of {self._model.name} {self._model.fingerprint[:12]}, '
                 f'not of {info.name} {info.fingerprint[:12]}{dimensions}: '
                 'use that model, or another map.path'
@@ -163,7 +166,7 @@ class SessionMap:
             return
         if self._origin:
             raise MapError(f'{self._where}: the origin of its frame is {self._origin} and cannot become {origin}')
-        self._origin, self._is_origin_written = origin, False
+        self._origin = origin
 
     @property
     def running_session_id(self) -> int | None:
@@ -182,6 +185,9 @@ class SessionMap:
                 f'{session_label(self._running.session_id, self._running.name)} runs: end it or undo it first'
             )
         self.require_file()
+        return self._start(name, stamp_ns)
+
+    def _start(self, name: str, stamp_ns: int) -> int:
         session_id = self._next_session_id
         self._next_session_id += 1
         self._running = _Running(session_id, name, stamp_ns, len(self), self._parent.mean_uncertainty)
@@ -281,16 +287,17 @@ class SessionMap:
             raise MapError(f'{self._where}: no session to undo (map.undo_depth is {self.config.undo_depth})')
         old = [place for place in before.values() if place]
         new = [place_id for place_id, place in before.items() if place is None]
+        undoable = self._undoable if running else self._undoable[:-1]
+        # An empty map has no origin: that of a drive that was undone may have been a wrong fix.
+        origin = self._origin if undoable or len(self) > len(new) else None
         if self._store and (running is None or running.saved):
-            self._store.undo_session(session, before, self._parent.anchors([place.place_id for place in old]))
+            anchors_m = self._parent.anchors([place.place_id for place in old])
+            self._store.undo_session(session, before, anchors_m, origin)
         if running is None or running.saved:
             self._sessions[session.session_id] = session
         self._parent.restore(old)
         self._parent.remove(new)
-        self._running = None
-        if not running:
-            self._undoable.pop()
-        self._forget_origin_of_nothing()
+        self._running, self._undoable, self._origin = None, undoable, origin
         return UndoReport(session.session_id, session.name, running is not None, len(new), len(old), len(self))
 
     def clear(self) -> Path | None:
@@ -306,31 +313,24 @@ class SessionMap:
         next_place_id = self._parent.next_place_id
         self._parent = ParentMap(self.config, self._parent.dimension)
         self._parent.next_place_id = next_place_id
-        self._undoable = []
-        self._sessions = {}
+        self._undoable, self._sessions, self._origin = [], {}, None
         if self._running:
             running = self._running
             self._running = _Running(running.session_id, running.name, running.stamp_ns, 0, math.nan)
-        self._forget_origin_of_nothing()
         return copy
 
     def restart_session(self, cause: str) -> None:
         """Discard what the running session mapped, as when its frame was wrong, and go on with it under another id.
 
-        Its scans count as dropped by `cause`. MapError without a session.
+        Its scans count as dropped by `cause`. MapError without a session, and if the file cannot be written: then
+        nothing has changed.
         """
         running = self._require_running()
+        self.require_file()
         self.undo_session()
-        self.start_session(running.name, running.stamp_ns)
+        self._start(running.name, running.stamp_ns)
         dropped = running.dropped + collections.Counter({cause: running.merges.total()})
         self._require_running().dropped.update(dropped)
-
-    def _forget_origin_of_nothing(self) -> None:
-        """An empty map has no origin: that of a drive that was undone may have been a wrong fix."""
-        if self._origin and not len(self) and not self._undoable:
-            if self._store and self._is_origin_written:
-                self._store.write_origin(None)
-            self._origin, self._is_origin_written = None, True
 
     def committed(self) -> PlaceTable:
         """The places as of the last ended session, in ascending order of id: what queries search."""
@@ -388,9 +388,6 @@ class SessionMap:
     def _write_changes(self, session: StoredSession, running: _Running, undoable: list[int]) -> None:
         if not self._store:
             return
-        if not self._is_origin_written:
-            self._store.write_origin(self._origin)
-            self._is_origin_written = True
         ids = sorted(running.unsaved)
         self._store.write_session(
             session,
@@ -398,6 +395,7 @@ class SessionMap:
             anchors_m=self._parent.anchors(ids),
             before={place_id: running.before[place_id] for place_id in ids},
             next_place_id=self._parent.next_place_id,
+            origin=self._origin,
             undoable=undoable,
         )
         running.unsaved.clear()

@@ -110,11 +110,6 @@ class MapStore:
             rows.mark_interrupted(except_session)
             rows.put_meta('model', unstructure(model))
 
-    def write_origin(self, origin: GeoPoint | None) -> None:
-        """Store the origin of the local frame, or that there is none."""
-        with self._transaction() as rows:
-            rows.put_meta('origin', unstructure(origin))
-
     def write_session(
         self,
         session: StoredSession,
@@ -123,23 +118,31 @@ class MapStore:
         anchors_m: NDArray[np.float64],
         before: Before,
         next_place_id: int,
+        origin: GeoPoint | None,
         undoable: list[int],
     ) -> None:
         """Store a session and its changes since it was last stored.
 
         `changed` (N places) holds their present content, `anchors_m` (N, 2) their anchors, and `before` their content
-        before the session. Sessions that are not in `undoable` can no longer be undone.
+        before the session. `origin` is that of the local frame. Sessions that are not in `undoable` can no longer be
+        undone.
         """
         with self._transaction() as rows:
             rows.mark_interrupted(session.session_id)
             rows.put_session(session)
             rows.put_meta('next_place_id', next_place_id)
+            rows.put_meta('origin', unstructure(origin))
             rows.put_places(changed, anchors_m)
             rows.put_undo(session.session_id, before, changed.means.shape[1])
             rows.keep_undo(undoable)
 
-    def undo_session(self, session: StoredSession, before: Before, anchors_m: NDArray[np.float64]) -> None:
-        """Restore the content of a session's places from before it; `anchors_m` (N, 2) of the places that remain."""
+    def undo_session(
+        self, session: StoredSession, before: Before, anchors_m: NDArray[np.float64], origin: GeoPoint | None
+    ) -> None:
+        """Restore the content of a session's places from before it; `anchors_m` (N, 2) of the places that remain.
+
+        `origin` is that of the local frame, None where no place remains.
+        """
         old = [place for place in before.values() if place]
         with self._transaction() as rows:
             rows.put_session(session)
@@ -147,6 +150,7 @@ class MapStore:
             if old:
                 rows.put_places(PlaceTable.from_places(old, old[0].mean.size), anchors_m)
             rows.remove_undo(session.session_id)
+            rows.put_meta('origin', unstructure(origin))
 
     def clear(self) -> Path:
         """Copy the map to ``<path>.<UTC stamp>.bak``, then delete its places and sessions; returns the copy's path.
@@ -162,6 +166,7 @@ class MapStore:
             raise MapError(f'{copy}: the map could not be copied there ({error}), so it was not cleared') from error
         with self._transaction() as rows:
             rows.clear()
+            rows.put_meta('origin', None)
         return copy
 
     def require_ours(self) -> None:

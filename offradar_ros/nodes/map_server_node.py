@@ -238,7 +238,7 @@ class MapServerNode(StageNode):
 
     def _publish_updates(self, updates: Iterable[MapUpdate]) -> None:
         for left_out in self.stage.take_left_out():
-            self.refuse(left_out, 'position')
+            self.refuse(RefusedInput(left_out.cause, left_out.first), 'position', left_out.count)
         if self.stage.take_discarded():
             self.get_logger().warning('what was mapped of this session lay around a wrong fix: discarded')
             self._publish_committed()

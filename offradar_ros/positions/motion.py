@@ -52,7 +52,12 @@ def positions_apart_m(a: GeoPoint | Pose, b: GeoPoint | Pose) -> float:
 
 def is_jump(apart_m: float, step_ns: int) -> bool:
     """Whether no vehicle moves as far in this time. Positions beyond `FAR_M` are not of one drive, another matter."""
-    return SLACK_M + FASTEST_MPS * step_ns / 1e9 < apart_m <= FAR_M
+    return not is_drivable(apart_m, step_ns) and apart_m <= FAR_M
+
+
+def is_drivable(apart_m: float, step_ns: int) -> bool:
+    """Whether a vehicle can move as far in this time."""
+    return not apart_m > SLACK_M + FASTEST_MPS * step_ns / 1e9
 
 
 class HeldPosition(Generic[T]):

@@ -196,7 +196,8 @@ class _Drive:
 
     def _apply(self, updates: Iterable[MapUpdate]) -> None:
         if self._mapping:
-            self._refused.update(left_out.cause for left_out in self._mapping.take_left_out())
+            for left_out in self._mapping.take_left_out():
+                self._refused[left_out.cause] += left_out.count
             if self._mapping.take_discarded():
                 self._query.load(self._mapping.map.committed(), self._fingerprint)
         for update in updates:

@@ -13,10 +13,10 @@ from pathlib import Path
 from offradar_ros.config import Config
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.errors import MapError, RefusedInput
-from offradar_ros.geometry import GeoPoint
+from offradar_ros.geometry import GeoPoint, LeftOut
 from offradar_ros.mapping.pending import Resolved
 from offradar_ros.mapping.session_report import SessionReport, UndoReport
-from offradar_ros.mapping.sessions import SessionMap
+from offradar_ros.mapping.sessions import OtherModelError, SessionMap
 from offradar_ros.positions.motion import positions_apart_m
 from offradar_ros.positions.rules import geo_point, require_pose
 from offradar_ros.stages.map_frame import MapFrame
@@ -25,8 +25,6 @@ from offradar_ros.types import Embedding, PlaceTable, Pose
 
 MAX_MESSAGE_PLACES = 50_000
 """Largest map that is sent as a message: for a larger one the query node reads the file."""
-POSITION_GAP_S = 0.5
-"""A session that ends does not wait for positions if the last one arrived longer ago than this."""
 MAX_WAITING_FOR_MODEL = 64
 """Most embeddings that wait for their model, whose latched message may arrive after them."""
 
@@ -84,7 +82,9 @@ class MapStage:
         self._waiting_for_model: collections.deque[Embedding] = collections.deque()
         self._frame = MapFrame(session_map.origin)
         self._discarded = False
+        self._not_moved = ''
         self._autosave_s = config.map.autosave_s if config.map.path else 0.0
+        self._max_gap_s = config.position.max_gap_s
         self._position_s = -math.inf
         self._saved_s = clock()
         self._changed_since_view = False
@@ -96,12 +96,12 @@ class MapStage:
 
         RefusedInput: `wrong_model`, the map holds embeddings of another; `not_saved`, the file cannot be written.
         """
-        known = self.map.model
         try:
             self.map.adopt_model(info)
+        except OtherModelError as error:
+            raise RefusedInput('wrong_model', str(error)) from error
         except MapError as error:
-            other = known is not None and not known.is_same_model(info)
-            raise RefusedInput('wrong_model' if other else 'not_saved', str(error)) from error
+            raise RefusedInput('not_saved', str(error)) from error
         waiting = list(self._waiting_for_model)
         self._waiting_for_model.clear()
         return [update for embedding in waiting for update in self.add_embedding(embedding)]
@@ -109,8 +109,8 @@ class MapStage:
     def add_point(self, stamp_ns: int, point: GeoPoint) -> list[MapUpdate]:
         """Add a geodetic position. The origin of an empty map is one that most positions of its first drive are near.
 
-        RefusedInput: as `geo_point` and `PositionOrder.add`; `far_position` for one farther than `FAR_M` from the
-        origin. Positions that turn out later not to count are told of by `take_left_out`.
+        RefusedInput as `geo_point` and `PositionOrder.add`. Those that do not count for another reason, as for being
+        farther than `FAR_M` from the origin, are told of by `take_left_out`.
         """
         self._position_s = self._clock()
         point = geo_point(*dataclasses.astuple(point))
@@ -124,18 +124,30 @@ class MapStage:
     def _placed(self, stamp_ns: int, position: GeoPoint | Pose) -> Sequence[tuple[int, Pose]]:
         if isinstance(position, Pose):
             return [(stamp_ns, position)]
-        poses, left_out, has_moved = self._frame.place(stamp_ns, position)
-        self._positioning.leave_out(left_out)
-        if has_moved:
-            self._positioning.forget_positions()
-            if self.map.origin is not None:
-                # What was mapped of this first drive lies in the frame of a wrong fix.
+        pose, left_out = self._frame.place(stamp_ns, position)
+        for held_before in left_out:
+            self._positioning.leave_out(held_before)
+        if pose is not None:
+            return [(stamp_ns, pose)]
+        return self._moved() if self._frame.is_outvoted else []
+
+    def _moved(self) -> Sequence[tuple[int, Pose]]:
+        """Move the origin; nothing while what was mapped around the wrong one cannot be discarded."""
+        self._not_moved = ''
+        if self.map.origin is not None:
+            try:
                 self.map.restart_session('far_position')
-                self._discarded = True
+            except MapError as error:
+                self._not_moved = f'what was mapped around a wrong fix cannot be discarded, so nothing is: {error}'
+                return []
+            self._discarded = True
+        self._positioning.forget_positions()
+        poses, left_out = self._frame.move()
+        self._positioning.leave_out(left_out)
         return poses
 
-    def take_left_out(self) -> list[RefusedInput]:
-        """Why positions do not count that were accepted, or held, when they came; each once."""
+    def take_left_out(self) -> list[LeftOut]:
+        """Positions that do not count, though they were not refused when they came; each is told of once."""
         return self._positioning.take_left_out()
 
     def take_discarded(self) -> bool:
@@ -145,7 +157,7 @@ class MapStage:
 
     def problem(self) -> str:
         """What keeps positions out of the map, and what to do; empty if nothing does."""
-        return self._frame.problem()
+        return self._not_moved or self._frame.problem()
 
     def add_embedding(self, embedding: Embedding) -> list[MapUpdate]:
         """Add an embedding of the running session; it is merged as soon as its model and position are known.
@@ -179,12 +191,13 @@ class MapStage:
 
         A session that ended now would drop them. Others, which came later, always wait where positions come late.
         """
-        return self._positioning.waits(scans) and self._clock() - self._position_s < POSITION_GAP_S
+        return self._positioning.waits(scans) and self._clock() - self._position_s < self._max_gap_s
 
     def flush(self) -> list[MapUpdate]:
-        """Merge or drop every waiting scan, as when no later position will arrive."""
-        updates = self._merged(self._positioning.flush())
-        self._positioning.leave_out(self._frame.take_far())
+        """Merge or drop every waiting scan, as when no later model or position will arrive."""
+        updates = [*self._drop_waiting_for_model(0), *self._merged(self._positioning.flush())]
+        for left_out in self._frame.take_far():
+            self._positioning.leave_out(left_out)
         return updates
 
     def start_session(self, stamp_ns: int) -> str:
@@ -199,7 +212,7 @@ class MapStage:
 
     def end_session(self) -> tuple[list[MapUpdate], SessionReport]:
         """Merge or drop every waiting scan, then commit the running session; MapError if that fails."""
-        updates = [*self._drop_waiting_for_model(0), *self.flush()]
+        updates = self.flush()
         changed = self.map.running() if self._file_is_read else None
         report = self.map.end_session()
         if self.map.origin is not None:
@@ -273,7 +286,7 @@ class MapStage:
     def _forget_origin(self) -> None:
         """Where the map has none any more, the next positions decide."""
         if self.map.origin is None:
-            self._frame = MapFrame(None)
+            self._frame, self._not_moved = MapFrame(None), ''
             self._positioning.forget_positions()
 
     def _drop_waiting_for_model(self, kept: int) -> list[MapUpdate]:
@@ -295,7 +308,7 @@ class MapStage:
             problem = RefusedInput(resolved.cause, f'{waits} scan {embedding.stamp_ns} ns: not mapped')
             return self._refused(embedding, problem)
         try:
-            if self.map.origin is None and self._frame.origin and self.map.running_session_id is not None:
+            if self._frame.origin and self.map.running_session_id is not None:
                 self.map.set_origin(self._frame.origin)
             merge = self.map.merge(embedding, resolved.pose)
         except RefusedInput as refused:

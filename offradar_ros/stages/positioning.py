@@ -7,6 +7,7 @@ from typing import Generic, TypeVar
 
 from offradar_ros.config import PositionConfig
 from offradar_ros.errors import RefusedInput
+from offradar_ros.geometry import LeftOut
 from offradar_ros.mapping.pending import PendingEmbeddings, Resolved
 from offradar_ros.positions.motion import Apart
 from offradar_ros.positions.order import Admitted, PositionOrder
@@ -14,7 +15,6 @@ from offradar_ros.types import Embedding, Pose
 
 T = TypeVar('T')
 Place = Callable[[int, T], Sequence[tuple[int, Pose]]]
-_MOST_LEFT_OUT = 10_000
 
 
 class Positioning(Generic[T]):
@@ -32,7 +32,7 @@ class Positioning(Generic[T]):
         self._order: PositionOrder[T] = PositionOrder(round(config.restart_after_s * 1e9), apart)
         self._pending = PendingEmbeddings(config)
         self._last_scan_ns = 0
-        self._left_out: list[RefusedInput] = []
+        self._left_out: dict[str, LeftOut] = {}
 
     def __len__(self) -> int:
         return len(self._pending)
@@ -47,8 +47,8 @@ class Positioning(Generic[T]):
         return self.scans - len(self) < scan and len(self) > 0
 
     def add_position(self, stamp_ns: int, position: T) -> list[Resolved]:
-        """Add a position; returns the scans that it resolves. RefusedInput if this one is left out."""
-        return self._resolved(self._order.add(stamp_ns, position), stamp_ns)
+        """Add a position; returns the scans that it resolves. RefusedInput as `PositionOrder.add`."""
+        return self._resolved(self._order.add(stamp_ns, position))
 
     def add_scan(self, embedding: Embedding) -> list[Resolved]:
         """Add a scan; returns those that are resolved now."""
@@ -76,17 +76,25 @@ class Positioning(Generic[T]):
         """Remove the positions so far, as when their frame is another one now."""
         self._pending.forget_positions()
 
-    def take_left_out(self) -> list[RefusedInput]:
-        """Why positions that were accepted or held at first do not count after all, each once."""
-        left_out, self._left_out = self._left_out, []
+    def take_left_out(self) -> list[LeftOut]:
+        """Positions that do not count, though `add_position` did not refuse them; each is told of once."""
+        left_out = list(self._left_out.values())
+        self._left_out = {}
         return left_out
 
-    def leave_out(self, refusals: Sequence[RefusedInput]) -> None:
-        """Tell of positions that do not count after all."""
-        self._left_out += refusals[: max(0, _MOST_LEFT_OUT - len(self._left_out))]
+    def leave_out(self, left_out: LeftOut) -> None:
+        """Tell of positions that do not count."""
+        before = self._left_out.get(left_out.cause)
+        if before is not None:
+            left_out = LeftOut(left_out.cause, before.count + left_out.count, before.first)
+        self._left_out[left_out.cause] = left_out
 
-    def _resolved(self, admitted: Admitted[T], current_ns: int | None = None) -> list[Resolved]:
-        self.leave_out(admitted.left_out)
+    def _refuse(self, refusal: RefusedInput) -> None:
+        self.leave_out(LeftOut(refusal.cause, 1, str(refusal)))
+
+    def _resolved(self, admitted: Admitted[T]) -> list[Resolved]:
+        for refusal in admitted.left_out:
+            self._refuse(refusal)
         last_ns = self._pending.last_position_ns
         starts_anew = admitted.forgotten or admitted.elsewhere
         if admitted.jumped and last_ns is not None and (starts_anew or admitted.positions[0][0] <= last_ns):
@@ -95,12 +103,9 @@ class Positioning(Generic[T]):
         resolved: list[Resolved] = []
         for stamp_ns, position in admitted.positions:
             try:
-                placed = self._place(stamp_ns, position)
+                for placed_ns, pose in self._place(stamp_ns, position):
+                    resolved += self._pending.add_position(placed_ns, pose)
             except RefusedInput as refusal:
-                if stamp_ns == current_ns:
-                    raise
-                self.leave_out([refusal])
-                continue
-            for placed_ns, pose in placed:
-                resolved += self._pending.add_position(placed_ns, pose)
+                # Raised, it would take with it what was resolved before.
+                self._refuse(refusal)
         return resolved

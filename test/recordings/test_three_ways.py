@@ -123,7 +123,7 @@ def live(fixes: list[Fix], ahead_ns: int) -> tuple[dict[int, list[float]], Count
             except RefusedInput as refused:
                 causes[refused.cause] += 1
         stage.end_session()
-        causes.update(refused.cause for refused in stage.take_left_out())
+        causes.update({left_out.cause: left_out.count for left_out in stage.take_left_out()})
         places = session_map.places()
         assert session_map.origin is not None
         lla = LocalFrame(session_map.origin).to_geodetic(places.positions_m)

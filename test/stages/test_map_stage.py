@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import sqlite3
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -18,6 +19,8 @@ from offradar_ros.config import Config, MapConfig
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.errors import MapError, RefusedInput
 from offradar_ros.geometry import GeoPoint, LocalFrame
+from offradar_ros.mapping.sealed_rows import SealedRows
+from offradar_ros.mapping.session_report import SessionReport
 from offradar_ros.mapping.sessions import SessionMap
 from offradar_ros.mapping.store import MapStore
 from offradar_ros.stages import map as map_stage
@@ -215,9 +218,10 @@ def test_the_origin_is_that_of_the_first_mapped_drive() -> None:
     assert stage.map.origin == here
     assert len(stage.map) == 1
     stage.end_session()
-    with pytest.raises(RefusedInput, match=r"km from the map's origin: expected at most 100 km") as refusal:
-        stage.add_point(4 * SECOND, GeoPoint(10.0, 10.0, 0.0))
-    assert refusal.value.cause == 'far_position'
+    stage.add_point(4 * SECOND, GeoPoint(10.0, 10.0, 0.0))
+    (far,) = stage.take_left_out()
+    assert far.cause == 'far_position'
+    assert "km from the map's origin: expected at most 100 km" in far.first
 
 
 def test_waiting_scans_are_dropped_with_their_session(stage: MapStage) -> None:
@@ -300,11 +304,11 @@ def test_positions_are_expected_while_they_arrive_and_a_scan_waits(session_map: 
     assert not stage.expects_positions(stage.scans)
     stage.add_embedding(embedding(1.5))
     assert stage.expects_positions(stage.scans)
-    clock.seconds += 0.9 * map_stage.POSITION_GAP_S
+    clock.seconds += 0.9 * Config().position.max_gap_s
     stage.add_pose(*at(1.25))
-    clock.seconds += 0.9 * map_stage.POSITION_GAP_S
+    clock.seconds += 0.9 * Config().position.max_gap_s
     assert stage.expects_positions(stage.scans)
-    clock.seconds += 0.2 * map_stage.POSITION_GAP_S
+    clock.seconds += 0.2 * Config().position.max_gap_s
     assert not stage.expects_positions(stage.scans)
     stage.add_pose(*at(2.0))
     assert not stage.expects_positions(stage.scans)
@@ -433,17 +437,20 @@ def drive_point(seconds: float) -> GeoPoint:
     return GeoPoint(51.75 + 10.0 * seconds / 111_250, -1.25, 70.0)
 
 
-def first_drive(stage: MapStage, wrong: Sequence[int], count: int = 40) -> list[str]:
+def first_drive(stage: MapStage, wrong: Sequence[int], count: int = 40) -> None:
     """Two scans and two positions a second; those of the rows `wrong` are on another continent."""
-    causes = []
     for k in range(count):
-        point = FAR if k in wrong else drive_point(k / 2)
-        try:
-            stage.add_point(k * SECOND // 2, point)
-        except RefusedInput as refused:
-            causes.append(refused.cause)
+        stage.add_point(k * SECOND // 2, FAR if k in wrong else drive_point(k / 2))
         stage.add_embedding(embedding(k / 2))
-    return causes
+
+
+def left_out(stage: MapStage) -> dict[str, int]:
+    """Number of positions that do not count, by cause."""
+    return {one.cause: one.count for one in stage.take_left_out()}
+
+
+def handled(report: SessionReport) -> int:
+    return report.inserted + report.replaced + report.kept + sum(report.dropped.values())
 
 
 @pytest.mark.parametrize('wrong', [range(1), range(2), range(15), range(10, 12), range(20, 39)])
@@ -456,9 +463,9 @@ def test_the_origin_is_one_that_most_positions_agree_with(session_map: SessionMa
     assert session_map.origin.latitude_deg == pytest.approx(51.75, abs=0.01)
     places = session_map.places()
     assert np.abs(places.positions_m).max() < 1000.0
-    assert report.inserted + report.replaced + report.kept + sum(report.dropped.values()) == 40
+    assert handled(report) == 40
     assert report.inserted == len(places) >= 40 - len(wrong) - 4
-    assert Counter(r.cause for r in stage.take_left_out()) == {'far_position': len(wrong)}
+    assert left_out(stage) == {'far_position': len(wrong)}
 
 
 def test_what_was_mapped_around_a_wrong_fix_is_told_of_once(session_map: SessionMap) -> None:
@@ -482,9 +489,10 @@ def test_an_origin_that_a_session_ended_with_stays(session_map: SessionMap) -> N
     origin = session_map.origin
     stage.start_session(0)
     for k in range(100):
-        with pytest.raises(RefusedInput, match='km from the map') as refused:
-            stage.add_point(20 * SECOND + k * SECOND // 2, FAR)
-        assert refused.value.cause == 'far_position'
+        stage.add_point(20 * SECOND + k * SECOND // 2, FAR)
+    (far,) = stage.take_left_out()
+    assert (far.cause, far.count) == ('far_position', 100)
+    assert 'km from the map' in far.first
     assert session_map.origin == origin
 
 
@@ -500,7 +508,8 @@ def test_a_spoilt_origin_is_told_of_with_the_remedy(tmp_path: Path) -> None:
     with SessionMap(config.map) as session_map:
         stage = MapStage(config, session_map)
         stage.start_session(0)
-        assert len(first_drive(stage, ())) == 40
+        first_drive(stage, ())
+        assert left_out(stage) == {'far_position': 40}
         assert 'its origin was a wrong fix: undo its sessions or clear it' in stage.problem()
         assert '\n' not in stage.problem()
         stage.clear()
@@ -512,6 +521,178 @@ def test_a_spoilt_origin_is_told_of_with_the_remedy(tmp_path: Path) -> None:
         assert report.inserted > 0
         assert session_map.origin is not None
         assert session_map.origin.latitude_deg == pytest.approx(51.75, abs=0.01)
+
+
+@pytest.mark.parametrize('how', ['full', 'removed'])
+def test_a_wrong_origin_stays_until_what_lies_around_it_is_discarded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, how: str
+) -> None:
+    """Or else scans would be mapped in a frame that is not theirs."""
+    path = tmp_path / 'town.db'
+    config = Config(map=MapConfig(path=str(path)))
+
+    def fail(*_: object) -> None:
+        raise MapError('database or disk is full')
+
+    with SessionMap(config.map) as session_map:
+        session_map.adopt_model(MODEL)
+        stage = MapStage(config, session_map)
+        stage.start_session(0)
+        first_drive(stage, range(4), 4)
+        stage.save()
+        with monkeypatch.context() as broken:
+            if how == 'full':
+                broken.setattr(MapStore, 'undo_session', fail)
+            else:
+                path.rename(tmp_path / 'away.db')
+            for k in range(4, 20):
+                stage.add_point(k * SECOND // 2, drive_point(k / 2))
+                stage.add_embedding(embedding(k / 2))
+            assert ('disk is full' if how == 'full' else 'file was removed') in stage.problem()
+            assert len(session_map) == 1
+            assert not stage.take_discarded()
+            if how == 'removed':
+                (tmp_path / 'away.db').rename(path)
+        for k in range(20, 40):
+            stage.add_point(k * SECOND // 2, drive_point(k / 2))
+            stage.add_embedding(embedding(k / 2))
+        assert stage.problem() == ''
+        assert stage.take_discarded()
+        _, report = stage.end_session()
+        assert left_out(stage) == {'far_position': 4}
+        assert handled(report) == 40
+        places = session_map.places()
+        assert len(places) == report.inserted > 15
+        assert np.abs(places.positions_m).max() < 1000.0
+    stored = MapStore.open_read_only(path)
+    assert stored.origin is not None
+    assert stored.origin.latitude_deg == pytest.approx(51.75, abs=0.01)
+
+
+def north_of_the_edge(second: int) -> GeoPoint:
+    """A vehicle at 90 m/s northwards for 105 km, and in a town there from then on."""
+    north_m = 90.0 * second if second < 1166 else 105_000.0 + 500.0 * math.sin(second / 50.0)
+    return GeoPoint(51.0 + north_m / 111_250, -1.25, 70.0)
+
+
+def test_a_long_drive_keeps_its_map(session_map: SessionMap) -> None:
+    """Though most of it is beyond the frame: that the vehicle has driven there shows that the origin is right."""
+    stage = MapStage(Config(), session_map)
+    for second in range(3000):
+        stage.add_point(second * SECOND, north_of_the_edge(second))
+        stage.add_embedding(embedding(float(second)))
+    assert not stage.take_discarded()
+    assert len(session_map) > 1000
+
+
+def test_a_drive_out_of_the_frame_is_told_of_as_it_goes(session_map: SessionMap) -> None:
+    stage = MapStage(Config(), session_map)
+    for second in range(1200):
+        stage.add_point(second * SECOND, north_of_the_edge(second))
+    far = left_out(stage)['far_position']
+    assert 0 < far < 100
+    assert f'the last {far} positions are over 100 km from' in stage.problem()
+    assert 'use another map.path' in stage.problem()
+    for second in range(1200, 1210):
+        stage.add_point((second + 3000) * SECOND, GeoPoint(51.5 + second / 111_250, -1.25, 70.0))
+    stage.flush()
+    assert stage.problem() == ''
+
+
+def test_scans_that_one_position_resolves_are_answered_though_the_next_is_refused(session_map: SessionMap) -> None:
+    """Positions after a gap are held; one of them is far from the map."""
+    stage = MapStage(Config(), session_map)
+    first_drive(stage, ())
+    stage.end_session()
+    stage.start_session(0)
+    updates: list[MapUpdate] = []
+    for second, point in ((50, 50.0), (51, 51.0), (52, None), (53, 53.0), (54, 54.0)):
+        updates += stage.add_point(second * SECOND, FAR if point is None else drive_point(point))
+        for quarter in range(4):
+            updates += stage.add_embedding(embedding(second + 0.1 + quarter / 4))
+    last, report = stage.end_session()
+    assert len(updates) + len(last) == handled(report) == 20
+    assert left_out(stage) == {'far_position': 1}
+
+
+def test_every_position_is_counted_however_many_are_far(
+    session_map: SessionMap, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('offradar_ros.stages.map_frame._MOST_HELD', 50)
+    stage = MapStage(Config(), session_map)
+    told = 0
+    for k in range(201):
+        stage.add_point(k * SECOND // 10, FAR if k < 100 else drive_point(k / 10))
+        told += sum(left_out(stage).values())
+    # Those around the wrong fix, and of the others the ones that were too many to hold.
+    assert told == 100 + 51
+    assert not stage.add_embedding(embedding(16.0))[0].problem
+
+
+def test_far_positions_of_an_earlier_run_do_not_contradict_those_of_the_next(session_map: SessionMap) -> None:
+    """A recording is played again before it is known which positions are right."""
+    stage = MapStage(Config(), session_map)
+    sent = 0
+    for second in range(100, 106):
+        stage.add_point(second * SECOND, FAR)
+    for second in range(106, 110):
+        stage.add_point(second * SECOND, drive_point(second))
+    for second in range(1, 9):
+        stage.add_point(second * SECOND, drive_point(second))
+        for quarter in range(4):
+            stage.add_embedding(embedding(second + quarter / 4))
+            sent += 1
+    _, report = stage.end_session()
+    assert handled(report) == sent
+    assert report.inserted > 20
+    assert left_out(stage) == {'far_position': 10}
+
+
+def test_an_undo_that_cannot_be_written_changes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    config = Config(map=MapConfig(path=str(tmp_path / 'a.map')))
+    with SessionMap(config.map) as session_map:
+        session_map.adopt_model(MODEL)
+        stage = MapStage(config, session_map)
+        stage.start_session(0)
+        first_drive(stage, ())
+        stage.end_session()
+        origin, places = session_map.origin, len(session_map)
+        put_meta = SealedRows.put_meta
+
+        def fail(rows: SealedRows, key: str, value: object) -> None:
+            if key == 'origin':
+                raise sqlite3.OperationalError('database or disk is full')
+            put_meta(rows, key, value)
+
+        with monkeypatch.context() as full:
+            full.setattr(SealedRows, 'put_meta', fail)
+            for forget in (stage.undo_session, stage.clear):
+                with pytest.raises(MapError, match='disk is full'):
+                    forget()
+                assert (session_map.origin, len(session_map)) == (origin, places)
+        stored = MapStore.open_read_only(tmp_path / 'a.map')
+        assert (stored.origin, len(stored.places)) == (origin, places)
+
+
+def test_a_model_that_cannot_be_written_is_not_another_model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is sent once, so the map server tries it again, and only where there is no space."""
+    config = Config(map=MapConfig(path=str(tmp_path / 'a.map')))
+
+    def fail(*_: object, **__: object) -> None:
+        raise MapError('database or disk is full')
+
+    with SessionMap(config.map) as session_map:
+        session_map.adopt_model(MODEL)
+        stage = MapStage(config, session_map)
+        monkeypatch.setattr(MapStore, 'write_model', fail)
+        with pytest.raises(RefusedInput) as refused:
+            stage.adopt_model(ModelInfo('stub', 'cd' * 32, 2, {}))
+    assert refused.value.cause == 'not_saved'
+
+
+def test_scans_that_wait_for_a_model_are_told_of_though_the_end_cannot_be_written(stored: MapStage) -> None:
+    stored.add_embedding(embedding(1.0))
+    assert brief(stored.flush()) == [(1.0, 'no_model')]
 
 
 def test_an_origin_at_zero_is_told_of_at_once() -> None:
@@ -615,7 +796,7 @@ def test_a_scan_is_not_mapped_towards_a_position_that_jumps(stage: MapStage) -> 
         if k % 2:
             updates += stage.add_embedding(embedding((k + 0.5) / 10))
         updates += stage.add_pose(stamp_ns, Pose(500.0 if k == 40 else 0.0, 0.8 * k))
-    assert [refusal.cause for refusal in stage.take_left_out()] == ['position_jump']
+    assert left_out(stage) == {'position_jump': 1}
     assert np.abs(stage.map.places().positions_m[:, 0]).max() < 1e-6
     stage.flush()
     assert not [update for update in updates if update.problem]
@@ -653,7 +834,6 @@ def test_a_first_drive_is_mapped_though_the_disk_is_full(tmp_path: Path, monkeyp
             raise MapError('database or disk is full')
 
         with monkeypatch.context() as full:
-            full.setattr(MapStore, 'write_origin', fail)
             full.setattr(MapStore, 'write_session', fail)
             stage.add_embedding(embedding(1.5))
             for second in (1, 2):
