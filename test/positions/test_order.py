@@ -134,6 +134,12 @@ def test_a_small_step_back_after_a_gap_is_one_odd_stamp() -> None:
     assert causes == {'position_stamp_backwards': 1}
 
 
+def test_an_odd_stamp_before_a_gap_starts_no_recording_again() -> None:
+    used, causes = run([*ticks(NOW, 60), NOW - 1000.0, *ticks(NOW + 1000, 60)])
+    assert used == [*ticks(NOW, 60), *ticks(NOW + 1000, 60)]
+    assert causes == {'position_stamp_jump': 1}
+
+
 def test_a_recording_that_starts_again_just_before_its_end_is_followed() -> None:
     assert run([*ticks(NOW, 100), *ticks(NOW + 8.4, 60)]) == ([*ticks(NOW, 100), *ticks(NOW + 8.4, 60)], {})
 
