@@ -37,8 +37,14 @@ def test_what_is_not_a_regular_file_is_refused_at_once(tmp_path: Path) -> None:
     for path in (tmp_path / 'pipe', tmp_path, Path('/dev/zero')):
         with pytest.raises(OSError, match=r'directory|regular'):
             read_bounded(path, 4)
-    with pytest.raises(IsADirectoryError):
+
+
+def test_a_folder_is_named_and_not_left_open(tmp_path: Path) -> None:
+    before = len(list(Path('/proc/self/fd').iterdir()))
+    with pytest.raises(IsADirectoryError) as refused:
         read_bounded(tmp_path, 4)
+    assert refused.value.filename == str(tmp_path)
+    assert len(list(Path('/proc/self/fd').iterdir())) == before
 
 
 def test_a_file_without_an_end_is_refused() -> None:
