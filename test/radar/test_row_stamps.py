@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from offradar_ros.radar.row_stamps import RowStamps, sound_stamps
@@ -134,6 +134,7 @@ def test_rows_that_were_measured_without_a_stamp_are_wrong_ones() -> None:
 
 
 @given(stamps=st.lists(st.integers(-(2**63), 2**63 - 1), min_size=1, max_size=40), scan=st.integers(0, 2**62))
+@example(stamps=[1, -(2**63)], scan=0)
 @settings(max_examples=200, deadline=None)
 def test_any_stamps_give_as_many_in_order_or_none(stamps: list[int], scan: int) -> None:
     result = found(np.array(stamps, np.int64), scan).stamps_ns
