@@ -133,7 +133,7 @@ def test_a_tensor_that_says_that_it_is_in_the_file_is_there() -> None:
         onnx.ModelProto(metadata_props=[onnx.StringStringEntryProto(key='a')]).SerializeToString(),
         onnx.ModelProto(metadata_props=[onnx.StringStringEntryProto(value='a')]).SerializeToString(),
         onnx.ModelProto(producer_name='somebody').SerializeToString()[:-1],
-        b'\x80' * 20 + b'\x01',
+        b'\x08' + b'\x80' * 20 + b'\x01',
     ],
     ids=['no value', 'no key', 'cut off', 'a number of 140 bits'],
 )
