@@ -58,6 +58,7 @@ def test_outputs_of_no_network_are_refused(mean: np.ndarray, variance: np.ndarra
 
 
 def test_the_image_has_the_shape_of_the_network_and_every_gray_level() -> None:
-    assert (probe_image(CONFIG).shape, probe_image(CONFIG).dtype) == ((1, 64, 32), np.uint8)
+    assert probe_image(CONFIG).shape == (1, 64, 32)
+    assert probe_image(CONFIG).dtype == np.uint8
     image = probe_image(NetworkConfig())
     assert len(np.unique(image)) == 256
