@@ -30,16 +30,19 @@ def read_bounded(path: str | Path, limit_bytes: int) -> bytes:
     """
     # Without O_NONBLOCK, a FIFO would not even open before somebody writes to it.
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-    with os.fdopen(descriptor, 'rb') as file:
+    try:
         status = os.fstat(descriptor)
         if stat.S_ISDIR(status.st_mode):
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
         if not stat.S_ISREG(status.st_mode):
             raise OSError(errno.EINVAL, 'Not a regular file', str(path))
-        # It may grow between the two looks at its size.
-        content = file.read(limit_bytes + 1) if status.st_size <= limit_bytes else b''
+        with os.fdopen(descriptor, 'rb', closefd=False) as file:
+            # It may grow between the two looks at its size.
+            content = file.read(limit_bytes + 1) if status.st_size <= limit_bytes else b''
         if status.st_size > limit_bytes or len(content) > limit_bytes:
             raise OSError(errno.EFBIG, f'Larger than {limit_bytes} bytes', str(path))
+    finally:
+        os.close(descriptor)
     return content
 
 

@@ -39,6 +39,14 @@ def test_what_is_not_a_regular_file_is_refused_at_once(tmp_path: Path) -> None:
             read_bounded(path, 4)
 
 
+def test_a_folder_is_named_and_not_left_open(tmp_path: Path) -> None:
+    before = len(list(Path('/proc/self/fd').iterdir()))
+    with pytest.raises(IsADirectoryError) as refused:
+        read_bounded(tmp_path, 4)
+    assert refused.value.filename == str(tmp_path)
+    assert len(list(Path('/proc/self/fd').iterdir())) == before
+
+
 def test_a_file_without_an_end_is_refused() -> None:
     """The kernel gives the size of this file as 0."""
     with pytest.raises(OSError, match='Larger than 1000 bytes'):
@@ -51,8 +59,8 @@ def test_text_is_utf_8(tmp_path: Path) -> None:
         read_text(tmp_path / 'a')
 
 
-def _laughs(levels: int, width: int = 10) -> str:
-    lines = ['a0: &a0 ha']
+def _laughs(levels: int, width: int = 10, laugh: str = 'ha') -> str:
+    lines = [f'a0: &a0 {laugh}']
     lines += [f'a{i}: &a{i} [{", ".join([f"*a{i - 1}"] * width)}]' for i in range(1, levels)]
     return '\n'.join(lines)
 
@@ -61,6 +69,7 @@ def _laughs(levels: int, width: int = 10) -> str:
     ('text', 'problem'),
     [
         (_laughs(5000, 2), 'by aliases|deeper'),
+        (_laughs(7, laugh='""'), f'more than {MAX_YAML_NODES} values'),
         (_laughs(8), f'more than {MAX_YAML_NODES} values'),
         ('a: &a ' + 'x' * 1_000_000 + '\nb: [' + ', '.join(['*a'] * 1000) + ']', 'by aliases'),
         ('[' * (MAX_DEPTH + 2) + ']' * (MAX_DEPTH + 2), 'deeper'),
@@ -83,6 +92,14 @@ def test_a_key_that_is_there_twice_is_refused(text: str) -> None:
         parse_yaml(text)
 
 
+def test_a_key_that_is_there_twice_is_told_in_one_short_line() -> None:
+    for key in ('"a\\nb"', '"\\e[31m"', 'x' * 1000):
+        with pytest.raises(ValueError, match='is there twice') as refused:
+            parse_yaml(f'? {key}\n: 1\n? {key}\n: 2\n')
+        assert str(refused.value).isprintable()
+        assert len(str(refused.value)) < 120
+
+
 def test_a_key_of_its_own_beside_merged_ones_is_no_second() -> None:
     assert parse_yaml('a: &a {b: 1, c: 2}\nd:\n  <<: *a\n  b: 3') == {'a': {'b': 1, 'c': 2}, 'd': {'b': 3, 'c': 2}}
 
@@ -92,6 +109,15 @@ def test_aliases_within_bounds_are_read() -> None:
     chain = ''.join(f'a{i}: &a{i} [*a{i - 1}]\n' for i in range(1, MAX_DEPTH + 3))
     with pytest.raises(ValueError, match='deeper'):
         parse_yaml('a0: &a0 1\n' + chain)
+
+
+def test_the_deepest_text_is_read() -> None:
+    text = '[' * MAX_DEPTH + ']' * MAX_DEPTH
+    assert parse_json(text) == parse_yaml(text)
+
+
+def test_a_number_with_an_exponent_is_one() -> None:
+    assert parse_yaml('[1e-5, -2E3, 3.e1]') == [1e-5, -2000.0, 30.0]
 
 
 @pytest.mark.parametrize('text', ['[' * 100_000, '{"a":' * 100 + '1' + '}' * 100, '[' * 70 + ']' * 70, ' ' * 5_000_000])

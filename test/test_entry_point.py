@@ -69,7 +69,9 @@ def test_known_errors_are_explained(error: Exception, expected: str) -> None:
     assert len(explain(error).splitlines()) == 1
 
 
-@pytest.mark.parametrize('error', [KeyError('x'), ValueError('x'), ModuleNotFoundError(name='offradar_ros.nothing')])
+@pytest.mark.parametrize(
+    'error', [KeyError('x'), ValueError('x'), ModuleNotFoundError(name='offradar_ros.nothing'), ImportError()]
+)
 def test_a_defect_is_not_explained_away(error: Exception) -> None:
     assert explain(error) == ''
 
@@ -185,11 +187,28 @@ def test_a_folder_that_may_not_be_entered_is_one_line(
     assert_refused(ran, str(locked), 'ermission denied')
 
 
+def test_a_working_folder_that_was_removed_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    missing = FileNotFoundError(errno.ENOENT, 'No such file or directory', 'out')
+    assert explain(missing) == 'out: No such file or directory'
+
+    def refuse() -> str:
+        raise missing
+
+    monkeypatch.setattr(os, 'getcwd', refuse)
+    assert explain(missing) == 'the working folder was removed: change to another'
+
+
 def test_a_special_file_is_recognised(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / 'pipe')
     assert special_file(tmp_path / 'pipe') == 'a FIFO'
     assert special_file('/dev/null') == 'a device'
-    assert special_file(tmp_path) == special_file(__file__) == special_file(tmp_path / 'nothing') == ''
+    assert (
+        special_file(tmp_path)
+        == special_file(__file__)
+        == special_file(tmp_path / 'nothing')
+        == special_file('a\0b')
+        == ''
+    )
 
 
 @pytest.mark.parametrize(
@@ -281,7 +300,7 @@ def test_a_program_without_its_streams_writes_nothing_into_its_files(tmp_path: P
         '    assert file > 2\n'
         '    os.write(file, b"kept")\n'
         '    os.write(2, b"printed by a library")\n'
-        '    print("printed"), print("printed", file=sys.stderr)\n'
+        '    print("printed"), sys.stdout.write("printed"), sys.stderr.write("printed")\n'
         '    return 0\n'
         'sys.exit(run_guarded(program))\n'
     )

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from unprivileged import obey_permissions
 
 from offradar_ros.whole_file import whole_file, write_whole_file
 
@@ -29,6 +31,58 @@ def test_a_block_that_raises_leaves_the_file_as_it_was(tmp_path: Path) -> None:
     with pytest.raises(ZeroDivisionError), whole_file(tmp_path / 'new'):
         raise ZeroDivisionError
     assert [found.name for found in tmp_path.iterdir()] == ['a']
+
+
+def test_a_block_that_raises_after_somebody_removed_the_draft_says_what_it_raised(tmp_path: Path) -> None:
+    with pytest.raises(ZeroDivisionError), whole_file(tmp_path / 'a'):
+        next(tmp_path.iterdir()).unlink()
+        raise ZeroDivisionError
+
+
+def test_the_content_is_on_the_disk_before_it_has_its_name_and_the_name_at_the_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, synced = tmp_path / 'a', list[object]()
+
+    def fsync(descriptor: int) -> None:
+        what = Path(f'/proc/self/fd/{descriptor}').resolve()
+        synced.append(list(what.iterdir()) if what.is_dir() else (what.read_bytes(), path.exists()))
+
+    monkeypatch.setattr(os, 'fsync', fsync)
+    write_whole_file(path, b'new')
+    assert synced == [(b'new', False), [path]]
+
+
+@pytest.mark.parametrize(
+    ('number', 'is_written'), [(errno.EINVAL, True), (errno.ENOTSUP, True), (errno.EIO, False), (errno.ENOSPC, False)]
+)
+def test_a_file_system_that_cannot_sync_a_folder_is_used_and_a_fault_is_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int, is_written: bool
+) -> None:
+    def fsync(descriptor: int) -> None:
+        if Path(f'/proc/self/fd/{descriptor}').is_dir():
+            raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(os, 'fsync', fsync)
+    if is_written:
+        write_whole_file(tmp_path / 'a', b'1')
+    else:
+        with pytest.raises(OSError, match=os.strerror(number)):
+            write_whole_file(tmp_path / 'a', b'1')
+    assert (tmp_path / 'a').read_bytes() == b'1'
+
+
+def test_a_link_that_has_the_name_of_the_draft_is_not_written_to(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr('offradar_ros.whole_file.secrets.token_hex', lambda count: '0' * 2 * count)
+    (tmp_path / 'other').write_bytes(b'of somebody else')
+    with whole_file(tmp_path / 'a'):
+        (draft,) = (path for path in tmp_path.iterdir() if path.name != 'other')
+    draft.symlink_to(tmp_path / 'other')
+    with pytest.raises(FileExistsError):
+        write_whole_file(tmp_path / 'a', b'ours')
+    assert (tmp_path / 'other').read_bytes() == b'of somebody else'
 
 
 _ON_A_FULL_DISK = """
@@ -70,8 +124,11 @@ def test_a_link_is_replaced_and_not_followed(tmp_path: Path) -> None:
     path = tmp_path / 'link'
     (tmp_path / 'other').write_bytes(b'of somebody else')
     path.symlink_to(tmp_path / 'other')
+    (tmp_path / 'other').chmod(0o600)
+    (tmp_path / 'new').touch()
     write_whole_file(path, b'ours')
     assert not path.is_symlink()
+    assert path.stat().st_mode == (tmp_path / 'new').stat().st_mode
     assert path.read_bytes() == b'ours'
     assert (tmp_path / 'other').read_bytes() == b'of somebody else'
 
@@ -85,6 +142,21 @@ def test_devices_folders_and_pipes_are_never_replaced(tmp_path: Path) -> None:
             write_whole_file(tmp_path / name, b'1')
         assert caught.value.strerror
     assert sorted(path.name for path in tmp_path.iterdir()) == ['folder', 'null', 'pipe']
+
+
+def test_a_folder_is_called_one(tmp_path: Path) -> None:
+    with pytest.raises(IsADirectoryError):
+        write_whole_file(tmp_path, b'1')
+
+
+def test_a_file_that_nobody_may_read_is_replaced(tmp_path: Path) -> None:
+    (tmp_path / 'a').write_bytes(b'\x89PNG')
+    (tmp_path / 'a').chmod(0o200)
+    program = 'import sys; from offradar_ros.whole_file import write_whole_file; write_whole_file(sys.argv[1], b"text")'
+    command = [sys.executable, '-c', program, str(tmp_path / 'a')]
+    subprocess.run(command, preexec_fn=obey_permissions, timeout=60, check=True)
+    (tmp_path / 'a').chmod(0o600)
+    assert (tmp_path / 'a').read_bytes() == b'text'
 
 
 def test_a_name_as_long_as_the_file_system_allows(tmp_path: Path) -> None:

@@ -7,10 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from offradar_ros.bounded_input import parse_yaml
 from offradar_ros.config import Config, load_config, parameters, read_parameters, write_parameters
 from offradar_ros.errors import ConfigError
 from offradar_ros.records import read_tree
 from offradar_ros.shipped import shipped_files
+from offradar_ros.yaml_digest import AlteredError, check_digest, digest_line
 
 VALUES = {leaf.name: leaf.value for leaf in parameters(Config())} | {'map.path': 'town.db', 'query.levels': 40}
 SEED = 3
@@ -55,6 +57,15 @@ def test_comments_and_layout_may_change(written: Path) -> None:
     text = written.read_text()
     written.write_text('# mine\n' + text.replace('\n', '\r\n') + '# end\n')
     assert read_parameters(written) == VALUES
+
+
+def test_a_value_that_json_does_not_have_is_covered() -> None:
+    text = 'day: 2026-01-01\n'
+    text = digest_line(parse_yaml(text)) + text
+    check_digest(text, parse_yaml(text))
+    damaged = text.replace('2026', '2027')
+    with pytest.raises(AlteredError):
+        check_digest(damaged, parse_yaml(damaged))
 
 
 def test_files_to_edit_have_none(tmp_path: Path) -> None:

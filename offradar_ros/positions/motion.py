@@ -81,7 +81,7 @@ class HeldPosition(Generic[T]):
         """A position that is accepted, after `require_new`."""
         if self._moved and self._apart(self._moved[-1][1], position) == 0.0:
             return
-        while self._moved and stamp_ns - self._moved[0][0] > _WINDOW_NS and len(self._moved) > 1:
+        while self._moved and stamp_ns - self._moved[0][0] > _WINDOW_NS:
             self._moved.popleft()
         self._moved.append((stamp_ns, position))
         self._speed_mps = self._speed()

@@ -174,7 +174,8 @@ class PositionOrder(Generic[T]):
         last_ns, first_held_ns, held_ns = self._last_ns or 0, self._held[0][0], self._held[-1][0]
         if first_held_ns > last_ns:
             return last_ns - self._restart_after_ns <= stamp_ns < first_held_ns - self._restart_after_ns
-        return last_ns < stamp_ns <= last_ns + FORWARD_NS and stamp_ns - held_ns > self._restart_after_ns
+        # However long after: one odd stamp before a gap is no recording that starts again.
+        return last_ns < stamp_ns and stamp_ns - held_ns > self._restart_after_ns
 
     def _require_later(self, stamp_ns: int, last_ns: int) -> None:
         if stamp_ns == last_ns:

@@ -59,10 +59,11 @@ def sound_stamps(
     unit = unit_ns(stamps[rows], scan_stamp_ns) if len(rows) else None
     if unit is None:
         return RowStamps(None)
-    # In Python's integers and floats: the difference of two damaged stamps may not fit into 64 bits.
+    # As floats: the difference of two damaged stamps may not fit into 64 bits, that of near ones does.
     reference = int(np.sort(stamps[rows])[len(rows) // 2])
     offset = stamps[rows].astype(np.float64) - float(reference)
-    near = np.abs(offset) <= 4.0 * np.median(np.abs(offset)) + _SLACK_NS / unit
+    usual = 4.0 * float(np.median(np.abs(offset))) + _SLACK_NS / unit
+    near = np.abs(offset) <= min(usual, LONGEST_ROTATION_NS / unit)
     exact = stamps[rows[near]] - reference
     in_order = np.zeros(len(rows), np.bool_)
     in_order[np.flatnonzero(near)[_longest_increasing(exact)]] = True

@@ -61,6 +61,19 @@ def within_a_graph(tensor: onnx.TensorProto) -> onnx.GraphProto:
     return onnx.GraphProto(initializer=[tensor])
 
 
+def without(tensor: onnx.TensorProto, field: str) -> onnx.TensorProto:
+    tensor.ClearField(field)
+    return tensor
+
+
+def sparse(**parts: onnx.TensorProto) -> onnx.SparseTensorProto:
+    return onnx.SparseTensorProto(**parts)
+
+
+def in_an_attribute(attribute: onnx.AttributeProto) -> onnx.ModelProto:
+    return onnx.ModelProto(graph=onnx.GraphProto(node=[onnx.NodeProto(attribute=[attribute])]))
+
+
 PLACES = {
     'initialiser': lambda: onnx.ModelProto(graph=within_a_graph(outside())),
     'constant': lambda: onnx.ModelProto(
@@ -84,6 +97,17 @@ PLACES = {
             )
         ]
     ),
+    'default of a function': lambda: onnx.ModelProto(
+        functions=[onnx.FunctionProto(attribute_proto=[onnx.AttributeProto(t=outside())])]
+    ),
+    'sparse constant': lambda: in_an_attribute(onnx.AttributeProto(sparse_tensor=sparse(values=outside()))),
+    'sparse constants': lambda: in_an_attribute(onnx.AttributeProto(sparse_tensors=[sparse(values=outside())])),
+    'places of sparse values': lambda: in_an_attribute(onnx.AttributeProto(sparse_tensor=sparse(indices=outside()))),
+    'training step': lambda: onnx.ModelProto(
+        training_info=[onnx.TrainingInfoProto(algorithm=within_a_graph(outside()))]
+    ),
+    'no location': lambda: onnx.ModelProto(graph=within_a_graph(without(outside(), 'data_location'))),
+    'no path': lambda: onnx.ModelProto(graph=within_a_graph(without(outside(), 'external_data'))),
     'training': lambda: onnx.ModelProto(
         training_info=[onnx.TrainingInfoProto(initialization=within_a_graph(outside()))]
     ),
@@ -95,6 +119,27 @@ def test_a_tensor_in_another_file_is_found_wherever_it_is(place: str) -> None:
     model = PLACES[place]()
     assert has_external_data(model.SerializeToString())
     assert not has_external_data(COMPACT.read_bytes())
+
+
+def test_a_tensor_that_says_that_it_is_in_the_file_is_there() -> None:
+    tensor = onnx.helper.make_tensor('inside', onnx.TensorProto.FLOAT, [1], [0.0])
+    tensor.data_location = onnx.TensorProto.DEFAULT
+    assert not has_external_data(onnx.ModelProto(graph=within_a_graph(tensor)).SerializeToString())
+
+
+@pytest.mark.parametrize(
+    'content',
+    [
+        onnx.ModelProto(metadata_props=[onnx.StringStringEntryProto(key='a')]).SerializeToString(),
+        onnx.ModelProto(metadata_props=[onnx.StringStringEntryProto(value='a')]).SerializeToString(),
+        onnx.ModelProto(producer_name='somebody').SerializeToString()[:-1],
+        b'\x08' + b'\x80' * 20 + b'\x01',
+    ],
+    ids=['no value', 'no key', 'cut off', 'a number of 140 bits'],
+)
+def test_what_is_no_onnx_is_refused(content: bytes) -> None:
+    with pytest.raises(ValueError, match=r'without key or value|not a protocol buffer, or truncated'):
+        read_metadata(content)
 
 
 def test_graphs_nested_without_end_are_refused() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import random
 from pathlib import Path
@@ -9,7 +10,8 @@ from pathlib import Path
 import pytest
 
 from offradar_ros.encoders.onnx_digest import digest_is_right, has_digest, with_digest
-from offradar_ros.encoders.onnx_model import read_onnx
+from offradar_ros.encoders.onnx_file import metadata_entry
+from offradar_ros.encoders.onnx_model import PROBE, read_onnx
 from offradar_ros.encoders.pretrained import find_weights
 from offradar_ros.errors import ModelError
 
@@ -49,6 +51,16 @@ def test_the_digest_covers_all_before_it() -> None:
     assert digest_is_right(content)
     assert not digest_is_right(b'C' + content[1:])
     assert not has_digest(b'content')
+    assert not digest_is_right(b'content' + hashlib.sha256(b'content').hexdigest().encode())
+
+
+@pytest.mark.parametrize('probe', ['nonsense', '{}', '{"mean": [1.0], "variance": "none"}'])
+def test_a_file_without_what_the_network_gives_is_refused(tmp_path: Path, probe: str) -> None:
+    path = tmp_path / 'odd.onnx'
+    path.write_bytes(with_digest(COMPACT.read_bytes()[:-85] + metadata_entry(PROBE, probe)))
+    with pytest.raises(ModelError, match=r'odd\.onnx: offradar\.probe: ') as refused:
+        read_onnx(path)
+    assert '\n' not in str(refused.value)
 
 
 def test_a_file_without_digest_is_refused_with_the_way_out(tmp_path: Path) -> None:

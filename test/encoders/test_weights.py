@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from pathlib import Path
 from typing import Any
 
@@ -155,6 +156,43 @@ def test_another_file_is_refused(tmp_path: Path, content: bytes) -> None:
         read_header(path)
 
 
+@pytest.mark.parametrize(
+    ('header', 'length', 'reason'),
+    [
+        ('{}', 3, 'truncated, or no safetensors'),
+        ('[]', 2, 'no header of safetensors'),
+        ('{"__metadata__": []}', 20, 'no header of safetensors'),
+        ('{"__metadata__": {"offradar.stored": 1}}', 40, 'no header of safetensors'),
+    ],
+)
+def test_another_header_is_refused(tmp_path: Path, header: str, length: int, reason: str) -> None:
+    path = tmp_path / 'foreign.safetensors'
+    path.write_bytes(length.to_bytes(8, 'little') + header.encode())
+    with pytest.raises(ModelError, match=rf'foreign\.safetensors: not a readable safetensors file \({reason}\)'):
+        read_header(path)
+
+
+def test_tensors_that_are_not_there_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / 'odd.safetensors'
+    header = json.dumps(
+        {'__metadata__': metadata(), 'kernel': {'dtype': 'F32', 'shape': [4], 'data_offsets': [0, 16]}}
+    ).encode()
+    path.write_bytes(len(header).to_bytes(8, 'little') + header)
+    with pytest.raises(ModelError, match=r'odd\.safetensors: its tensors cannot be read \('):
+        load_weights(path)
+
+
+def test_a_file_beyond_bounds_is_not_read(written: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr('offradar_ros.encoders.model_files.MAX_MODEL_BYTES', 10)
+    with pytest.raises(ModelError, match=r'net\.safetensors: cannot be read \(Larger than 10 bytes\)'):
+        read_header(written)
+
+
+def test_a_name_that_no_file_can_have_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(ModelError, match=r'cannot be read \(File name too long\)|no such weights file'):
+        read_header(tmp_path / ('x' * 300))
+
+
 @pytest.mark.parametrize('found', [None, {'format': 'pt'}])
 def test_weights_of_another_program_are_refused(tmp_path: Path, found: dict[str, str] | None) -> None:
     path = tmp_path / 'other.safetensors'
@@ -171,6 +209,8 @@ def test_weights_of_another_program_are_refused(tmp_path: Path, found: dict[str,
         ({'settings': 'nonsense'}, 'network settings: expected JSON'),
         ({'stored': 'float8'}, 'offradar.stored: expected one of float32, float16'),
         ({'fingerprint': 'xyz'}, 'offradar.fingerprint: expected 64 hexadecimal digits'),
+        ({'fingerprint': 'cd' * 31}, 'offradar.fingerprint: expected 64 hexadecimal digits'),
+        ({'fingerprint': 'cg' * 32}, 'offradar.fingerprint: expected 64 hexadecimal digits'),
         ({'fingerprint': 'cd' * 32}, 'damaged or altered: expected fingerprint cdcd'),
         (
             {'settings': dataclasses.replace(CONFIG, descriptor='z_i').to_json()},

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import shutil
 import sqlite3
 from pathlib import Path
@@ -25,6 +26,7 @@ from small_maps import (
 from offradar_ros.errors import MapError
 from offradar_ros.mapping.map_reader import log_of, read_committed, read_map, rollback_log_of
 from offradar_ros.mapping.place_columns import PlaceColumns
+from offradar_ros.mapping.seal import RowSum, Seal
 
 
 def stale_logs(folder: Path) -> list[Path]:
@@ -296,3 +298,16 @@ def test_a_log_that_could_not_be_moved_by_the_next_writer_either_is_still_applie
     add_session(path, 0.3)
     assert len(sessions_of(path)) == 7
     assert stale_logs(tmp_path) == []
+
+
+def test_a_log_continues_what_was_last_in_the_file_for_sure_or_came_after_it() -> None:
+    seals = [Seal.new()]
+    for is_folded in (True, True, False, False):
+        seals.append(seals[-1].next(seals[-1].sums, is_folded=is_folded))
+    newest = seals[-1]
+    # The second one was in the file for sure, the two after it perhaps.
+    assert [newest.follows(alone) for alone in seals] == [False, True, True, True, True]
+    assert not seals[2].follows(newest)
+    other = seals[3].next({**newest.sums, 'places': RowSum(1, 7)}, is_folded=False)
+    assert not newest.follows(other)
+    assert not any(newest.follows(dataclasses.replace(alone, identity='0' * 32)) for alone in seals)

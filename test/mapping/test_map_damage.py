@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import collections
+import contextlib
 import os
 import random
 import shutil
@@ -16,7 +17,7 @@ import pytest
 from small_maps import MODEL, as_version_1, assert_tables_equal, change, drive, folder_state, make_map, open_map, scan
 
 from offradar_ros.errors import MapError
-from offradar_ros.mapping.map_reader import read_committed, read_map
+from offradar_ros.mapping.map_reader import ALONE, open_sqlite, read_committed, read_map
 from offradar_ros.mapping.place_columns import PlaceColumns
 from offradar_ros.mapping.stored_map import StoredMap, difference
 from offradar_ros.types import Pose
@@ -298,6 +299,17 @@ def test_values_that_no_map_holds_are_refused_without_digests_too(tmp_path: Path
             opener(path)
         assert '\n' not in str(refused.value)
     assert folder_state(tmp_path) == before
+
+
+def test_a_file_calls_no_function_of_the_program(tmp_path: Path) -> None:
+    path, calls = tmp_path / 'a.map', list[int]()
+    make_map(path, 1.0)
+    change(path, 'CREATE VIEW v AS SELECT call(place_id) FROM places')
+    with contextlib.closing(open_sqlite(path, ALONE)) as connection:
+        connection.create_function('call', 1, calls.append)
+        with pytest.raises(sqlite3.OperationalError, match='unsafe use of call'):
+            connection.execute('SELECT * FROM v').fetchall()
+    assert calls == []
 
 
 @pytest.mark.skipif(sys.version_info < (3, 11), reason='sqlite3 has no limits before Python 3.11')

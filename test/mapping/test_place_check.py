@@ -63,9 +63,10 @@ def test_one_wrong_value_is_found(column: str, value: float, problem: str) -> No
     getattr(places, column)[1, ...] = value
     assert problem in (place_problem(places) or '')
     if getattr(places, column).ndim == 2:
-        places = table()
-        getattr(places, column)[1, 1] = value
-        assert problem in (place_problem(places) or '')
+        for part in range(getattr(places, column).shape[1]):
+            places = table()
+            getattr(places, column)[1, part] = value
+            assert problem in (place_problem(places) or '')
 
 
 def test_a_session_id_that_32_bits_do_not_hold_is_found() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import shutil
 import sqlite3
 import stat
@@ -108,6 +109,7 @@ def test_a_link_is_not_followed(tmp_path: Path) -> None:
     back_up(path, copy, overwrite=True)
     assert not copy.is_symlink()
     assert target.read_text() == 'of somebody else'
+    assert copy.stat().st_mode == path.stat().st_mode
 
 
 def test_the_map_itself_is_no_copy_of_it(tmp_path: Path) -> None:
@@ -143,6 +145,72 @@ def test_a_log_beside_the_copy_is_not_applied_to_it(tmp_path: Path, overwrite: b
     assert_holds(copy, read_map(path))
     (kept,) = tmp_path.glob('b.map-wal.stale-*')
     assert kept.read_bytes() == log
+
+
+def test_what_a_log_without_content_leaves_beside_the_copy_is_removed(tmp_path: Path) -> None:
+    path, copy = tmp_path / 'a.map', tmp_path / 'b.map'
+    make_map(path, 1.0)
+    log_of(copy).touch()
+    (tmp_path / 'b.map-shm').write_bytes(b'index of a log that is no more')
+    back_up(path, copy)
+    assert sorted(file.name for file in tmp_path.iterdir()) == ['a.map', 'b.map']
+
+
+def test_a_rollback_log_beside_the_copy_is_kept_under_another_name(tmp_path: Path) -> None:
+    make_map(tmp_path / 'a.map', 1.0)
+    (tmp_path / 'b.map-journal').write_bytes(b'of another file')
+    back_up(tmp_path / 'a.map', tmp_path / 'b.map')
+    (kept,) = tmp_path.glob('b.map-journal*')
+    assert kept.name.startswith('b.map-journal.stale-')
+    assert kept.read_bytes() == b'of another file'
+
+
+def test_a_log_that_cannot_be_renamed_is_never_beside_the_copy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, copy = tmp_path / 'a.map', tmp_path / 'b.map'
+    make_map(path, 1.0)
+    log_of(copy).write_bytes(b'of another map')
+
+    def refuse(*_: object) -> None:
+        raise PermissionError(1, 'Operation not permitted')
+
+    monkeypatch.setattr(Path, 'rename', refuse)
+    with pytest.raises(
+        MapError, match=r'b\.map-wal: does not belong to the map .*\(Operation not permitted\): move it'
+    ):
+        back_up(path, copy)
+    assert sorted(file.name for file in tmp_path.iterdir()) == ['a.map', 'b.map-wal']
+
+
+def test_a_copy_is_on_the_disk_before_it_has_its_name_and_the_name_at_the_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, copy = tmp_path / 'a.map', tmp_path / 'b.map'
+    make_map(path, 1.0)
+    stored, synced = read_map(path), list[tuple[bool, bool]]()
+
+    def fsync(descriptor: int) -> None:
+        synced.append((Path(f'/proc/self/fd/{descriptor}').is_dir(), copy.exists()))
+
+    monkeypatch.setattr(os, 'fsync', fsync)
+    for write in (lambda: back_up(path, copy), lambda: write_map(copy, stored)):
+        synced.clear()
+        write()
+        assert synced == [(False, False), (True, True)]
+        copy.unlink()
+
+
+def test_nobody_else_may_enter_the_folder_of_a_draft(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, modes = tmp_path / 'a.map', list[int]()
+    make_map(path, 1.0)
+    link = os.link
+
+    def seen(draft: Path, copy: Path) -> None:
+        modes.append(stat.S_IMODE(draft.parent.stat().st_mode))
+        link(draft, copy)
+
+    monkeypatch.setattr(os, 'link', seen)
+    back_up(path, tmp_path / 'b.map')
+    assert modes == [0o700]
 
 
 def test_a_damaged_map_is_not_copied(tmp_path: Path) -> None:

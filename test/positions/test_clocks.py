@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from offradar_ros.positions.clocks import ArrivalClocks, clock_problem
+from offradar_ros.positions.clocks import ArrivalClocks, clock_problem, known_offset
 
 SECOND = 10**9
 NOW = 1_767_225_600 * SECOND
@@ -84,3 +84,50 @@ def test_the_option_that_corrects_it(offset_s: float, why: str, option: str) -> 
 @pytest.mark.parametrize('offset_s', [None, 0.0, 0.9, -0.9])
 def test_latencies_are_no_offset(offset_s: float | None) -> None:
     assert clock_problem(offset_s) == ''
+
+
+def test_a_position_that_arrived_long_ago_is_not_compared() -> None:
+    clocks = ArrivalClocks()
+    clocks.add_position(0, NOW)
+    for k in range(10, 50):
+        clocks.add_scan(k * SECOND, NOW + k * SECOND)
+    assert clocks.offset_s() is None
+
+
+def test_a_clock_that_was_set_meanwhile_is_forgotten() -> None:
+    clocks = ArrivalClocks()
+    for k in range(1000):
+        clocks.add_position(k * SECOND // 4, NOW + k * SECOND // 4 - (37 * SECOND if k < 600 else 0))
+        clocks.add_scan(k * SECOND // 4, NOW + k * SECOND // 4)
+    assert clocks.offset_s() == 0.0
+
+
+def test_the_option_includes_what_was_given() -> None:
+    assert clock_problem(2.5, given_s=18.0).endswith(' --position-offset-s 20.5')
+
+
+@pytest.mark.parametrize('offset_s', [0.6, 1801.5, -3605.0])
+def test_an_offset_that_is_not_near_a_time_zone_is_none(offset_s: float) -> None:
+    text = clock_problem(offset_s, least_s=0.5)
+    assert 'time zones' not in text
+    assert text.endswith(f' {offset_s:.1f}')
+
+
+@pytest.mark.parametrize(
+    ('lowest_s', 'highest_s', 'expected_s'),
+    [
+        (36.0, 38.0, 37.0),
+        (-38.0, -36.0, -37.0),
+        (17.0, 20.0, None),
+        (-7201.0, -7199.0, -7200.0),
+        (1024 * 7 * 86400.0 - 1.0, 1024 * 7 * 86400.0 + 1.0, 1024 * 7 * 86400.0),
+        (315_964_799.0, 315_964_801.0, 315_964_800.0),
+        (315_964_700.0, 315_964_900.0, None),
+        (100.0, 200.0, None),
+    ],
+)
+def test_an_offset_is_known_where_bounds_hold_one_only(
+    lowest_s: float, highest_s: float, expected_s: float | None
+) -> None:
+    found = known_offset(lowest_s, highest_s)
+    assert (found[0] if found else None) == expected_s

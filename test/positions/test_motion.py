@@ -10,6 +10,7 @@ import pytest
 from offradar_ros.errors import RefusedInput
 from offradar_ros.geometry import GeoPoint, Trajectory
 from offradar_ros.positions.motion import points_apart_m, positions_apart_m
+from offradar_ros.positions.order import PositionOrder
 from offradar_ros.positions.rules import apart_m
 from offradar_ros.positions.track import PositionTrack
 from offradar_ros.types import Pose
@@ -19,10 +20,15 @@ START_NS = 1_767_225_600 * 10**9
 
 def track(positions_m: list[float], rate_hz: float = 10.0) -> tuple[Trajectory, Counter[str]]:
     """Of positions along a line, in metres."""
+    return stamped([(k / rate_hz, x_m) for k, x_m in enumerate(positions_m)])
+
+
+def stamped(fixes: list[tuple[float, float]]) -> tuple[Trajectory, Counter[str]]:
+    """Of seconds and metres along a line."""
     made = PositionTrack(geodetic=False)
-    for k, x_m in enumerate(positions_m):
+    for after_s, x_m in fixes:
         try:
-            made.add_pose(START_NS + round(k * 1e9 / rate_hz), Pose(x_m, 0.0))
+            made.add_pose(START_NS + round(after_s * 1e9), Pose(x_m, 0.0))
         except RefusedInput as refused:
             made.leave_out(refused.cause)
     return made.trajectory(), made.tally
@@ -51,6 +57,53 @@ def test_positions_where_no_vehicle_can_be_are_left_out(away_m: float, odd: int)
     assert len(found) == 100 - odd
 
 
+def test_positions_that_run_away_faster_than_any_vehicle_are_left_out() -> None:
+    positions = drive(100)
+    for k in range(40, 65):
+        positions[k] = 5000.0 + 1000.0 * (k - 40)
+    found, tally = track(positions)
+    assert (len(found), tally) == (75, {'position_jump': 25})
+
+
+def test_one_odd_position_of_a_slow_receiver_is_left_out() -> None:
+    """The next one is near enough to both, and nearer to those before."""
+    positions = drive(100, rate_hz=1.0)
+    positions[40] += 135.0
+    found, tally = track(positions, rate_hz=1.0)
+    assert (len(found), tally) == (99, {'position_jump': 1})
+
+
+def test_an_odd_position_at_the_end_is_left_out() -> None:
+    found, tally = track([*drive(100), 5000.0, 5000.8])
+    assert (len(found), tally) == (100, {'position_jump': 2})
+
+
+def test_an_odd_position_is_not_confirmed_by_one_after_a_gap() -> None:
+    fixes = [(k / 10, x_m) for k, x_m in enumerate(drive(50))]
+    fixes += [(5.0, 3000.0)] + [(65.0 + k / 10, x_m) for k, x_m in enumerate(drive(50, start_m=3000.0))]
+    found, tally = stamped(fixes)
+    assert (len(found), tally) == (100, {'position_jump': 1})
+
+
+def test_a_vehicle_that_is_moved_is_followed_also_where_each_position_comes_twice() -> None:
+    positions = [*drive(50), *drive(50, start_m=3000.0)]
+    found, tally = stamped([(k / 10, x_m) for k, x_m in enumerate(positions) for _ in range(2)])
+    assert (len(found), tally) == (100, {'repeated_position_stamp': 100})
+
+
+def test_every_odd_position_is_counted_while_the_receiver_holds_another() -> None:
+    before = drive(100)
+    positions = [*before, *[before[-1]] * 30, 2000.0, *[before[-1]] * 30]
+    found, tally = track(positions)
+    assert tally['position_jump'] == 1
+    assert len(found) + tally.total() == len(positions)
+
+
+def test_a_receiver_whose_errors_are_those_of_a_street_is_used() -> None:
+    found, tally = track([x_m + (10.0 if k % 2 else -10.0) for k, x_m in enumerate(drive(100))])
+    assert (len(found), tally) == (100, {})
+
+
 def test_first_positions_of_the_place_where_the_receiver_was_switched_off_are_left_out() -> None:
     found, tally = track([5000.0, 5000.0, *drive(100)])
     assert tally == {'position_jump': 2}
@@ -72,6 +125,23 @@ def test_a_position_that_the_receiver_holds_is_left_out(speed_mps: float, rate_h
     assert stale_s * speed_mps <= 10.0
     assert tally['position_held'] >= (20.0 - 10.0 / speed_mps) * rate_hz - 2
     assert (found.positions[:, 0] >= after[0]).sum() >= len(after) - 1
+
+
+def test_a_position_is_held_by_the_speed_of_the_last_seconds() -> None:
+    before = [*drive(1000, 1.0), *drive(40, 20.0, 100.0)]
+    found, tally = track([*before, *[before[-1]] * 50])
+    assert tally == {'position_held': 50 - 5}
+    assert len(found) == len(before) + 5
+
+
+def test_positions_that_come_seldom_do_not_tell_that_one_is_held() -> None:
+    assert track([0.0, 120.0, 240.0, 240.0, 240.0], rate_hz=1 / 3)[1] == {}
+
+
+def test_a_jump_to_another_region_is_no_speed() -> None:
+    order: PositionOrder[float] = PositionOrder(10**9, lambda a, b: abs(b - a))
+    for k, x_m in enumerate([*drive(50), *[300_000.0] * 50]):
+        assert len(order.add(START_NS + k * 10**8, x_m).positions) == 1
 
 
 def test_a_vehicle_that_brakes_and_stands_keeps_its_position() -> None:

@@ -102,6 +102,64 @@ def test_scans_that_started_again_long_ago_confirm_nothing() -> None:
     assert order.add(50 * SECOND, 'odd').positions == ()
 
 
+def test_scans_that_start_again_confirm_no_jump_forward() -> None:
+    order: PositionOrder[str] = PositionOrder(SECOND)
+    order.add(100 * SECOND, 'old')
+    assert order.add(200 * SECOND, 'odd').positions == ()
+    assert order.expect_restart().positions == ()
+    order.reset()
+    order.add(100 * SECOND, 'old')
+    order.expect_restart()
+    assert order.add(200 * SECOND, 'odd').positions == ()
+
+
+def test_a_restart_tells_of_the_odd_stamp_before_it() -> None:
+    order: PositionOrder[str] = PositionOrder(SECOND)
+    order.add(100 * SECOND, 'old')
+    order.add(200 * SECOND, 'odd')
+    order.expect_restart()
+    admitted = order.add(50 * SECOND, 'new')
+    assert admitted.positions == ((50 * SECOND, 'new'),)
+    assert [refused.cause for refused in admitted.left_out] == ['position_stamp_jump']
+
+
+def test_a_second_jump_leaves_the_first_one_unconfirmed() -> None:
+    used, causes = run([*ticks(NOW, 20), NOW + 300.0, *ticks(NOW - 3600, 40)])
+    assert (used, causes) == ([*ticks(NOW, 20), *ticks(NOW - 3600, 40)], {'position_stamp_jump': 1})
+
+
+def test_a_small_step_back_after_a_gap_is_one_odd_stamp() -> None:
+    used, causes = run([*ticks(NOW, 20), NOW + 60.0, NOW + 59.95, *ticks(NOW + 60.1, 30)])
+    assert used == [*ticks(NOW, 20), *ticks(NOW + 60, 31)]
+    assert causes == {'position_stamp_backwards': 1}
+
+
+def test_an_odd_stamp_before_a_gap_starts_no_recording_again() -> None:
+    used, causes = run([*ticks(NOW, 60), NOW - 1000.0, *ticks(NOW + 1000, 60)])
+    assert used == [*ticks(NOW, 60), *ticks(NOW + 1000, 60)]
+    assert causes == {'position_stamp_jump': 1}
+
+
+def test_a_recording_that_starts_again_just_before_its_end_is_followed() -> None:
+    assert run([*ticks(NOW, 100), *ticks(NOW + 8.4, 60)]) == ([*ticks(NOW, 100), *ticks(NOW + 8.4, 60)], {})
+
+
+def test_two_odd_stamps_confirm_nothing_however_far_apart() -> None:
+    used, causes = run([*ticks(NOW, 60), NOW + YEARS, NOW + YEARS + 2.5, *ticks(NOW + 8.5, 60)])
+    assert used == [*ticks(NOW, 60), *ticks(NOW + 8.5, 60)]
+    assert causes == {'position_stamp_jump': 2}
+
+
+def test_stamps_that_outnumber_all_before_the_jump_are_believed_at_once() -> None:
+    order: PositionOrder[int] = PositionOrder(SECOND)
+    order.add(100 * SECOND, 0)
+    assert [len(order.add(50 * SECOND + k, k).positions) for k in range(3)] == [0, 0, 3]
+
+
+def test_a_long_stretch_counts_also_where_the_clock_is_set_after_it() -> None:
+    assert run([*ticks(NOW, 200), *ticks(NOW + YEARS, 100)]) == ([*ticks(NOW, 200), *ticks(NOW + YEARS, 100)], {})
+
+
 def test_what_is_held_is_bounded() -> None:
     order: PositionOrder[int] = PositionOrder(SECOND)
     for k in range(3 * MOST_HELD):
@@ -114,6 +172,12 @@ def test_a_gap_at_the_end_is_no_odd_stamp() -> None:
     assert run([*ticks(NOW, 20), NOW + 60.0]) == ([*ticks(NOW, 20), NOW + 60.0], {})
     used, causes = run([*ticks(NOW, 20), NOW - 60.0])
     assert (used, causes) == (ticks(NOW, 20), {'position_stamp_jump': 1})
+    used, causes = run([*ticks(NOW, 20), NOW + YEARS])
+    assert (used, causes) == (ticks(NOW, 20), {'position_stamp_jump': 1})
+
+
+def test_a_jump_back_at_the_end_is_believed_if_it_is_the_larger_part() -> None:
+    assert run([NOW, *ticks(NOW - 3600, 2)]) == ([NOW, *ticks(NOW - 3600, 2)], {})
 
 
 @given(st.lists(st.integers(-5, 4_200_000_000), max_size=40))

@@ -9,7 +9,7 @@ import pytest
 
 from offradar_ros.errors import RefusedInput
 from offradar_ros.geometry import GeoPoint, LocalFrame
-from offradar_ros.positions.rules import apart_m, geo_point, require_pose, require_stamp
+from offradar_ros.positions.rules import apart_m, geo_point, require_accurate, require_pose, require_stamp
 from offradar_ros.types import Pose
 
 
@@ -59,6 +59,18 @@ def test_metres_are_finite_and_on_the_earth(bad: float, axis: str) -> None:
     with pytest.raises(RefusedInput) as refused:
         require_pose(Pose(**values | {axis: bad}))
     assert refused.value.cause == 'invalid_position'
+
+
+@pytest.mark.parametrize('variances_m2', [(10_201.0, 1.0), (1.0, 10_201.0), (math.nan, 1e12), (math.inf, 0.0)])
+def test_a_position_that_is_not_known_to_100_m_is_none(variances_m2: tuple[float, float]) -> None:
+    with pytest.raises(RefusedInput) as refused:
+        require_accurate(*variances_m2)
+    assert refused.value.cause == 'no_fix'
+
+
+@pytest.mark.parametrize('variances_m2', [(), (0.0, 0.0), (-1.0, -1.0), (math.nan, math.nan), (9_999.0, 400.0)])
+def test_variances_that_say_nothing_leave_a_position(variances_m2: tuple[float, ...]) -> None:
+    require_accurate(*variances_m2)
 
 
 @pytest.mark.parametrize('stamp_ns', [0, 1, 10**9, 1_600_000_000_000_000_000])

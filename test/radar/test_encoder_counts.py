@@ -76,6 +76,8 @@ def test_known_sizes_come_after_the_configured_one() -> None:
     assert full_turn_counts(20.0, 400, 8000, 400) == 8000
     assert full_turn_counts(20.0, 400, 5600, 400) is None
     assert full_turn_counts(14.0, 4681, 5600, 400) == 65536
+    assert full_turn_counts(14.0, 500, 5600, 400) == 5600
+    assert full_turn_counts(14.0, 501, 5600, 400) is None
 
 
 CORRUPTIONS = {
@@ -125,6 +127,45 @@ def test_more_wrong_rows_than_a_tenth_are_refused() -> None:
     assert cause_of(counts) == 'unsound_rows'
 
 
+def test_of_a_few_rows_one_may_be_wrong() -> None:
+    counts = 14 * np.arange(8)
+    counts[3] = 5000
+    assert angles(counts).mended == 1
+    counts[5] = 4000
+    assert cause_of(counts) == 'unsound_rows'
+    assert cause_of(14 * np.arange(3)) == 'no_row_angles'
+
+
+def test_rows_that_were_measured_without_a_count_are_wrong_ones() -> None:
+    counts, written = 14 * np.arange(ROWS), np.ones(ROWS, np.bool_)
+    written[100:150] = False
+    found = angles_of_counts(counts, written, 5600, ROWS)
+    assert found.mended == 0
+    assert angles_of_counts(counts, written, 5600, ROWS, lost=35).mended == 35
+    with pytest.raises(RefusedInput, match='encoder counts of 50 of 400 rows contradict the others') as refused:
+        angles_of_counts(counts, written, 5600, ROWS, lost=50)
+    assert refused.value.cause == 'unsound_rows'
+
+
+@pytest.mark.parametrize('row', [0, 1, ROWS - 1])
+def test_a_wrong_row_at_an_end_is_mended(row: int) -> None:
+    true = 100 + 14 * np.arange(ROWS)
+    counts = true.copy()
+    counts[row] = np.mod(counts[row] + 1400, 5600)
+    found = angles(counts)
+    assert found.mended == 1
+    assert error_rad(found.angles_rad, true, 5600) < 1e-9
+
+
+def test_a_row_that_is_half_a_step_back_is_mended() -> None:
+    true = 100 + 14 * np.arange(ROWS)
+    counts = true.copy()
+    counts[200:202] -= [9, 1]
+    found = angles(counts)
+    assert found.mended == 1
+    assert error_rad(found.angles_rad, true, 5600) <= TURN / 5600 + 1e-9
+
+
 def test_lost_rows_leave_a_gap_and_move_no_other_row() -> None:
     kept = np.delete(np.arange(ROWS), np.r_[50:60, 200, 300:304])
     found = angles(14 * kept)
@@ -140,11 +181,26 @@ def test_lost_rows_leave_a_gap_and_move_no_other_row() -> None:
         14 * np.arange(ROWS)[::-1],
         np.where(np.arange(ROWS) < 391, 0, 14 * np.arange(ROWS)),
         np.repeat(14 * np.arange(100), 4),
+        np.repeat(28 * np.arange(201), 2)[:401],
     ],
-    ids=['zero', 'constant', 'decreasing', 'zero but for the last', 'repeated'],
+    ids=['zero', 'constant', 'decreasing', 'zero but for the last', 'repeated', 'every second repeated'],
 )
 def test_counts_that_do_not_increase_are_refused(counts: np.ndarray) -> None:
     assert cause_of(counts) == 'no_row_angles'
+
+
+@pytest.mark.parametrize(
+    ('counts', 'what'),
+    [
+        (np.zeros(ROWS), 'are zero in 400 of 400 rows'),
+        (np.where(np.arange(ROWS) < 391, 0, 14 * np.arange(ROWS)), 'are zero in 391 of 400 rows'),
+        (14 * np.arange(ROWS)[::-1], 'of the 400 rows decrease: expected them to increase'),
+        (np.full(ROWS, 5599), 'of the 400 rows do not increase'),
+    ],
+)
+def test_what_is_wrong_with_counts_is_told(counts: np.ndarray, what: str) -> None:
+    with pytest.raises(RefusedInput, match=f'the encoder counts {what}: read another form'):
+        angles(counts)
 
 
 def test_rows_that_leave_half_of_the_circle_empty_are_refused() -> None:

@@ -123,8 +123,12 @@ def blind(*seeing: int, value: int = 255) -> np.ndarray:
 
 @pytest.mark.parametrize(
     'image',
-    [blind(99), blind(99, value=17), blind(99, value=0), powers(99, 3360), powers(1, 3360)],
-    ids=['saturated', 'constant', 'dark', 'part of a rotation', 'one row'],
+    [
+        *(blind(99, value=value) for value in (255, 17, 0)),
+        *(powers(rows, 3360) for rows in (99, 1)),
+        np.repeat(powers(400, 1), 50, axis=1),
+    ],
+    ids=['saturated', 'constant', 'dark', 'part of a rotation', 'one row', 'rows of one value each'],
 )
 def test_a_scan_that_shows_too_little_is_refused(image: np.ndarray) -> None:
     with pytest.raises(RefusedInput, match='of the 400 rows of a rotation power changes with range: expected') as told:

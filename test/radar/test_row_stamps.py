@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from offradar_ros.radar.row_stamps import RowStamps, sound_stamps
@@ -90,7 +90,51 @@ def test_a_clock_that_was_never_set_gives_no_stamps(stamps: np.ndarray) -> None:
     assert found(stamps, START_NS).stamps_ns is None
 
 
+def test_stamps_of_a_simulated_clock_are_told_by_that_of_the_scan() -> None:
+    stamps = 900 * 10**9 + STEP_NS * np.arange(400)
+    assert found(stamps).stamps_ns is None
+    for stored in (stamps, stamps // 1000):
+        told = found(stored, 900 * 10**9 + 10**8).stamps_ns
+        assert told is not None
+        assert told.tolist() == stamps.tolist()
+
+
+def test_stamps_after_the_year_2100_are_of_no_clock() -> None:
+    assert found(4_102_444_800 * 10**9 + STEP_NS * np.arange(400)).stamps_ns is None
+
+
+def test_a_coarse_clock_is_right() -> None:
+    stamps = START_NS + 500_000 * (np.arange(400) >= 250)
+    told = found(stamps).stamps_ns
+    assert told is not None
+    assert told.tolist() == stamps.tolist()
+    stamps = np.repeat(TRUE_NS[:200], 2)
+    stamps[123] += 10 * STEP_NS
+    assert found(stamps).mended == 1
+
+
+def test_of_a_few_rows_one_may_be_wrong() -> None:
+    stamps = TRUE_NS[:8].copy()
+    stamps[3] = 0
+    assert found(stamps).mended == 1
+    stamps[5] = 0
+    assert found(stamps).stamps_ns is None
+    one = found(TRUE_NS[:1]).stamps_ns
+    assert one is not None
+    assert one.tolist() == [START_NS]
+
+
+def test_rows_that_were_measured_without_a_stamp_are_wrong_ones() -> None:
+    written = np.ones(400, np.bool_)
+    written[100:150] = False
+    assert sound_stamps(TRUE_NS, written, None).mended == 0
+    assert sound_stamps(TRUE_NS, written, None, lost=35).mended == 35
+    assert sound_stamps(TRUE_NS, written, None, lost=50).stamps_ns is None
+    assert sound_stamps(TRUE_NS, np.zeros(400, np.bool_), None).stamps_ns is None
+
+
 @given(stamps=st.lists(st.integers(-(2**63), 2**63 - 1), min_size=1, max_size=40), scan=st.integers(0, 2**62))
+@example(stamps=[1, -(2**63)], scan=0)
 @settings(max_examples=200, deadline=None)
 def test_any_stamps_give_as_many_in_order_or_none(stamps: list[int], scan: int) -> None:
     result = found(np.array(stamps, np.int64), scan).stamps_ns

@@ -33,6 +33,17 @@ def test_a_recording_that_starts_again_counts_again() -> None:
     assert accepted(SeenStamps(SECOND), STAMPS * 3) == STAMPS * 3
 
 
+def test_of_two_that_send_a_recording_that_starts_again_one_counts() -> None:
+    twice = [stamp for stamp in STAMPS for _ in range(2)]
+    assert accepted(SeenStamps(SECOND), twice * 2) == STAMPS * 2
+
+
+def test_a_recording_starts_again_by_its_newest_stamp() -> None:
+    seen = SeenStamps(SECOND)
+    assert accepted(seen, [10 * SECOND, 10 * SECOND - SECOND // 2, 9 * SECOND - 1]) != []
+    assert accepted(seen, [10 * SECOND]) == [10 * SECOND]
+
+
 def test_a_short_recording_counts_again_where_its_start_is_announced() -> None:
     seen = SeenStamps(SECOND)
     short = STAMPS[:3]

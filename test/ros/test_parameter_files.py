@@ -70,6 +70,10 @@ def test_only_arguments_for_ros_are_files() -> None:
         check_parameter_files(line)
 
 
+def test_an_option_without_its_file_is_left_to_ros() -> None:
+    check_parameter_files(['node', '--ros-args', '--params-file'])
+
+
 def test_values_that_are_not_those_of_the_digest_are_refused(tmp_path: Path) -> None:
     path = tmp_path / 'car.yaml'
     write_parameters(path, {'query.threshold': 0.5}, with_digest=True)

@@ -386,6 +386,30 @@ def test_compressed_messages_that_inflate_to_too_much_are_refused(tmp_path: Path
     assert 'a message of more than' in refusal(READ, READ_ALL, bag)
 
 
+@pytest.mark.parametrize('kind', [CHUNK, DATA_END, FOOTER])
+def test_one_checksum_is_enough_for_what_it_covers(tmp_path: Path, kind: int) -> None:
+    """Recorders write one or another of them."""
+    bag = written(tmp_path / 'bag', CompressionMode.NONE, StoragePlugin.MCAP, b'\0\1\0\0payload')
+    file = next(bag.glob('*.mcap'))
+    write_checksums(file)
+    with file.open('rb') as opened:
+        records = {record.kind: record for record in top_records(opened)}
+    content = bytearray(file.read_bytes())
+    for other, place in ((CHUNK, 24), (DATA_END, 0), (FOOTER, 16)):
+        at = records[other].body + place
+        if other != kind:
+            content[at : at + 4] = bytes(4)
+        elif kind == DATA_END:
+            content[at : at + 4] = struct.pack('<I', zlib.crc32(content[: records[kind].start]))
+    file.write_bytes(content)
+    assert len(content_of(bag)[-1]) == 3
+    # A definition of the summary is compared with no other.
+    content[records[SCHEMA].end - 1 if kind == FOOTER else content.index(b'payload')] ^= 1
+    file.write_bytes(content)
+    with pytest.raises(DataError, match='checksum'):
+        Bag(bag)
+
+
 @pytest.mark.parametrize('storage', [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
 @pytest.mark.parametrize('mode', [CompressionMode.FILE, CompressionMode.MESSAGE])
 def test_compressed_bags_are_read(tmp_path: Path, storage: StoragePlugin, mode: CompressionMode) -> None:
