@@ -228,7 +228,6 @@ class StageNode(SteadyLifecycleNode):
         latched = profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
         if ledger:
             self.ledgers.append(ledger)
-        lost = LostMessages(lambda: self.count_publishers(self.resolve_topic_name(topic)))
 
         # rclpy gives the second argument, with the publisher's number of the message, to callbacks that take two.
         def receive(message: MessageT, info: Mapping[str, Any]) -> None:
@@ -250,6 +249,7 @@ class StageNode(SteadyLifecycleNode):
         found = Input(
             self, message_type, topic, profile, cast(Any, receive), source=source, instead=instead, is_needed=is_needed
         )
+        lost = LostMessages(found.count_audible)
         self._inputs.append(found)
         return found
 
