@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import traceback
+from collections import defaultdict
 from collections.abc import Callable, Mapping
 
 import numpy as np
@@ -37,17 +38,19 @@ class EncodeStage:
 
     def __init__(self, encoder: Encoder, restart_after_s: float) -> None:
         self.encoder = encoder
-        self._gate = StampGate(round(restart_after_s * 1e9))
+        self._gates = defaultdict[str, StampGate](lambda: StampGate(round(restart_after_s * 1e9)))
 
-    def encode(self, stamp_ns: int, decode: Callable[[], PolarScan]) -> Encoded:
+    def encode(self, stamp_ns: int, decode: Callable[[], PolarScan], topic: str = '') -> Encoded:
         """Embedding of the scan with this stamp that `decode` returns; nothing is raised, whatever `decode` raises.
+
+        A stamp is compared with those of the same topic: another one may be stamped by another clock.
 
         Besides those of the scan, the cause of a problem may be encoder_failed (it raised an exception),
         invalid_output (an embedding of another shape, stamp or model, or that is not finite) or internal_error.
         """
         restarted = False
         try:
-            restarted = self._gate.check(stamp_ns)
+            restarted = self._gates[topic].check(stamp_ns)
             scan = decode()
             return Encoded(self._embedding(scan, stamp_ns), None, restarted, scan.row_faults)
         except RefusedInput as problem:
@@ -60,7 +63,7 @@ class EncodeStage:
 
     def start_recording(self) -> None:
         """Accept any stamp for the next scan, which is the first of a recording."""
-        self._gate.reset()
+        self._gates.clear()
 
     def _embedding(self, scan: PolarScan, stamp_ns: int) -> Embedding:
         """RefusedInput unless the encoder returns an embedding of this scan that can be compared."""

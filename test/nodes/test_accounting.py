@@ -15,16 +15,18 @@ from diagnostic_msgs.msg import DiagnosticArray
 from live_nodes import WAIT_S, Observer, StartNode, wait_until
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
 from sensor_msgs.msg import Image, PointCloud2
+from std_msgs.msg import Empty
 from std_srvs.srv import Trigger
 
 from offradar_ros.config import EncoderConfig
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.encoders.ring_key import RingKeyEncoder
+from offradar_ros.messages import scan_from_image
 from offradar_ros.nodes import encoder_node
-from offradar_ros.nodes.encoder_node import SCANS, EncoderNode
+from offradar_ros.nodes.encoder_node import B_SCANS, SCANS, EncoderNode
 from offradar_ros.nodes.map_server_node import MapServerNode
 from offradar_ros.nodes.query_node import QueryNode
-from offradar_ros.ros import qos
+from offradar_ros.ros import input_watch, navtech, qos
 from offradar_ros.ros.embedding_message import embedding_message
 from offradar_ros.ros.ledger import Ledger
 from offradar_ros.ros.lost_messages import DOUBTED
@@ -217,6 +219,44 @@ def test_scans_that_wait_when_the_node_is_closed_are_counted(
     allowed.set()
     closing.join(WAIT_S)
     assert ledgers(node)['scans'].ends == {'encoded': 1, 'inactive': 4}
+
+
+@pytest.fixture
+def navtech_msgs(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Stands in for `navtech_msgs`: an Image on `radar_data/b_scan_msg` is a RadarBScanMsg."""
+    monkeypatch.setattr(Image, 'b_scan_img', property(lambda message: message), raising=False)
+    monkeypatch.setattr(navtech, 'message_types', lambda: (Image, Empty))
+    monkeypatch.setattr(navtech, 'scan_from_b_scan', scan_from_image)
+
+
+def test_images_are_ignored_only_while_the_same_scans_come_with_their_angles(
+    observer: Observer, start_node: StartNode, navtech_msgs: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    node = start_node(EncoderNode)
+    embeddings = observer.collect(PointCloud2, 'embedding', qos.UPDATES)
+    wait_until(lambda: node.count_subscribers('embedding') == 1)
+    publish = {topic: observer.publisher(Image, topic, qos.UPDATES) for topic in (SCANS, B_SCANS)}
+
+    def end_of(topic: str, second: int, **changes: Any) -> str:
+        before = Counter(ledgers(node)['scans'].ends)
+        publish[topic](image(second, **changes))
+        wait_until(lambda: ledgers(node)['scans'].ends != before)
+        return next(iter(Counter(ledgers(node)['scans'].ends) - before))
+
+    assert end_of(SCANS, 10) == 'encoded'
+    assert end_of(B_SCANS, 9, encoding='bgr8') == 'refused'
+    assert end_of(SCANS, 11) == 'encoded'
+    # The other topic is stamped by another clock, which may be behind.
+    assert end_of(B_SCANS, 10) == 'encoded'
+    assert end_of(SCANS, 12) == 'on_other_topic'
+    assert end_of(B_SCANS, 11, encoding='bgr8') == 'refused'
+    assert end_of(SCANS, 13) == 'encoded'
+    assert end_of(B_SCANS, 12) == 'encoded'
+    assert end_of(SCANS, 14) == 'on_other_topic'
+    monkeypatch.setattr(input_watch, 'LEAST_S', 0.0)
+    monkeypatch.setattr(input_watch, 'PERIODS', 0)
+    assert end_of(SCANS, 15) == 'encoded'
+    wait_until(lambda: sum(message.width > 0 for message in embeddings) == 6)
 
 
 def test_a_scan_that_takes_long_is_reported(

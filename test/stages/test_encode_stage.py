@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 
 import numpy as np
@@ -67,6 +68,16 @@ def test_every_scan_except_a_repeated_one_has_one_answer(sent: Sent) -> None:
         cause = {'good': None, 'black': 'no_signal', 'unreadable': 'wrong_encoding'}[kind]
         assert (encoded.problem and encoded.problem.cause) == cause
         newest = tenths
+
+
+def test_topics_may_be_stamped_by_clocks_that_are_apart() -> None:
+    stage = EncodeStage(StubEncoder(), 1.0)
+    for seconds, topic in ((10.0, 'a'), (9.9, 'b'), (10.2, 'a'), (10.1, 'b')):
+        stamp = round(seconds * SECOND)
+        assert stage.encode(stamp, functools.partial(scan_of, stamp), topic).problem is None
+    problem = stage.encode(10 * SECOND, lambda: scan_of(10 * SECOND), 'b').problem
+    assert problem is not None
+    assert problem.cause == 'stamp_backwards'
 
 
 def answer_of(encoder: StubEncoder, level: int = 9) -> tuple[int, str]:
