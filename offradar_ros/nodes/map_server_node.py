@@ -70,6 +70,7 @@ class MapServerNode(StageNode):
             self._on_model,
             source='encoder_node',
             is_needed=lambda: self._maps_scans() and self.stage.map.model is None,
+            check=lambda message: model_record(message, 'embedding/model'),
         )
         self._embeddings = self.subscribe(
             PointCloud2, 'embedding', qos.RESULTS, self._on_embedding, ledger=self._ledger, source='encoder_node'
