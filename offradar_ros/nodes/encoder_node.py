@@ -76,7 +76,7 @@ class EncoderNode(StageNode):
         self._recording = self._encoded_recording = 0
         self._partial = 0
         self._worker: NewestWorker[Received] | None = None
-        self._ledger = Ledger('scans', lambda: self._worker.unfinished if self._worker else 0)
+        self._ledger = Ledger('scans')
         self._embeddings = self.publisher(PointCloud2, 'embedding', qos.RESULTS)
         self._model = self.publisher(DiagnosticStatus, 'embedding/model', qos.LATCHED)
         if self.config.radar.transport == 'raw':
