@@ -26,29 +26,24 @@ def require_parameter_file(context: LaunchContext) -> None:
         raise RuntimeError(f'params:={path}: cannot be read: change its permissions')
 
 
-def generate_launch_description() -> LaunchDescription:
-    """Encoder, map server and query node in one namespace."""
-    params = LaunchConfiguration('params')
-    sim_time = {'use_sim_time': ParameterValue(LaunchConfiguration('use_sim_time'), value_type=bool)}
-    map_file = ParameterValue(LaunchConfiguration('map'), value_type=str)
-    namespace = LaunchConfiguration('namespace')
-    scans = ('radar_data/b_scan_image', LaunchConfiguration('scans'))
-    # As image_transport names it; remapping the one does not remap the other.
-    compressed = ('radar_data/b_scan_image/compressed', [LaunchConfiguration('scans'), '/compressed'])
-    fixes = ('gps/fix', LaunchConfiguration('fixes'))
-    odometry = ('ground_truth/odometry', LaunchConfiguration('odometry'))
-    vehicle_odometry = ('odometry', LaunchConfiguration('vehicle_odometry'))
+def start_nodes(context: LaunchContext) -> list[Node]:
+    """Encoder, map server and query node in one namespace; what is not given is as the parameter file says."""
 
-    shipped = PathJoinSubstitution([FindPackageShare('offradar_ros'), 'params', 'fastdds.xml'])
-
-    def node(executable: str, name: str, *parameters: object, remappings: list[tuple[object, object]]) -> Node:
+    def node(
+        executable: str, name: str, own: dict[str, tuple[str, type]], remappings: list[tuple[object, object]]
+    ) -> Node:
+        parameters = {
+            parameter: ParameterValue(LaunchConfiguration(argument), value_type=kind)
+            for parameter, (argument, kind) in (own | {'use_sim_time': ('use_sim_time', bool)}).items()
+            if LaunchConfiguration(argument).perform(context)
+        }
         return Node(
             package='offradar_ros',
             executable=executable,
             name=name,
-            namespace=namespace,
+            namespace=LaunchConfiguration('namespace'),
             output='screen',
-            parameters=[params, sim_time, *parameters],
+            parameters=[LaunchConfiguration('params'), *([parameters] if parameters else [])],
             remappings=remappings,
             respawn=LaunchConfiguration('respawn'),
             respawn_delay=RESPAWN_DELAY_S,
@@ -56,6 +51,22 @@ def generate_launch_description() -> LaunchDescription:
             additional_env={DDS_PROFILE: LaunchConfiguration('dds_profile')},
         )
 
+    scans = ('radar_data/b_scan_image', LaunchConfiguration('scans'))
+    # As image_transport names it; remapping the one does not remap the other.
+    compressed = ('radar_data/b_scan_image/compressed', [LaunchConfiguration('scans'), '/compressed'])
+    fixes = ('gps/fix', LaunchConfiguration('fixes'))
+    odometry = ('ground_truth/odometry', LaunchConfiguration('odometry'))
+    vehicle_odometry = ('odometry', LaunchConfiguration('vehicle_odometry'))
+    return [
+        node('encoder_node', 'encoder', {}, [scans, compressed]),
+        node('map_server_node', 'map_server', {'map.path': ('map', str)}, [fixes, odometry]),
+        node('query_node', 'query', {'query.map_path': ('map', str)}, [vehicle_odometry]),
+    ]
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Encoder, map server and query node."""
+    shipped = PathJoinSubstitution([FindPackageShare('offradar_ros'), 'params', 'fastdds.xml'])
     return LaunchDescription(
         [
             DeclareLaunchArgument(
@@ -63,9 +74,15 @@ def generate_launch_description() -> LaunchDescription:
                 default_value=PathJoinSubstitution([FindPackageShare('offradar_ros'), 'params', 'offradar.yaml']),
                 description='parameter file, as `offradar calibrate` or `offradar parameters --out` writes it',
             ),
-            DeclareLaunchArgument('map', default_value='', description='SQLite file of the map; empty: in memory'),
+            DeclareLaunchArgument(
+                'map', default_value='', description='SQLite file of the map; if empty, as the parameter file says'
+            ),
             DeclareLaunchArgument('namespace', default_value='', description='namespace of the nodes and topics'),
-            DeclareLaunchArgument('use_sim_time', default_value='false', description='follow /clock'),
+            DeclareLaunchArgument(
+                'use_sim_time',
+                default_value='',
+                description='true to follow /clock, or false; if empty, as the parameter file says',
+            ),
             DeclareLaunchArgument(
                 'scans', default_value='radar_data/b_scan_image', description='topic of the polar images'
             ),
@@ -92,8 +109,6 @@ def generate_launch_description() -> LaunchDescription:
                 description='true starts a node again, 2 s after it has ended, whatever the reason',
             ),
             OpaqueFunction(function=require_parameter_file),
-            node('encoder_node', 'encoder', remappings=[scans, compressed]),
-            node('map_server_node', 'map_server', {'map.path': map_file}, remappings=[fixes, odometry]),
-            node('query_node', 'query', {'query.map_path': map_file}, remappings=[vehicle_odometry]),
+            OpaqueFunction(function=start_nodes),
         ]
     )

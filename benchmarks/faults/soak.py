@@ -25,7 +25,7 @@ from faults.free_domains import free_domains
 from faults.result import Result, Settings
 from offradar_ros.lab.live.node_processes import Stack
 from offradar_ros.lab.live.spin_thread import SpinThread
-from offradar_ros.messages import STAMP, STAMP_OFFSET, header_stamp_ns
+from offradar_ros.messages import STAMP, STAMP_OFFSET, header_stamp_ns, stamp_ns
 from offradar_ros.nodes.encoder_node import SCANS
 from offradar_ros.recordings.bags.topics import FIX
 from offradar_ros.ros import qos
@@ -44,6 +44,11 @@ GROWTH_MB_PER_MIN = 1.0
 RISE_MB = 3.0
 SHORTEST_S = 45.0
 """In less time than this, the memory of a process that has just started says nothing."""
+COUNTED = {
+    'encoder': ('scans.lost_before_arrival', 'scans.overtaken', 'scans.inactive'),
+    'query': ('embeddings.lost_before_arrival',),
+}
+"""By node, what it reports of scans that nobody answers."""
 PARAMETERS: Mapping[str, object] = {
     'encoder.threads': 1,
     'map.match_distance_m': 1.0,
@@ -66,7 +71,8 @@ def run(settings: Settings) -> list[Result]:
             radar.connect()
             memory = drive(nodes, radar, seconds)
             radar.settle()
-            tally, accounts = radar.tally(), radar.accounts()
+    accounts = radar.accounts
+    tally = accounts.tally()
     ended = {name: node.process.returncode for name, node in nodes.nodes.items()}
     examples = [f'{name}: exit status {status}' for name, status in ended.items() if status]
     examples += [
@@ -77,7 +83,8 @@ def run(settings: Settings) -> list[Result]:
         slope, rise = growth(samples)
         if seconds >= SHORTEST_S and slope > GROWTH_MB_PER_MIN and rise > RISE_MB:
             examples.append(f'{name}: memory grows by {slope:.2f} MB a minute')
-    if tally.lost:
+    growing = len(examples) - crashes
+    if tally.lost or tally.overcounted:
         examples.append(f'scans: {tally}; {accounts}')
     figures = {'sent': tally.sent, 'counted': tally.counted, 'unheard': tally.unheard, 'sessions': radar.sessions} | {
         f'{name} MB/min': round(growth(samples)[0], 3) for name, samples in memory.items()
@@ -89,9 +96,9 @@ def run(settings: Settings) -> list[Result]:
             tally.sent,
             refused=tally.counted,
             same=tally.answered,
-            differences=tally.twice + len(examples) - crashes - bool(tally.lost),
+            differences=tally.twice + tally.overcounted + growing,
             crashes=crashes,
-            losses=abs(tally.lost),
+            losses=tally.lost,
             seconds=time.monotonic() - started_s,
             figures=figures,
             examples=tuple(examples),
@@ -115,8 +122,82 @@ class Tally:
 
     @property
     def lost(self) -> int:
-        """Scans that are neither answered nor counted; negative where more were counted than are missing."""
+        """Scans that are neither answered nor counted."""
+        return max(0, self._missing)
+
+    @property
+    def overcounted(self) -> int:
+        """Scans that were counted twice, or counted and answered."""
+        return max(0, -self._missing)
+
+    @property
+    def _missing(self) -> int:
         return self.sent - self.answered - self.counted - self.unheard
+
+
+class Accounts:
+    """The scans that were sent, the stamps of their answers, and what the nodes report of them.
+
+    Attributes:
+        sent: stamps in ns, each later than the one before.
+        unheard: answers that were lost on their way here.
+    """
+
+    def __init__(self) -> None:
+        self.sent: list[int] = []
+        self.unheard = 0
+        self._answers: Counter[int] = Counter()
+        self._answered_ns = 0
+        self._reports: dict[str, dict[str, str]] = {}
+        self._reported_ns: dict[str, int] = {}
+        self._counted_before = self._unheard_before = 0
+
+    def answer(self, stamp_ns: int, received_ns: int) -> None:
+        """The answer to a scan came at this time."""
+        self._answers[stamp_ns] += 1
+        self._answered_ns = received_ns
+
+    def report(self, node: str, values: Mapping[str, str], stamp_ns: int) -> None:
+        """The diagnostics of a node."""
+        self._reports[node], self._reported_ns[node] = dict(values), stamp_ns
+
+    @property
+    def answered(self) -> int:
+        """Number of scans that were answered."""
+        return len(self._answers)
+
+    @property
+    def are_complete(self) -> bool:
+        """Whether every scan up to now has been answered or counted, and the counts are here.
+
+        The newest scan goes first and is never overtaken: its answer shows that those before it have ended.
+        """
+        newest_is_answered = bool(self.sent) and self.sent[-1] in self._answers
+        return newest_is_answered and all(self._reported_ns.get(node, 0) > self._answered_ns for node in COUNTED)
+
+    def begin(self) -> None:
+        """Count from now on: scans before the nodes had found one another are in no count. Only when `are_complete`."""
+        self.sent = [stamp for stamp in self.sent if stamp in self._answers]
+        self._counted_before, self._unheard_before = self._counted(), self.unheard
+
+    def tally(self) -> Tally:
+        """What has become of the scans since `begin`, by the last reports."""
+        answered = sum(stamp in self._answers for stamp in self.sent)
+        twice = sum(self._answers[stamp] > 1 for stamp in self.sent)
+        counted, unheard = self._counted() - self._counted_before, self.unheard - self._unheard_before
+        return Tally(len(self.sent), answered, twice, counted, unheard)
+
+    def __str__(self) -> str:
+        """What the nodes say that became of their scans and embeddings, to find a loss by."""
+        kept = {
+            node: {key: value for key, value in values.items() if key.startswith(('scans.', 'embeddings.'))}
+            for node, values in self._reports.items()
+        }
+        received = {'answers': self._answers.total(), 'of other stamps': len(set(self._answers) - set(self.sent))}
+        return f'{kept | {"radar": received}}'
+
+    def _counted(self) -> int:
+        return sum(int(self._reports.get(node, {}).get(key, 0)) for node, keys in COUNTED.items() for key in keys)
 
 
 def growth(samples: list[tuple[float, float]]) -> tuple[float, float]:
@@ -149,7 +230,7 @@ def drive(nodes: Stack, radar: Radar, seconds: float) -> dict[str, list[tuple[fl
 
 
 class Radar:
-    """Publishes scans and positions, and keeps the stamps of the answers."""
+    """Publishes scans and positions, and keeps account of the answers."""
 
     def __init__(self, recording: Recording, domain_id: int) -> None:
         self._recording = recording
@@ -158,10 +239,7 @@ class Radar:
         self._node = Node('soak_radar', context=self._context)
         self._scans = self._node.create_publisher(Image, SCANS, qos.SCANS)
         self._fixes = self._node.create_publisher(NavSatFix, FIX.lstrip('/'), qos.POSITIONS)
-        self._sent: list[int] = []
-        self._answers: Counter[int] = Counter()
-        self._diagnostics: dict[str, dict[str, str]] = {}
-        self._unheard = 0
+        self.accounts = Accounts()
         for kind, topic in ((PointCloud2, 'matches'), (DiagnosticArray, 'rejections')):
             gaps = LostMessages(partial(self._node.count_publishers, topic))
             self._node.create_subscription(kind, topic, partial(self._on_answer, gaps), qos.UPDATES, raw=True)
@@ -186,23 +264,20 @@ class Radar:
         """Send scans until they are answered: from then on every node counts what it does not receive."""
         self._call('start_session')
         deadline_s = time.monotonic() + 60.0
-        while len(self._answers) < 8:
+        while self.accounts.answered < 8 or not self._await(lambda: self.accounts.are_complete, 5.0):
             if time.monotonic() > deadline_s:
-                raise SystemExit('error: no scan was answered within 60 s')
+                raise SystemExit('error: scans were not answered, or not reported on, within 60 s')
             self.send()
             time.sleep(0.2)
-        self._await(lambda: self._waiting() == 0)
-        # Those before the nodes had found one another are in no count.
-        self._sent = [stamp for stamp in self._sent if stamp in self._answers]
-        self._baseline, self._deaf = self._counted(), self._unheard
+        self.accounts.begin()
 
     def send(self) -> None:
         """One scan with its position, stamped now; each stamp is later than the one before."""
-        index = len(self._sent) % len(self._recording.scans)
+        index = len(self.accounts.sent) % len(self._recording.scans)
         stamp_ns = time.time_ns()
         self._scans.publish(stamped(self._recording.scans[index], stamp_ns))
         self._fixes.publish(stamped(self._recording.fixes[index], stamp_ns))
-        self._sent.append(stamp_ns)
+        self.accounts.sent.append(stamp_ns)
 
     def next_session(self) -> None:
         """End the session and start another."""
@@ -215,53 +290,31 @@ class Radar:
         for _ in range(8):
             self.send()
             time.sleep(0.25)
-        self._await(lambda: self.tally().lost == 0)
+        self._await(lambda: self.accounts.are_complete and not self.accounts.tally().lost)
 
-    def tally(self) -> Tally:
-        """What has become of the scans so far, by the last reports."""
-        answered = sum(stamp in self._answers for stamp in self._sent)
-        twice = sum(self._answers[stamp] > 1 for stamp in self._sent)
-        return Tally(len(self._sent), answered, twice, self._counted() - self._baseline, self._unheard - self._deaf)
-
-    def accounts(self) -> str:
-        """What the nodes say that became of their scans and embeddings, to find a loss by."""
-        kept = {
-            node: {key: value for key, value in values.items() if key.startswith(('scans.', 'embeddings.'))}
-            for node, values in self._diagnostics.items()
-        }
-        received = {'answers': self._answers.total(), 'of other stamps': len(set(self._answers) - set(self._sent))}
-        return f'{kept | {"radar": received}}'
-
-    def _counted(self) -> int:
-        encoder, query = self._diagnostics.get('encoder', {}), self._diagnostics.get('query', {})
-        own = ('scans.lost_before_arrival', 'scans.overtaken', 'scans.inactive')
-        return sum(int(encoder.get(key, 0)) for key in own) + int(query.get('embeddings.lost_before_arrival', 0))
-
-    def _waiting(self) -> int:
-        return int(self._diagnostics.get('encoder', {}).get('scans.waiting', 0))
-
-    def _await(self, done: Callable[[], bool], timeout_s: float = 10.0) -> None:
+    def _await(self, done: Callable[[], bool], timeout_s: float = 10.0) -> bool:
         deadline_s = time.monotonic() + timeout_s
-        while not done() and time.monotonic() < deadline_s:
+        while not (ended := done()) and time.monotonic() < deadline_s:
             time.sleep(0.1)
+        return ended
 
     def _call(self, name: str) -> str:
         client = self._clients[name]
         if not client.wait_for_service(30.0):
             raise SystemExit(f'error: no service {name}')
         future = client.call_async(Trigger.Request())
-        self._await(future.done, 60.0)
-        if not future.done() or not future.result().success:
+        if not self._await(future.done, 60.0) or not future.result().success:
             raise SystemExit(f'error: {name}: {future.result().message if future.done() else "no answer in 60 s"}')
         return str(future.result().message)
 
     def _on_answer(self, gaps: LostMessages, cdr: bytes, info: Mapping[str, Any]) -> None:
-        self._unheard += gaps.arrived(info)
-        self._answers[header_stamp_ns(cdr)] += 1
+        self.accounts.unheard += gaps.arrived(info)
+        self.accounts.answer(header_stamp_ns(cdr), time.time_ns())
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
-            self._diagnostics[status.name.partition(':')[0]] = {item.key: item.value for item in status.values}
+            values = {item.key: item.value for item in status.values}
+            self.accounts.report(status.name.partition(':')[0], values, stamp_ns(message.header.stamp))
 
 
 def stamped(cdr: bytes, stamp_ns: int) -> bytes:

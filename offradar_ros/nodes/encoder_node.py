@@ -71,11 +71,12 @@ class EncoderNode(StageNode):
     def __init__(self, **options: Any) -> None:
         super().__init__('encoder', **options)
         self._radar = self.config.radar
-        self._has_b_scans = False
+        # Whether the last scan of that topic could be encoded.
+        self._b_scan_is_sound = False
         self._recording = self._encoded_recording = 0
         self._partial = 0
         self._worker: NewestWorker[Received] | None = None
-        self._ledger = Ledger('scans', lambda: self._worker.unfinished if self._worker else 0)
+        self._ledger = Ledger('scans')
         self._embeddings = self.publisher(PointCloud2, 'embedding', qos.RESULTS)
         self._model = self.publisher(DiagnosticStatus, 'embedding/model', qos.LATCHED)
         if self.config.radar.transport == 'raw':
@@ -91,7 +92,7 @@ class EncoderNode(StageNode):
         )
         types = navtech.message_types()
         if types:
-            self.subscribe(types[0], B_SCANS, qos.SCANS, self._on_b_scan, ledger=self._ledger)
+            self._b_scans = self.subscribe(types[0], B_SCANS, qos.SCANS, self._on_b_scan, ledger=self._ledger)
             self.subscribe(types[1], 'radar_data/configuration_data', qos.RESULTS, self._on_configuration)
         self.create_service(Trigger, '~/start_recording', self._start_recording)
 
@@ -149,21 +150,23 @@ class EncoderNode(StageNode):
         super().destroy_node()
 
     def _on_image(self, message: Image) -> None:
-        # The driver also sends this scan on the other topic, with its angles and a stamp of another clock.
-        if self._has_b_scans:
+        if self._comes_as_b_scan():
             self._ledger.settle('on_other_topic')
         else:
             self._receive(SCANS, message.header, functools.partial(scan_from_image, message, self._radar))
 
     def _on_compressed(self, message: CompressedImage) -> None:
-        if self._has_b_scans:
+        if self._comes_as_b_scan():
             self._ledger.settle('on_other_topic')
         else:
             decode = functools.partial(scan_from_compressed, message, self._radar)
             self._receive(COMPRESSED_SCANS, message.header, decode)
 
+    def _comes_as_b_scan(self) -> bool:
+        """Whether the driver also sends a scan on the other topic, with its angles and a stamp of another clock."""
+        return self._b_scan_is_sound and not self._b_scans.watch.is_silent
+
     def _on_b_scan(self, message: Any) -> None:
-        self._has_b_scans = True
         self._scans.watch.received()
         header = message.b_scan_img.header
         self._receive(B_SCANS, header, functools.partial(navtech.scan_from_b_scan, message, self._radar))
@@ -185,7 +188,7 @@ class EncoderNode(StageNode):
         response.success = self.active
         response.message = 'the encoder is not active'
         if self.active:
-            self._has_b_scans = False
+            self._b_scan_is_sound = False
             # Scans that still wait belong to the recording before.
             self._recording += 1
             response.message = 'a recording starts with the next scan'
@@ -197,7 +200,10 @@ class EncoderNode(StageNode):
         self.refuse(RefusedInput('overtaken', problem), scan.topic)
 
     def _answer(self, scan: Received) -> None:
-        if self.guarded(scan.topic, functools.partial(self._encode, scan)):
+        encoded = self.guarded(scan.topic, functools.partial(self._encode, scan))
+        if scan.topic == B_SCANS:
+            self._b_scan_is_sound = encoded
+        if encoded:
             self._ledger.settle('encoded')
             self.status.handle(scan.received_s)
         else:
@@ -207,7 +213,7 @@ class EncoderNode(StageNode):
         if scan.recording != self._encoded_recording:
             self._encoded_recording = scan.recording
             self.stage.start_recording()
-        encoded = self.stage.encode(stamp_ns(scan.header.stamp), scan.decode)
+        encoded = self.stage.encode(stamp_ns(scan.header.stamp), scan.decode, scan.topic)
         if encoded.restarted:
             self.status.counts['recordings.restarted'] += 1
             self.log_now_and_then('stamps jumped back: the recording starts again')

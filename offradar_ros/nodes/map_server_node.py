@@ -70,6 +70,7 @@ class MapServerNode(StageNode):
             self._on_model,
             source='encoder_node',
             is_needed=lambda: self._maps_scans() and self.stage.map.model is None,
+            check=lambda message: model_record(message, 'embedding/model'),
         )
         self._embeddings = self.subscribe(
             PointCloud2, 'embedding', qos.RESULTS, self._on_embedding, ledger=self._ledger, source='encoder_node'
@@ -131,10 +132,14 @@ class MapServerNode(StageNode):
         """End the running session, so that none of it is lost, and close the file; MapError if that fails."""
         if self._map is None:
             return
-        if self._map.running_session_id is not None:
+        is_running = self._map.running_session_id is not None
+        if is_running:
+            # Also for a rescue: without the file nothing is ended.
+            self.stage.flush()
+        self._map.require_file()
+        if is_running:
             _, report = self.stage.end_session()
             self.log_info(f'session ended at exit: {self._summary(report)}')
-        self._map.require_file()
         self._map.close()
         self._map = None
 

@@ -60,7 +60,7 @@ class QueryNode(StageNode):
         self._answers = AnswerWatch()
         self._file_is_awaited = False
         self._file_problem = ''
-        self._map = self.subscribe(PointCloud2, 'map/descriptors', qos.LATCHED, self._on_map)
+        self._map = self.subscribe(PointCloud2, 'map/descriptors', qos.LATCHED, self._on_map, check=self._check_map)
         self.subscribe(PointCloud2, 'map/updates', qos.UPDATES, self._on_update, ledger=self._update_ledger)
         self.subscribe(Odometry, 'odometry', qos.POSITIONS, self._on_odometry)
         self.subscribe(
@@ -134,9 +134,18 @@ class QueryNode(StageNode):
         if is_read_the_file(message):
             self.stage.read_file()
         else:
-            rows = descriptors_record(message, 'map/descriptors')
-            self.stage.load(rows.table, rows.model)
+            self._load(self.stage, message)
         self.get_logger().info(f'map of {self.stage.places} places')
+
+    def _check_map(self, message: PointCloud2) -> None:
+        """RefusedInput for a map that can never be searched; its file may be there later."""
+        if not is_read_the_file(message):
+            self._load(QueryStage(self.config.query), message)
+
+    @staticmethod
+    def _load(stage: QueryStage, message: PointCloud2) -> None:
+        rows = descriptors_record(message, 'map/descriptors')
+        stage.load(rows.table, rows.model)
 
     def _on_update(self, message: PointCloud2) -> None:
         rows = descriptors_record(message, 'map/updates')

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.subscription import Subscription
 
@@ -95,6 +95,15 @@ class Input:
         if wanted == ReliabilityPolicy.RELIABLE:
             return f'{name}: listens reliably again'
         return f'{name}: {full_name(unreliable[0])} publishes best effort: listens best effort, and may miss messages'
+
+    def count_audible(self) -> int:
+        """How many publishers can be heard: those of this type and of a quality of service that fits."""
+        wanted = self._subscription.qos_profile
+        return sum(
+            each.topic_type == self.type_name
+            and qos_check_compatible(each.qos_profile, wanted)[0] != QoSCompatibility.ERROR
+            for each in self._node.get_publishers_info_by_topic(self._subscription.topic_name)
+        )
 
     def rival_sources(self) -> Trouble | None:
         """That more than one publisher sends what one vehicle has one of; None if not."""

@@ -4,23 +4,20 @@ from __future__ import annotations
 
 import threading
 from collections import Counter
-from collections.abc import Callable
 
 
 class Ledger:
     """Counts the messages of one input that arrived, and how each one ended.
 
-    At any time: received = the sum of the ends + waiting; and, since the first message of each publisher that arrived,
-    sent = received + lost_before_arrival. May be used by several threads.
+    At any time: received = the sum of the ends + waiting, where those wait that have not ended; and, since the first
+    message of each publisher that arrived, sent = received + lost_before_arrival. May be used by several threads.
 
     Args:
         name: of the messages, in the report.
-        waiting: returns how many wait or are worked on.
     """
 
-    def __init__(self, name: str, waiting: Callable[[], int] = lambda: 0) -> None:
+    def __init__(self, name: str) -> None:
         self.name = name
-        self._waiting = waiting
         self._lock = threading.Lock()
         self._received = self._lost = 0
         self._ends: Counter[str] = Counter()
@@ -60,5 +57,5 @@ class Ledger:
         """As key and value of a report."""
         with self._lock:
             counts = {'received': self._received, **dict(sorted(self._ends.items())), 'lost_before_arrival': self._lost}
-        counts['waiting'] = self._waiting()
+            counts['waiting'] = self._received - self._ends.total()
         return {f'{self.name}.{key}': str(count) for key, count in counts.items()}

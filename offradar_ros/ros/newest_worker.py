@@ -29,12 +29,6 @@ class NewestWorker(Generic[ItemT]):
         self._thread.start()
 
     @property
-    def unfinished(self) -> int:
-        """Number of items that wait or are handled."""
-        with self._changed:
-            return len(self._waiting) + self._busy
-
-    @property
     def busy_s(self) -> float:
         """How long the item in progress has been handled; 0 if there is none."""
         with self._changed:

@@ -77,7 +77,8 @@ class StageNode(SteadyLifecycleNode):
         self._outputs: list[Publisher] = []
         self._output_types: dict[str, str] = {}
         self._inputs: list[Input] = []
-        self._latched: dict[str, list[Callable[[], None]]] = {}
+        # By topic: again, the last one that was handled, and under False a later one that may still be.
+        self._latched: dict[str, dict[bool, Callable[[], None]]] = {}
         self.ledgers: list[Ledger] = []
         """What became of the messages of the inputs that are answered."""
         self._starting = False
@@ -148,7 +149,7 @@ class StageNode(SteadyLifecycleNode):
             super().on_deactivate(state)
             return TransitionCallbackReturn.FAILURE
         # These were sent once, maybe while this node was inactive, and are still valid.
-        for handle_again in [again for kept in self._latched.values() for again in kept]:
+        for handle_again in [again for kept in self._latched.values() for again in kept.values()]:
             handle_again()
         return result
 
@@ -218,17 +219,18 @@ class StageNode(SteadyLifecycleNode):
         source: str = '',
         instead: Mapping[str, str] | None = None,
         is_needed: Callable[[], bool] = lambda: True,
+        check: Callable[[MessageT], object] = lambda _message: None,
     ) -> Input:
         """An input whose callback is `guarded`.
 
         With a `ledger`, messages that never arrive are counted there and as `lost_before_arrival`, and those that come
-        while the node is inactive as `inactive`, or that `handle` fails at as `refused`; it must settle the others. The
-        other arguments are those of `Input`.
+        while the node is inactive as `inactive`, or that `handle` fails at as `refused`; it must settle the others.
+        `check` raises RefusedInput for a latched message that can never be handled: it is not kept for when the node
+        is active. The other arguments are those of `Input`.
         """
         latched = profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
         if ledger:
             self.ledgers.append(ledger)
-        lost = LostMessages(lambda: self.count_publishers(self.resolve_topic_name(topic)))
 
         # rclpy gives the second argument, with the publisher's number of the message, to callbacks that take two.
         def receive(message: MessageT, info: Mapping[str, Any]) -> None:
@@ -238,10 +240,10 @@ class StageNode(SteadyLifecycleNode):
             if self.active:
                 found.watch.received()
             handled = self.active and self.guarded(topic, lambda: handle(message))
-            if latched:
+            if latched and (handled or self._may_be_handled(topic, lambda: check(message))):
                 # What was refused does not replace what was handled before it; its time may come, as for a full disk.
-                before = [] if handled else self._latched.get(topic, [])[:1]
-                self._latched[topic] = [*before, lambda: receive(message, info)]
+                before = {} if handled else self._latched.get(topic, {})
+                self._latched[topic] = {**before, handled: lambda: receive(message, info)}
             if ledger and not handled:
                 ledger.settle('refused' if self.active else 'inactive')
             if handled and topic == self.timed_topic:
@@ -250,8 +252,19 @@ class StageNode(SteadyLifecycleNode):
         found = Input(
             self, message_type, topic, profile, cast(Any, receive), source=source, instead=instead, is_needed=is_needed
         )
+        lost = LostMessages(found.count_audible)
         self._inputs.append(found)
         return found
+
+    def _may_be_handled(self, topic: str, check: Callable[[], object]) -> bool:
+        """Whether `check` accepts a message of `topic` that was not handled."""
+        if not self.active:
+            return self.guarded(topic, check)
+        # It has been refused, and counted.
+        with contextlib.suppress(Exception):
+            check()
+            return True
+        return False
 
     def _book(self, ledger: Ledger, topic: str, lost: int) -> None:
         """One message of `topic` arrived, after `lost` that did not."""
@@ -261,7 +274,7 @@ class StageNode(SteadyLifecycleNode):
             problem = f'{lost} messages before this one were lost on the way: they come faster than they are taken up'
             self.refuse(RefusedInput('lost_before_arrival', problem), topic, lost)
 
-    def guarded(self, topic: str, work: Callable[[], None]) -> bool:
+    def guarded(self, topic: str, work: Callable[[], object]) -> bool:
         """Do `work` for a message of `topic`; an error is counted and logged, never raised. True if there was none."""
         try:
             work()

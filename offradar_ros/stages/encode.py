@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import traceback
+from collections import defaultdict, deque
 from collections.abc import Callable, Mapping
 
 import numpy as np
@@ -19,7 +20,7 @@ class Encoded:
     """Result of one image.
 
     Attributes:
-        embedding: None only for a repeated scan, which was answered already. Invalid (d = 0) for a scan that cannot be
+        embedding: None only for a scan that was answered already. Invalid (d = 0) for a scan that cannot be
             encoded or is out of order, so that every scan gets exactly one answer.
         problem: why the scan was refused, or None.
         restarted: whether the stamps jumped back: the recording starts again.
@@ -32,22 +33,29 @@ class Encoded:
     row_faults: Mapping[str, int] = dataclasses.field(default_factory=dict)
 
 
+KEPT = 1024
+"""Stamps that are remembered: at any usual rate, those of more than `restart_after_s`."""
+
+
 class EncodeStage:
     """Images in, embeddings out. Neither an invalid scan nor an encoder that fails stops the next one."""
 
     def __init__(self, encoder: Encoder, restart_after_s: float) -> None:
         self.encoder = encoder
-        self._gate = StampGate(round(restart_after_s * 1e9))
+        self._gates = defaultdict[str, StampGate](lambda: StampGate(round(restart_after_s * 1e9)))
+        self._answered = defaultdict[str, deque[int]](lambda: deque(maxlen=KEPT))
 
-    def encode(self, stamp_ns: int, decode: Callable[[], PolarScan]) -> Encoded:
+    def encode(self, stamp_ns: int, decode: Callable[[], PolarScan], topic: str = '') -> Encoded:
         """Embedding of the scan with this stamp that `decode` returns; nothing is raised, whatever `decode` raises.
+
+        A stamp is compared with those of the same topic: another one may be stamped by another clock.
 
         Besides those of the scan, the cause of a problem may be encoder_failed (it raised an exception),
         invalid_output (an embedding of another shape, stamp or model, or that is not finite) or internal_error.
         """
         restarted = False
         try:
-            restarted = self._gate.check(stamp_ns)
+            restarted = self._check(stamp_ns, topic)
             scan = decode()
             return Encoded(self._embedding(scan, stamp_ns), None, restarted, scan.row_faults)
         except RefusedInput as problem:
@@ -60,7 +68,25 @@ class EncodeStage:
 
     def start_recording(self) -> None:
         """Accept any stamp for the next scan, which is the first of a recording."""
-        self._gate.reset()
+        self._gates.clear()
+        self._answered.clear()
+
+    def _check(self, stamp_ns: int, topic: str) -> bool:
+        """As `StampGate.check`; 'repeated_stamp' also for a scan that was answered before others."""
+        answered = self._answered[topic]
+        try:
+            restarted = self._gates[topic].check(stamp_ns)
+        except RefusedInput as problem:
+            if problem.cause != 'stamp_backwards':
+                raise
+            if stamp_ns in answered:
+                raise RefusedInput('repeated_stamp', f'stamp {stamp_ns} ns came already, before others') from None
+            answered.append(stamp_ns)
+            raise
+        if restarted:
+            answered.clear()
+        answered.append(stamp_ns)
+        return restarted
 
     def _embedding(self, scan: PolarScan, stamp_ns: int) -> Embedding:
         """RefusedInput unless the encoder returns an embedding of this scan that can be compared."""

@@ -7,16 +7,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from launch_stand_in import launched, of_kind
+from launch_stand_in import of_kind, started
 
 
 @pytest.fixture
 def check() -> Callable[[Path], None]:
-    """The check of `params:=PATH`, which comes before the first node."""
-    actions = launched()
-    (check,) = of_kind('OpaqueFunction')
-    kinds = [type(action).__name__ for action in actions]
-    assert kinds.index('OpaqueFunction') < kinds.index('Node')
+    """The check of `params:=PATH`, which comes before the nodes."""
+    check, start = of_kind('OpaqueFunction')
+    assert start.options['function'].__name__ == 'start_nodes'
     return lambda path: check.options['function']({'params': str(path)})
 
 
@@ -35,9 +33,32 @@ def test_a_parameter_file_is_accepted(check: Callable[[Path], None], tmp_path: P
 def test_nodes_start_again_only_if_that_is_asked_for() -> None:
     declared: dict[str, Any] = {each.arguments[0]: each.options for each in of_kind('DeclareLaunchArgument')}
     assert declared['respawn']['default_value'] == 'false'
-    nodes = of_kind('Node')
+    nodes = started()
     assert [node.options['respawn'].arguments for node in nodes] == [('respawn',)] * 3
     assert all(node.options['respawn_delay'] > 0 for node in nodes)
+
+
+def parameters(**given: str) -> dict[str, dict[str, str]]:
+    """By node, its parameters besides those of the file, which they override, and the argument of each."""
+    found = {}
+    for node in started(**given):
+        file, *others = node.options['parameters']
+        assert file.arguments == ('params',)
+        own = {name: value.arguments[0].arguments[0] for each in others for name, value in each.items()}
+        found[node.options['name']] = own
+    return found
+
+
+def test_what_is_not_given_does_not_override_the_parameter_file() -> None:
+    assert parameters() == {'encoder': {}, 'map_server': {}, 'query': {}}
+    assert parameters(map='/data/town.db') == {
+        'encoder': {},
+        'map_server': {'map.path': 'map'},
+        'query': {'query.map_path': 'map'},
+    }
+    for value in ('true', 'false'):
+        clock = {'use_sim_time': 'use_sim_time'}
+        assert parameters(use_sim_time=value) == {'encoder': clock, 'map_server': clock, 'query': clock}
 
 
 def test_every_argument_says_what_it_is() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import array
 import contextlib
 import itertools
+import math
 import os
 import signal
 import sqlite3
@@ -25,7 +26,7 @@ from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import DescribeParameters, SetParameters
 from rclpy.parameter import Parameter as RclpyParameter
-from rclpy.qos import QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import Image, NavSatFix, PointCloud2
 from small_maps import make_map
 from std_srvs.srv import Trigger
@@ -369,11 +370,44 @@ def wait_for_places(node: QueryNode, count: int) -> None:
     wait_until(lambda: node.stage.places == count)
 
 
+def map_of(count: int, value: float = 1.0) -> PointCloud2:
+    rows = [Place(i, 1, i, Pose(10.0 * i, 0.0), 0.9, np.full(8, value, np.float32)) for i in range(count)]
+    return descriptors_message(PlaceRows(PlaceTable.from_places(rows, 8), 'ab' * 32, committed=True), 0)
+
+
+@pytest.mark.parametrize('bad', [PointCloud2(), map_of(4, math.nan)], ids=['no map', 'places that cannot be'])
+def test_the_last_sound_map_counts_of_those_that_come_while_a_node_is_inactive(
+    observer: Observer, start_node: StartNode, bad: PointCloud2
+) -> None:
+    node = start_node(QueryNode, {'autostart': False, 'qos_overrides./map/descriptors.subscription.depth': 10})
+    deep = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+    send = observer.publisher(PointCloud2, 'map/descriptors', deep)
+
+    def change_to(*transitions: int) -> None:
+        for transition in transitions:
+            assert change(observer, 'query', transition)
+
+    def come(*messages: PointCloud2) -> None:
+        drops = node.status.drops.total()
+        for message in (*messages, bad):
+            send(message)
+        wait_until(lambda: node.status.drops.total() > drops)
+
+    come(map_of(1), map_of(2))
+    change_to(Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE)
+    wait_for_places(node, 2)
+    # Refused while active, it replaces neither that one nor one that comes later.
+    come()
+    change_to(Transition.TRANSITION_DEACTIVATE)
+    come(map_of(5), map_of(3))
+    change_to(Transition.TRANSITION_CLEANUP, Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE)
+    wait_for_places(node, 3)
+    assert node.status.drops.total() == 3
+
+
 def test_a_node_that_is_activated_again_searches_the_same_map(observer: Observer, start_node: StartNode) -> None:
-    rows = [Place(i, 1, i, Pose(10.0 * i, 0.0), 0.9, np.full(8, i, np.float32)) for i in range(3)]
-    latched = descriptors_message(PlaceRows(PlaceTable.from_places(rows, 8), 'ab' * 32, committed=True), 0)
     node = start_node(QueryNode, {'autostart': False})
-    observer.publisher(PointCloud2, 'map/descriptors', qos.LATCHED)(latched)
+    observer.publisher(PointCloud2, 'map/descriptors', qos.LATCHED)(map_of(3))
     time.sleep(0.5)
     for _ in range(2):
         assert change(observer, 'query', Transition.TRANSITION_CONFIGURE)

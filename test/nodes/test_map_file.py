@@ -13,14 +13,16 @@ from typing import Any
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from live_nodes import WAIT_S, Observer, wait_until
+from live_nodes import WAIT_S, Observer, StartNode, wait_until
 from nav_msgs.msg import Odometry
+from rclpy.lifecycle import TransitionCallbackReturn
 from sensor_msgs.msg import PointCloud2
 from small_maps import MODEL, as_version_1, make_map
 from std_srvs.srv import Trigger
 
 from offradar_ros.lab.live.node_processes import Stack
 from offradar_ros.mapping.map_reader import read_map
+from offradar_ros.nodes.map_server_node import MapServerNode
 from offradar_ros.ros import qos
 from offradar_ros.ros.embedding_message import embedding_message, model_message
 from offradar_ros.ros.stamps import header
@@ -132,6 +134,17 @@ def test_without_the_file_no_service_succeeds_until_the_whole_map_is_written_aga
         node.process.send_signal(signal.SIGINT)
         assert node.wait(WAIT_S) == 0
     assert [stored.state for stored in read_map(path).sessions] == ['ended', 'ended']
+
+
+def test_a_shutdown_that_fails_for_want_of_the_file_leaves_an_empty_session(start_node: StartNode, path: Path) -> None:
+    node = start_node(MapServerNode, {'map.path': str(path)})
+    session = node.stage.map.running_session_id
+    assert session is not None
+    aside = path.rename(path.with_name('aside.db'))
+    assert node.trigger_shutdown() == TransitionCallbackReturn.FAILURE
+    assert (node.active, node.stage.map.running_session_id) == (True, session)
+    aside.rename(path)
+    assert node.trigger_shutdown() == TransitionCallbackReturn.SUCCESS
 
 
 @pytest.mark.parametrize('is_running', [False, True])

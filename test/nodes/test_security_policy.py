@@ -13,6 +13,8 @@ from xml.etree import ElementTree
 import pytest
 from live_nodes import Observer, StartNode, wait_until
 from rclpy.node import NodeNameNonExistentError
+from recorded_topics import compressed_scans, fixes, record, scans
+from street_sequence import StreetSequence
 
 from offradar_ros.cli.session import SERVICES, Action
 from offradar_ros.lab.live.node_processes import Stack
@@ -28,6 +30,8 @@ GRAPH = {'publish': 'publisher', 'subscribe': 'subscriber', 'reply': 'service', 
 NODES: dict[str, Callable[..., StageNode]] = {'encoder': EncoderNode, 'map_server': MapServerNode, 'query': QueryNode}
 NAVTECH = {'/radar_data/b_scan_msg', '/radar_data/configuration_data'}
 """Subscribed to only where `navtech_msgs` is installed."""
+TRANSPORTS = {'raw': '/radar_data/b_scan_image', 'compressed': '/radar_data/b_scan_image/compressed'}
+"""Only one of them is used, as `radar.transport` says."""
 IN_A_BAG = {'/gps/fix', '/ground_truth/odometry', '/odometry'}
 """A replay publishes those of them that are in its bag."""
 
@@ -106,9 +110,9 @@ def test_the_policy_has_the_form_of_sros2() -> None:
                 assert all(text.replace('/', '').replace('~', '').replace('_', '').isalnum() for text in texts)
 
 
-@pytest.mark.parametrize('source', ['fix', 'odometry'])
+@pytest.mark.parametrize(('source', 'transport'), [('fix', 'raw'), ('odometry', 'compressed')])
 def test_each_node_uses_what_it_is_granted_and_nothing_else(
-    observer: Observer, start_node: StartNode, source: str
+    observer: Observer, start_node: StartNode, source: str, transport: str
 ) -> None:
     # Of its own: another program on this machine may have nodes of these names.
     namespace = f'/policy_{os.getpid()}'
@@ -117,20 +121,29 @@ def test_each_node_uses_what_it_is_granted_and_nothing_else(
         parameters: dict[str, Any] = {'use_sim_time': True}
         if kind is MapServerNode:
             parameters['position.source'] = source
+        if kind is EncoderNode:
+            parameters['radar.transport'] = transport
         start_node(functools.partial(kind, namespace=namespace), parameters)
         expected = grants(name, name, namespace)
         expected['subscribe'] -= {topic for key, topic in positions.items() if key != source}
+        expected['subscribe'] -= {namespace + topic for key, topic in TRANSPORTS.items() if key != transport}
         if navtech.message_types() is None:
             expected['subscribe'] -= {namespace + topic for topic in NAVTECH}
         assert differences(observer, name, expected, namespace) == {}
 
 
+@pytest.mark.parametrize('transport', ['raw', 'compressed'])
 def test_a_replay_uses_what_it_is_granted(
-    observer: Observer, stack: Callable[..., Stack], street_bag: Callable[..., Path]
+    observer: Observer,
+    stack: Callable[..., Stack],
+    street: Callable[..., StreetSequence],
+    tmp_path: Path,
+    transport: str,
 ) -> None:
-    with stack() as nodes:
+    drive = street(count=4)
+    bag = record(tmp_path / 'bag', (scans if transport == 'raw' else compressed_scans)(drive), fixes(drive))
+    with stack({'radar.transport': transport}) as nodes:
         nodes.wait_until_ready()
-        bag = street_bag('drive', count=4)
         process = nodes.start('replay_node', [str(bag), '--session', '--loop', '0'], 'replay_forever')
         granted = grants('replay', 'replay')
         try:
@@ -139,7 +152,8 @@ def test_a_replay_uses_what_it_is_granted(
             wait_until(lambda: used(observer, 'replay')['publish'])
             wrong = differences(observer, 'replay', granted | {'request': lasting})
             assert {rule for rule, (strange, _) in wrong.items() if strange} == set()
-            assert set().union(*(unused for _, unused in wrong.values())) <= IN_A_BAG
+            unused = set().union(*(unused for _, unused in wrong.values()))
+            assert unused <= IN_A_BAG | set(TRANSPORTS.values()) - {TRANSPORTS[transport]}
         finally:
             process.stop()
 

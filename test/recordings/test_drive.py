@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from recorded_topics import header
 from rosbags.rosbag2 import StoragePlugin, Writer
 
 from offradar_ros.config import Config, RadarConfig, load_config
@@ -210,19 +211,21 @@ def test_bad_images_are_refused_one_by_one(street: Callable[..., Any], street_ba
         fault = faults.get(index) if topic == SCANS else None
         changed = dataclasses.replace(message, **fault[1](message)) if fault else message
         messages.append((topic, kind, log_ns, changed))
-    # Scans out of order: one again, and one from half a second before.
+    # Scans out of order: two again, one of them with another after it, and one that is late.
     stamps = street(count=12).stamps_ns
     late = [m for m in messages if m[0] == SCANS]
     messages += [
         (SCANS, IMAGE_TYPE, int(stamps[9]) + 1, late[9][3]),
         (SCANS, IMAGE_TYPE, int(stamps[10]) + 1, late[8][3]),
+        (SCANS, IMAGE_TYPE, int(stamps[10]) + 2, dataclasses.replace(late[8][3], header=header(int(stamps[8]) + 1))),
     ]
     bad = write_messages(path.with_name('bad'), sorted(messages, key=lambda m: m[2]))
     with SessionMap(CONFIG.map) as session_map:
         result = driven(bad, CONFIG, session_map, 'one')
         table = session_map.places()
-    # The one from before is answered too, as invalid; the one again was answered already.
-    assert [outcome.stamp_ns for outcome in result.outcomes] == [*stamps[:11].tolist(), int(stamps[8]), int(stamps[11])]
+    # The late one is answered too, as invalid; those again were answered already.
+    answered = [outcome.stamp_ns for outcome in result.outcomes]
+    assert answered == [*stamps[:11].tolist(), int(stamps[8]) + 1, int(stamps[11])]
     invalid = [
         index
         for index, outcome in enumerate(result.outcomes)
@@ -230,7 +233,7 @@ def test_bad_images_are_refused_one_by_one(street: Callable[..., Any], street_ba
     ]
     assert invalid == [*sorted(faults), 11]
     expected = Counter(cause for cause, _ in faults.values())
-    expected.update({'repeated_stamp': 1, 'stamp_backwards': 1, 'invalid_embedding': len(faults) + 1})
+    expected.update({'repeated_stamp': 2, 'stamp_backwards': 1, 'invalid_embedding': len(faults) + 1})
     assert result.refused == expected
     report = result.report
     assert report.inserted + report.replaced + report.kept == 12 - len(faults)

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 import setuptools
-from launch_stand_in import of_kind
+from launch_stand_in import of_kind, started
 
 from offradar_ros.lab.live.node_processes import isolated_environment
 from offradar_ros.ros import dds_profile
@@ -88,7 +88,7 @@ def test_it_is_installed(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_the_launch_file_gives_it_to_its_nodes_alone() -> None:
-    nodes = of_kind('Node')
+    nodes = started()
     assert len(nodes) == 3
     for node in nodes:
         ((name, value),) = node.options['additional_env'].items()

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from offradar_ros.ros.lost_messages import LostMessages
+from offradar_ros.ros.lost_messages import DOUBTED, LostMessages
 
 
 def numbered(number: int | None) -> dict[str, int | None]:
@@ -51,6 +51,28 @@ def test_a_publisher_that_starts_again_loses_nothing() -> None:
 
 def test_a_publisher_that_has_sent_for_long_loses_nothing_when_it_is_first_heard() -> None:
     assert lost([50, 1000, 51, 1001, 53], publishers=2) == 1
+
+
+@given(arrived=st.lists(st.booleans(), min_size=1, max_size=60), publishers=st.integers(2, 4))
+@settings(max_examples=100, deadline=None)
+def test_publishers_that_say_nothing_hide_no_loss(arrived: list[bool], publishers: int) -> None:
+    numbers = [1 + k for k, here in enumerate([True, *arrived, *[True] * DOUBTED]) if here]
+    assert len(numbers) + lost(numbers, publishers) == numbers[-1]
+
+
+def test_a_gap_counts_once_it_is_no_longer_doubted() -> None:
+    watch = LostMessages(lambda: 2)
+    found = [watch.arrived(numbered(number)) for number in (1, *range(5, 6 + DOUBTED))]
+    assert found == [0] * DOUBTED + [3, 0]
+
+
+def test_a_number_of_a_publisher_that_has_ended_hides_no_loss() -> None:
+    publishers = 2
+    watch = LostMessages(lambda: publishers)
+    numbers = [*range(1, 101), 1, 2]
+    assert sum(watch.arrived(numbered(number)) for number in numbers) == 0
+    publishers = 1
+    assert [watch.arrived(numbered(number)) for number in (3, 4, 111)] == [0, 0, 106]
 
 
 def test_without_numbers_the_stamps_give_an_estimate() -> None:

@@ -57,3 +57,10 @@ def launched() -> list[Any]:
 def of_kind(name: str) -> list[Any]:
     """Its actions of one class."""
     return [action for action in launched() if type(action).__name__ == name]
+
+
+def started(**given: str) -> list[Any]:
+    """The nodes that it starts with these arguments."""
+    defaults = {each.arguments[0]: each.options['default_value'] for each in of_kind('DeclareLaunchArgument')}
+    *_, start = of_kind('OpaqueFunction')
+    return list(start.options['function'](defaults | given))

@@ -13,7 +13,7 @@ from offradar_ros.errors import OffradarError
 
 def demo(
     out: Annotated[Path, typer.Option(help='Folder for all output; emptied first.')] = Path('demo_output'),
-    domain_id: Annotated[int, typer.Option(min=0, max=101, help='ROS domain of the nodes.')] = 83,
+    domain_id: Annotated[int, typer.Option(min=0, max=101, help='ROS domain of the nodes.')] = 90,
 ) -> None:
     """Simulate three drives, replay them through the nodes over DDS, and print and draw the results."""
     for package, extra in (('rclpy', 'ros'), ('matplotlib', 'plot')):

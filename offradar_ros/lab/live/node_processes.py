@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import signal
 import subprocess
@@ -65,7 +66,11 @@ class NodeProcess:
             stderr=subprocess.STDOUT,
         )
         if cpus is not None:
-            os.sched_setaffinity(self.process.pid, cpus)
+            try:
+                os.sched_setaffinity(self.process.pid, cpus)
+            except OSError:
+                self.stop()
+                raise
 
     def usage(self) -> ProcessUsage:
         """Memory and CPU time so far; OffradarError if it has ended."""
@@ -126,13 +131,19 @@ class Stack:
 
     def __enter__(self) -> Stack:
         self.folder.mkdir(parents=True, exist_ok=True)
-        for name, arguments in self._arguments.items():
-            self.nodes[name] = self.start(name, arguments)
+        with contextlib.ExitStack() as unless_all_start:
+            unless_all_start.callback(self._stop)
+            for name, arguments in self._arguments.items():
+                self.nodes[name] = self.start(name, arguments)
+            unless_all_start.pop_all()
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        self._stop()
+
+    def _stop(self) -> None:
         for node in self.nodes.values():
             node.stop()
 

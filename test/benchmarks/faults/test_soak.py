@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from faults.soak import Tally, growth
+from faults.soak import Accounts, Tally, growth
 
 
 def test_growth_is_a_slope_after_the_warm_up() -> None:
@@ -20,8 +20,41 @@ def test_growth_is_a_slope_after_the_warm_up() -> None:
     assert rise == pytest.approx(4.0, abs=0.8)
 
 
-def test_what_is_lost() -> None:
-    assert Tally(sent=10, answered=6, twice=0, counted=4).lost == 0
-    assert Tally(sent=10, answered=6, twice=0, counted=3).lost == 1
-    assert Tally(sent=10, answered=8, twice=0, counted=3).lost == -1
-    assert Tally(sent=10, answered=6, twice=0, counted=3, unheard=1).lost == 0
+def test_what_is_lost_and_what_is_counted_twice() -> None:
+    tallies = [
+        Tally(sent=10, answered=6, twice=0, counted=4),
+        Tally(sent=10, answered=6, twice=0, counted=3),
+        Tally(sent=10, answered=8, twice=0, counted=3),
+        Tally(sent=10, answered=6, twice=0, counted=3, unheard=1),
+    ]
+    assert [(tally.lost, tally.overcounted) for tally in tallies] == [(0, 0), (1, 0), (0, 1), (0, 0)]
+
+
+def test_a_scan_before_the_beginning_that_is_reported_late_is_no_loss() -> None:
+    """The third is overtaken after the encoder's last report, and the fourth is answered."""
+    accounts = Accounts()
+
+    def report(overtaken: int, at: int, *nodes: str) -> None:
+        for node in nodes:
+            accounts.report(node, {'scans.overtaken': str(overtaken)} if node == 'encoder' else {}, at)
+
+    assert not accounts.are_complete
+    accounts.sent += [1, 2]
+    for stamp in (1, 2):
+        accounts.answer(stamp, stamp + 5)
+    report(0, 8, 'encoder', 'query')
+    assert accounts.are_complete
+    accounts.sent += [10, 20]
+    assert not accounts.are_complete
+    accounts.answer(20, 25)
+    assert not accounts.are_complete
+    report(1, 30, 'encoder')
+    assert not accounts.are_complete
+    report(1, 31, 'query')
+    assert accounts.are_complete
+    accounts.begin()
+    accounts.sent += [40, 50]
+    accounts.answer(50, 55)
+    report(2, 60, 'encoder', 'query')
+    assert accounts.tally() == Tally(sent=5, answered=4, twice=0, counted=1)
+    assert (accounts.tally().lost, accounts.tally().overcounted) == (0, 0)
