@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from offradar_ros.mapping.place_check import END_NS, MAX_MEAN_VALUE
+from offradar_ros.mapping.place_check import MAX_MEAN_VALUE
+from offradar_ros.positions.rules import END_NS
 from offradar_ros.types import Embedding
 
 

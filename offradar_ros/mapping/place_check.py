@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from offradar_ros.positions.rules import END_NS
 from offradar_ros.types import PlaceTable
 
 MAX_COORDINATE_M = 1e8
@@ -17,8 +18,6 @@ MAX_YAW_RAD = 1e6
 
 MAX_PLACE_ID = 2**32 - 1
 MAX_SESSION_ID = 2**31 - 1
-END_NS = 2**31 * 10**9
-"""Stamps are from 0 to before this, which is in 2038: messages hold seconds in 32 bits."""
 
 MAX_MEAN_VALUE = 2.0**116
 """Largest absolute value of a mean: the distance of two such means, of any dimension, is a finite float32."""

@@ -19,7 +19,9 @@ LARGEST_COORDINATE_M = 2e7
 """Half the way around the Earth: no position in metres, be it UTM, has a larger coordinate."""
 LEAST_ACCURATE_M = 100.0
 """Standard deviation of a position that stands for none: places are told apart at a quarter of it."""
-YEAR_2000_NS, YEAR_2100_NS = 946_684_800 * 10**9, 4_102_444_800 * 10**9
+YEAR_2000_NS = 946_684_800 * 10**9
+END_NS = 2**31 * 10**9
+"""Stamps are from 0 to before this, which is in 2038: messages hold seconds in 32 bits."""
 
 FAR_M = 100_000.0
 """Positions farther than this from one another are not of one drive, nor of one map, whose frame is flat."""
@@ -88,10 +90,11 @@ def require_pose(pose: Pose) -> Pose:
 
 
 def require_stamp(stamp_ns: int) -> int:
-    """The same stamp; RefusedInput('invalid_stamp') before 0, where simulated time starts, or after the year 2100."""
-    if not 0 <= stamp_ns < YEAR_2100_NS:
+    """The same stamp; RefusedInput('invalid_stamp') before 0, where simulated time starts, or from `END_NS` on."""
+    if not 0 <= stamp_ns < END_NS:
         raise RefusedInput(
-            'invalid_stamp', f'stamp {stamp_ns} ns: expected nanoseconds since 1970, or since a simulation started'
+            'invalid_stamp',
+            f'stamp {stamp_ns} ns: expected nanoseconds since 1970, or since a simulation started, before 2038',
         )
     return stamp_ns
 

@@ -67,7 +67,7 @@ def _columns(image: NDArray[np.uint8]) -> tuple[NDArray[np.int64], NDArray[np.in
 def has_metadata(image: NDArray[np.uint8]) -> bool:
     """Whether each row of an (A, W) image starts with stamp, encoder and valid byte, found by content, not by size.
 
-    Either is enough where most rows agree: stamps in order within a rotation, of any year from 2000 to 2100; or counts
+    Either is enough where most rows agree: stamps in order within a rotation, of any year from 2000 to 2038; or counts
     that advance by equal steps, beside stamps of one clock, set or not, or over a turn of a known size. So an image
     whose counts or stamps are useless is still recognised, and its 11 bytes are never power. Rows without both were not
     measured.

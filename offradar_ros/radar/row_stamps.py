@@ -8,10 +8,10 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
+from offradar_ros.positions.rules import END_NS, YEAR_2000_NS
 from offradar_ros.radar.encoder_counts import LARGEST_SHARE_MENDED, at_every_row
 
 LONGEST_ROTATION_NS = 60 * 10**9
-_YEAR_2000_NS, _YEAR_2100_NS = 946_684_800 * 10**9, 4_102_444_800 * 10**9
 _UNITS_NS = (1, 1000)
 _SLACK_NS = 1_000_000.0
 
@@ -32,7 +32,7 @@ class RowStamps:
 def unit_ns(stamps: NDArray[np.int64], scan_stamp_ns: int | None) -> int | None:
     """Nanoseconds of the unit of stored stamps, 1 or 1000; None if most of them are of a clock that was never set.
 
-    The stamp of the scan tells first, as it may be of any clock; then the years from 2000 to 2100.
+    The stamp of the scan tells first, as it may be of any clock; then the years from 2000 to 2038.
     """
     median = int(np.sort(stamps)[len(stamps) // 2])
     if scan_stamp_ns is not None:
@@ -40,7 +40,7 @@ def unit_ns(stamps: NDArray[np.int64], scan_stamp_ns: int | None) -> int | None:
         if abs(median * nearest - scan_stamp_ns) < LONGEST_ROTATION_NS:
             return nearest
     for unit in _UNITS_NS:
-        if _YEAR_2000_NS < median * unit < _YEAR_2100_NS:
+        if YEAR_2000_NS < median * unit < END_NS:
             return unit
     return None
 

@@ -16,9 +16,8 @@ class StampGate:
     def check(self, stamp_ns: int) -> bool:
         """True if the recording restarted: the stamp jumped back by more than `restart_after_ns`.
 
-        RefusedInput('invalid_stamp') before 0 or after the year 2100, RefusedInput('repeated_stamp') for the last stamp
-        again, RefusedInput('stamp_backwards') for a smaller jump back. The next stamp is compared with the last
-        accepted one.
+        RefusedInput('invalid_stamp') as `require_stamp`, RefusedInput('repeated_stamp') for the last stamp again,
+        RefusedInput('stamp_backwards') for a smaller jump back. The next stamp is compared with the last accepted one.
         """
         require_stamp(stamp_ns)
         back_ns = 0 if self._last_ns is None else self._last_ns - stamp_ns

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from offradar_ros.mapping.place_check import (
-    END_NS,
     MAX_COORDINATE_M,
     MAX_MEAN_VALUE,
     MAX_PLACE_ID,
     MAX_SESSION_ID,
     place_problem,
 )
+from offradar_ros.positions.rules import END_NS
 from offradar_ros.types import PlaceTable
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from offradar_ros.errors import RefusedInput
 from offradar_ros.geometry import GeoPoint, LocalFrame
-from offradar_ros.positions.rules import apart_m, geo_point, require_accurate, require_pose, require_stamp
+from offradar_ros.positions.rules import END_NS, apart_m, geo_point, require_accurate, require_pose, require_stamp
 from offradar_ros.types import Pose
 
 
@@ -73,12 +73,12 @@ def test_variances_that_say_nothing_leave_a_position(variances_m2: tuple[float, 
     require_accurate(*variances_m2)
 
 
-@pytest.mark.parametrize('stamp_ns', [0, 1, 10**9, 1_600_000_000_000_000_000])
+@pytest.mark.parametrize('stamp_ns', [0, 1, 10**9, 1_600_000_000_000_000_000, END_NS - 1])
 def test_stamps_are_since_1970_or_since_a_simulation_started(stamp_ns: int) -> None:
     assert require_stamp(stamp_ns) == stamp_ns
 
 
-@pytest.mark.parametrize('stamp_ns', [-1, -(10**18), 4_102_444_800 * 10**9, 2**63 - 1])
+@pytest.mark.parametrize('stamp_ns', [-1, -(10**18), END_NS, 4_102_444_800 * 10**9, 2**63 - 1])
 def test_other_stamps_are_refused(stamp_ns: int) -> None:
     with pytest.raises(RefusedInput) as refused:
         require_stamp(stamp_ns)

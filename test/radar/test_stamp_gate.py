@@ -69,7 +69,7 @@ def test_accepted_stamps_increase_between_restarts(stamps: list[int]) -> None:
         accepted.append(stamp)
 
 
-@pytest.mark.parametrize('stamp_ns', [-1, -(10**18), 4_102_444_800 * 10**9])
+@pytest.mark.parametrize('stamp_ns', [-1, -(10**18), 2**31 * 10**9])
 def test_a_stamp_that_is_no_time_changes_nothing(stamp_ns: int) -> None:
     gate = StampGate(10**9)
     gate.check(5 * 10**9)

@@ -19,6 +19,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 
 from offradar_ros.errors import DataError, RefusedInput
 from offradar_ros.geometry import LocalFrame, Trajectory
+from offradar_ros.positions.rules import END_NS
 from offradar_ros.radar.navtech_rows import join_rows
 from offradar_ros.recordings.bags.mcap_checksums import write_checksums
 from offradar_ros.recordings.bags.reader import TYPES
@@ -104,7 +105,8 @@ def _covering(sequence: RadarSequence, offset_ns: int) -> Trajectory | None:
     if trajectory is None:
         return None
     stamps_ns = trajectory.stamps_ns + offset_ns
-    start, end = sequence.stamps_ns[0] - POSITION_MARGIN_NS, sequence.stamps_ns[-1] + POSITION_MARGIN_NS
+    start = max(int(sequence.stamps_ns[0]) - POSITION_MARGIN_NS, 0)
+    end = min(int(sequence.stamps_ns[-1]) + POSITION_MARGIN_NS, END_NS - 1)
     keep = (stamps_ns >= start) & (stamps_ns <= end)
     if not keep.any():
         return None

@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from offradar_ros.errors import DataError
+from offradar_ros.errors import DataError, RefusedInput
 from offradar_ros.geometry import Trajectory
+from offradar_ros.positions.rules import require_stamp
 from offradar_ros.recordings.datasets.coverage import fraction_covered, seconds_apart
 from offradar_ros.recordings.datasets.position_file import PositionFile
 from offradar_ros.types import PolarScan
@@ -47,8 +48,13 @@ class RecordedSequence:
         return len(self.files)
 
     def scan(self, index: int) -> PolarScan:
-        """Scan `index`, read and decoded at each call."""
-        return self.read_scan(self.files[index], int(self.stamps_ns[index]))
+        """Scan `index`, read and decoded at each call; RefusedInput('invalid_stamp') as `require_stamp`."""
+        file, stamp_ns = self.files[index], int(self.stamps_ns[index])
+        try:
+            require_stamp(stamp_ns)
+        except RefusedInput as refusal:
+            raise RefusedInput(refusal.cause, f'{file}: {refusal}') from None
+        return self.read_scan(file, stamp_ns)
 
     @property
     def trajectory(self) -> Trajectory | None:

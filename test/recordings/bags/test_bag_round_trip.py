@@ -17,6 +17,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from offradar_ros.errors import DataError
 from offradar_ros.geometry import LocalFrame
 from offradar_ros.messages import header_stamp_ns
+from offradar_ros.positions.rules import END_NS
 from offradar_ros.recordings.bags.positions import position_topics, read_positions
 from offradar_ros.recordings.bags.reader import TYPES, Bag
 from offradar_ros.recordings.bags.sequence import BagSequence
@@ -95,6 +96,16 @@ def test_position_offset_moves_positions_only(street: Callable[..., Any], tmp_pa
     metric = joined.trajectory.in_frame(LocalFrame(joined.trajectory.origin()))  # type: ignore[arg-type]
     steps_m = np.diff(metric.poses_at(joined.stamps_ns, 10**9)[:, :2], axis=0)
     np.testing.assert_allclose(np.hypot(*steps_m.T), 1.25, atol=1e-3)
+
+
+@pytest.mark.parametrize('start_ns', [0, END_NS - 10**9])
+def test_positions_around_a_drive_have_stamps_that_messages_can_hold(
+    street: Callable[..., Any], tmp_path: Path, start_ns: int
+) -> None:
+    read = BagSequence(write_bag(street(count=4, start_ns=start_ns), tmp_path / 'bag'))
+    assert read.trajectory is not None
+    assert read.trajectory.left_out == ()
+    assert len(read.trajectory) < len(street(count=4).trajectory)
 
 
 def test_an_interrupted_run_leaves_nothing_that_looks_complete(street: Callable[..., Any], tmp_path: Path) -> None:

@@ -370,3 +370,14 @@ def test_row_stamps_of_a_clock_never_set(oxford_folder: Path, scan_writers: Writ
 def test_scan_stamps_that_count_from_a_start_are_noted() -> None:
     found = [finding.text for finding in check_stamps(np.arange(20) * 250_000_000) if finding.level == 'note']
     assert found == ['stamps count from a start, not from 1970: simulated time, or a clock that was never set']
+
+
+def test_scan_stamps_that_no_message_can_hold_are_a_problem(oxford_folder: Path) -> None:
+    for at, file in enumerate(scans_of(oxford_folder)[2:]):
+        file.rename(file.with_name(f'{2_524_608_000_000_000 + 250_000 * at}.png'))
+    (oxford_folder / 'radar.timestamps').unlink()
+    problems = [problem.text for problem in check_folder(oxford_folder).problems]
+    (text,) = [text for text in problems if 'which no message can hold' in text]
+    assert text.startswith(
+        'a stamp before 1970, or from 2038 on, which no message can hold: 4 scans (2524608000000000.png'
+    )

@@ -27,6 +27,7 @@ _REFUSALS = {
     'no_signal': 'no signal, every power value is zero, or the same',
     'no_metadata': 'rows without the metadata columns that this layout has: read another layout (--layout), or set '
     'radar.metadata_columns to 0 if all bytes are power, or radar.row_angles to equal if the first 11 are not',
+    'invalid_stamp': 'a stamp before 1970, or from 2038 on, which no message can hold',
     'no_row_angles': f'encoder counts that are zero, constant or decreasing: {WAY_OUT}',
     'unsound_rows': f'over {LARGEST_SHARE_MENDED:.0%} of the encoder counts contradict the others: {WAY_OUT}',
     'uneven_rows': f'encoder counts that repeat or jump, a large part of the circle is empty: {WAY_OUT}',
