@@ -8,16 +8,21 @@ import os
 import re
 import stat
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import yaml
+from yaml.constructor import ConstructorError
 
 MAX_TEXT_BYTES = 4 * 1024**2
 """Longest parameter file, protocol or other text that people write."""
 MAX_DEPTH = 64
 """Deepest nesting of YAML and JSON."""
-MAX_YAML_NODES = 200_000
-"""Most values of a YAML text, each alias counted with all that it stands for."""
+MAX_YAML_NODES = 50_000
+"""Most keys and values of a YAML text, each alias counted with all that it stands for.
+
+PyYAML reads some 10,000 of them in a second. The description of a bag of 3000 files has as many.
+"""
+_LONGEST_NUMBER = 400
 _LONGEST_KEY = 60
 _MAX_YAML_EXPANDED = 4 * MAX_TEXT_BYTES
 
@@ -52,10 +57,14 @@ def read_text(path: str | Path, limit_bytes: int = MAX_TEXT_BYTES) -> str:
 
 
 def parse_json(text: str | bytes, limit_bytes: int = MAX_TEXT_BYTES) -> Any:
-    """JSON text to plain values; ValueError if it is not JSON, too long or too deep."""
+    """JSON text to plain values.
+
+    ValueError if it is not JSON, too long or too deep, or if a key stands twice in one object: one of its values would
+    be lost.
+    """
     _require_short(len(text), limit_bytes)
     try:
-        tree = json.loads(text)
+        tree = json.loads(text, object_pairs_hook=_object)
     except RecursionError:
         raise ValueError(f'nested deeper than {MAX_DEPTH} levels') from None
     _require_shallow(tree)
@@ -66,7 +75,7 @@ def parse_yaml(text: str, limit_bytes: int = MAX_TEXT_BYTES) -> Any:
     """YAML text to plain values; as in YAML 1.2 and in ROS, 1e-5 is a number.
 
     yaml.YAMLError or ValueError if it is not YAML, too long or too deep, if its aliases stand for too much, or if a key
-    stands twice in one mapping: one of its values would be lost.
+    stands twice in one mapping, be it as 1 and as 0x1: one of its values would be lost.
     """
     _require_short(len(text), limit_bytes)
     try:
@@ -78,6 +87,15 @@ def parse_yaml(text: str, limit_bytes: int = MAX_TEXT_BYTES) -> Any:
 def _require_short(length: int, limit_bytes: int) -> None:
     if length > limit_bytes:
         raise ValueError(f'longer than {limit_bytes} bytes')
+
+
+def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for key, value in pairs:
+        if key in found:
+            raise ValueError(f'{key[:_LONGEST_KEY]!a} is there twice in one object')
+        found[key] = value
+    return found
 
 
 def _require_shallow(tree: Any) -> None:
@@ -96,68 +114,94 @@ def add_float_resolver(kind: Any) -> None:
     PyYAML follows YAML 1.1, where a number with an exponent needs a decimal point and a signed exponent.
     """
     kind.add_implicit_resolver(
-        'tag:yaml.org,2002:float', re.compile(r'[-+]?(?:\d+\.?\d*|\.\d+)[eE][-+]?\d+$'), list('-+.0123456789')
+        'tag:yaml.org,2002:float', re.compile(r'[-+]?(?:\d+(?:\.\d*)?|\.\d+)[eE][-+]?\d+$'), list('-+.0123456789')
     )
 
 
+_MERGE_OR_DEFAULT = ('tag:yaml.org,2002:merge', 'tag:yaml.org,2002:value')
+"""Tags of << and =, which are keys but no values."""
+
+
+class _Size(NamedTuple):
+    """What a node holds, each alias counted with all that it stands for; its height is that of the tree below it."""
+
+    nodes: int
+    characters: int
+    height: int
+
+
 class _Loader(yaml.SafeLoader):
-    def compose_document(self) -> yaml.Node | None:
-        root: yaml.Node | None = super().compose_document()
-        if root is not None:
-            _Expansion().measure(root, 0)
-        return root
+    """Refuses a text as soon as what was read of it is beyond the bounds."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(text)
+        self._nodes = 0
+        self._characters = 0
+        self._depth = -1
+        self._deepest = 0
+        self._sizes: dict[int, _Size] = {}
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        """As in SafeLoader, and counted."""
+        is_alias = self.check_event(yaml.AliasEvent)
+        nodes, characters, deepest = self._nodes, self._characters, self._deepest
+        self._depth += 1
+        self._deepest = self._depth
+        self._require_within(0 if is_alias else 1, 0, 0)
+        node: yaml.Node | None = super().compose_node(parent, index)
+        if is_alias:
+            if id(node) not in self._sizes:
+                raise ValueError('an alias stands inside its own anchor')
+            self._require_within(*self._sizes[id(node)])
+        else:
+            if isinstance(node, yaml.ScalarNode):
+                self._require_within(0, len(node.value), 0)
+            self._sizes[id(node)] = _Size(
+                self._nodes - nodes, self._characters - characters, self._deepest - self._depth
+            )
+        self._deepest = max(self._deepest, deepest)
+        self._depth -= 1
+        return node
+
+    def _require_within(self, nodes: int, characters: int, height: int) -> None:
+        """Count what is found at the present depth; ValueError beyond the bounds."""
+        self._nodes += nodes
+        self._characters += characters
+        self._deepest = max(self._deepest, self._depth + height)
+        if self._nodes > MAX_YAML_NODES or self._characters > _MAX_YAML_EXPANDED:
+            raise ValueError(f'holds or repeats by aliases more than {MAX_YAML_NODES} values')
+        if self._deepest > MAX_DEPTH:
+            raise ValueError(f'nested deeper than {MAX_DEPTH} levels')
+
+    def compose_mapping_node(self, anchor: Any) -> yaml.MappingNode:
+        """As in SafeLoader; ValueError for keys that are equal."""
+        node: yaml.MappingNode = super().compose_mapping_node(anchor)
+        found: dict[Any, yaml.ScalarNode] = {}
+        for key, _ in node.value:
+            if isinstance(key, yaml.ScalarNode):
+                value = key.tag if key.tag in _MERGE_OR_DEFAULT else self.construct_object(key)
+                if value in found:
+                    raise ValueError(_there_twice(found[value], key))
+                found[value] = key
+        return node
 
     def construct_object(self, node: yaml.Node, deep: bool = False) -> Any:  # noqa: ARG002 - always deep.
-        """As in SafeLoader, but an alias inside its own anchor, an infinite tree, is refused."""
-        return super().construct_object(node, deep=True)
+        """As in SafeLoader, but ConstructorError for whatever its tag, be it a wrong one, says that it is not."""
+        kind, value = node.tag.rpartition(':')[2], node.value
+        if kind in ('int', 'float') and len(value) > _LONGEST_NUMBER:
+            # 1:1:1:…, which is a number of base 60, would take hours.
+            raise ConstructorError(None, None, f'number of over {_LONGEST_NUMBER} digits', node.start_mark)
+        try:
+            return super().construct_object(node, deep=True)
+        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+            shown = ascii(value[:_LONGEST_KEY]) if isinstance(value, str) else 'what stands here'
+            raise ConstructorError(None, None, f'{shown} is no {kind}', node.start_mark) from error
+
+
+def _there_twice(first: yaml.ScalarNode, second: yaml.ScalarNode) -> str:
+    name, first_name = (ascii(key.value[:_LONGEST_KEY]) for key in (second, first))
+    text = f'line {second.start_mark.line + 1}: {name} is there twice, first in line {first.start_mark.line + 1}'
+    return text if name == first_name else f'{text}, as {first_name}'
 
 
 add_float_resolver(_Loader)
-
-
-def _require_distinct_keys(node: yaml.Node) -> None:
-    if not isinstance(node, yaml.MappingNode):
-        return
-    found: dict[tuple[str, str], int] = {}
-    for key, _ in node.value:
-        if isinstance(key, yaml.ScalarNode):
-            line = key.start_mark.line + 1
-            if (key.tag, key.value) in found:
-                name, first = ascii(key.value[:_LONGEST_KEY]), found[key.tag, key.value]
-                raise ValueError(f'line {line}: {name} is there twice, first in line {first}')
-            found[key.tag, key.value] = line
-
-
-class _Expansion:
-    """Nodes and characters that a YAML tree has when each alias is replaced by what it stands for."""
-
-    def __init__(self) -> None:
-        self._known: dict[int, tuple[int, int, int]] = {}
-        self._open: set[int] = set()
-
-    def measure(self, node: yaml.Node, depth: int) -> tuple[int, int, int]:
-        """Nodes, characters and height of a node; ValueError beyond the bounds."""
-        if depth > MAX_DEPTH:
-            raise ValueError(f'nested deeper than {MAX_DEPTH} levels')
-        if isinstance(node, yaml.ScalarNode):
-            return 1, len(node.value), 0
-        if id(node) in self._open:
-            raise ValueError('an alias stands inside its own anchor')
-        if id(node) not in self._known:
-            self._open.add(id(node))
-            _require_distinct_keys(node)
-            nodes, characters, height = 1, 0, 0
-            parts = (
-                node.value if isinstance(node, yaml.SequenceNode) else [part for pair in node.value for part in pair]
-            )
-            for part in parts:
-                more_nodes, more_characters, below = self.measure(part, depth + 1)
-                nodes, characters, height = nodes + more_nodes, characters + more_characters, max(height, below + 1)
-            self._known[id(node)] = nodes, characters, height
-            self._open.discard(id(node))
-        nodes, characters, height = self._known[id(node)]
-        if nodes > MAX_YAML_NODES or characters > _MAX_YAML_EXPANDED:
-            raise ValueError(f'holds or repeats by aliases more than {MAX_YAML_NODES} values')
-        if depth + height > MAX_DEPTH:
-            raise ValueError(f'nested deeper than {MAX_DEPTH} levels')
-        return nodes, characters, height

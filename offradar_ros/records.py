@@ -145,7 +145,6 @@ def read_tree(path: str | Path) -> Any:
         raise ConfigError(f'{path}: no such file') from None
     except AlteredError as error:
         raise ConfigError(f'{path}: {error}') from None
-    # ValueError: PyYAML on a date such as 2001-99-99.
     except (OSError, ValueError, yaml.YAMLError) as error:
         raise ConfigError(
             f'{path}: not a readable {"JSON" if is_json else "YAML"} file ({_unreadable(error)})'

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import time
 from pathlib import Path
 
 import pytest
@@ -98,6 +99,53 @@ def test_a_key_that_is_there_twice_is_told_in_one_short_line() -> None:
             parse_yaml(f'? {key}\n: 1\n? {key}\n: 2\n')
         assert str(refused.value).isprintable()
         assert len(str(refused.value)) < 120
+
+
+@pytest.mark.parametrize('text', ['1: a\n0x1: b', 'yes: a\ntrue: b', 'x: {<<: {1: a, 01: b}}', '1.0: a\n1: b'])
+def test_keys_that_are_written_in_two_ways_are_there_twice(text: str) -> None:
+    with pytest.raises(ValueError, match=r'line \d: .* is there twice, first in line 1, as '):
+        parse_yaml(text)
+
+
+def test_a_key_of_json_that_is_there_twice_is_refused() -> None:
+    with pytest.raises(ValueError, match="'a' is there twice in one object"):
+        parse_json('[{"a": 1, "b": {"a": 2}, "a": 3}]')
+
+
+@pytest.mark.parametrize(
+    ('text', 'problem'),
+    [
+        ('!!int ""', "'' is no int"),
+        ('!!float ""', "'' is no float"),
+        ('!!float x', "'x' is no float"),
+        ('!!bool maybe', "'maybe' is no bool"),
+        ('!!timestamp x', "'x' is no timestamp"),
+        ('{!!int "": 1}', "'' is no int"),
+        ('2001-99-99', "'2001-99-99' is no timestamp"),
+        ('0x' + 'f' * 401, 'number of over 400 digits'),
+    ],
+)
+def test_a_value_that_is_not_what_its_tag_says_is_refused_with_its_line(
+    tmp_path: Path, text: str, problem: str
+) -> None:
+    (tmp_path / 'a.yaml').write_text(f'b: 1\na: {text}\n')
+    with pytest.raises(ConfigError) as caught:
+        read_tree(tmp_path / 'a.yaml')
+    assert str(caught.value) == f'{tmp_path / "a.yaml"}: not a readable YAML file (line 2: {problem})'
+
+
+@pytest.mark.parametrize('text', ['1' * 100_000, '1:' * 50_000 + '1', '1:' * 50_000 + '1.5'])
+def test_a_long_number_is_refused_in_a_time_that_grows_with_its_length(text: str) -> None:
+    started = time.process_time()
+    with pytest.raises(yaml.YAMLError, match='number of over 400 digits'):
+        parse_yaml(text)
+    assert time.process_time() - started < 2.0
+
+
+def test_a_text_is_refused_as_soon_as_it_is_beyond_the_bounds() -> None:
+    beyond = f'- {"x" * 10}\n' * (MAX_YAML_NODES + 1)
+    with pytest.raises(ValueError, match=f'more than {MAX_YAML_NODES} values'):
+        parse_yaml(beyond + '}')
 
 
 def test_a_key_of_its_own_beside_merged_ones_is_no_second() -> None:
