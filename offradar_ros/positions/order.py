@@ -2,7 +2,7 @@
 
 One odd stamp or place must neither end a stream nor restart it. So a position that jumps in time, or to where no
 vehicle can be by then, is held, until others confirm the jump or the stream goes on where it was; then those that were
-held are left out.
+held are left out. Of those that confirm a jump in time, the ones that are where the others cannot be are left out, too.
 """
 
 from __future__ import annotations
@@ -97,18 +97,13 @@ class PositionOrder(Generic[T]):
         if self._last_ns is None:
             return self._started(stamp_ns, position)
         if not self._held:
-            return self._continued(stamp_ns, position, ())
+            return self._continued(stamp_ns, position)
         if self._is_elsewhere:
             return self._added_elsewhere(stamp_ns, position)
         held_ns = self._held[-1][0]
-        if self._goes_on_from_before(stamp_ns):
-            self._require_later(stamp_ns, self._last_ns)
-            return self._continued(stamp_ns, position, self._dropped())
-        if held_ns - stamp_ns > self._restart_after_ns:
-            if self._last_ns - self._restart_after_ns <= stamp_ns:
-                self._require_later(stamp_ns, self._last_ns)
-            # A second jump, elsewhere: what was held stays unconfirmed.
-            return self._continued(stamp_ns, position, self._dropped())
+        # Else a second jump, elsewhere: what was held stays unconfirmed.
+        if self._goes_on_from_before(stamp_ns) or held_ns - stamp_ns > self._restart_after_ns:
+            return self._continued(stamp_ns, position)
         self._require_later(stamp_ns, held_ns)
         self._held.append((stamp_ns, position))
         return self._confirmed() if self._is_confirmed() else Admitted()
@@ -128,12 +123,13 @@ class PositionOrder(Generic[T]):
         self._receiver.add(stamp_ns, position)
         return Admitted(((stamp_ns, position),))
 
-    def _continued(self, stamp_ns: int, position: T, left_out: tuple[RefusedInput, ...]) -> Admitted[T]:
-        """With nothing held."""
+    def _continued(self, stamp_ns: int, position: T) -> Admitted[T]:
+        """With what was held left out, unless the position is refused: then that is held on."""
         last_ns = self._last_ns or 0
         step_ns = stamp_ns - last_ns
         if -self._restart_after_ns <= step_ns <= 0:
             self._require_later(stamp_ns, last_ns)
+        left_out = self._dropped()
         if step_ns > FORWARD_NS or step_ns < 0:
             self._held = [(stamp_ns, position)]
             if step_ns < 0 and self._restart_until_ns is not None:
@@ -162,7 +158,7 @@ class PositionOrder(Generic[T]):
         goes_on = 0 < stamp_ns - held_ns <= FORWARD_NS and not self._is_jump(self._held[-1], stamp_ns, position)
         is_back = self._place is not None and self._apart(self._place[1], position) < self._apart(held, position)
         if not goes_on or is_back:
-            return self._continued(stamp_ns, position, self._dropped())
+            return self._continued(stamp_ns, position)
         self._held.append((stamp_ns, position))
         return self._confirmed() if self._is_confirmed() else Admitted()
 
@@ -198,13 +194,31 @@ class PositionOrder(Generic[T]):
         last_ns, elsewhere = self._last_ns or 0, self._is_elsewhere
         is_short = last_ns - self._first_ns <= SHORT_NS
         odd = is_short and (len(self._held) > self._count if elsewhere else self._is_far())
-        left_out = tuple(self._refusal(last_ns, self._held[0][0]) for _ in range(self._count)) if odd else ()
-        positions = tuple(self._held)
+        left_out = [self._refusal(last_ns, self._held[0][0]) for _ in range(self._count)] if odd else []
+        positions, outliers = self._of_one_place()
         self._first_ns, self._last_ns, self._count = positions[0][0], positions[-1][0], len(positions)
         self._held, self._is_elsewhere, self._restart_until_ns = [], False, None
         self._place = positions[-1]
         self._receiver.reset()
-        return Admitted(positions, left_out, jumped=True, forgotten=odd, elsewhere=elsewhere)
+        return Admitted(positions, (*left_out, *outliers), jumped=True, forgotten=odd, elsewhere=elsewhere)
+
+    def _of_one_place(self) -> tuple[tuple[tuple[int, T], ...], list[RefusedInput]]:
+        """Of those held, the most that a vehicle can have driven along, and why the others are left out."""
+        ways: list[list[tuple[int, T]]] = []
+        for held in self._held:
+            way = next((way for way in ways if not self._is_jump(way[-1], *held)), None)
+            if way is None:
+                ways.append([held])
+            else:
+                way.append(held)
+        longest = max(ways, key=len)
+        outliers = [
+            _place_jump(stamp_ns, self._apart(longest[0][1], position), longest[0][0])
+            for way in ways
+            if way is not longest
+            for stamp_ns, position in way
+        ]
+        return tuple(longest), outliers
 
     def _dropped(self) -> tuple[RefusedInput, ...]:
         dropped = tuple(self._refusal(stamp_ns, self._last_ns or 0) for stamp_ns, _ in self._held)
@@ -215,12 +229,15 @@ class PositionOrder(Generic[T]):
         """Why a position is left out: the one with this stamp contradicts those around the other one."""
         if not self._is_elsewhere or self._place is None:
             return _jump(stamp_ns, other_ns)
-        apart_m = self._apart(self._place[1], self._held[0][1])
-        return RefusedInput(
-            'position_jump',
-            f'position stamp {stamp_ns} ns is {apart_m:.0f} m from one that is {abs(stamp_ns - other_ns) / 1e9:.1f} s '
-            'away: no vehicle is that fast, dropped',
-        )
+        return _place_jump(stamp_ns, self._apart(self._place[1], self._held[0][1]), other_ns)
+
+
+def _place_jump(stamp_ns: int, apart_m: float, other_ns: int) -> RefusedInput:
+    return RefusedInput(
+        'position_jump',
+        f'position stamp {stamp_ns} ns is {apart_m:.0f} m from one that is {abs(stamp_ns - other_ns) / 1e9:.1f} s '
+        'away: no vehicle is that fast, dropped',
+    )
 
 
 def _jump(stamp_ns: int, other_ns: int) -> RefusedInput:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -178,6 +179,55 @@ def test_a_gap_at_the_end_is_no_odd_stamp() -> None:
 
 def test_a_jump_back_at_the_end_is_believed_if_it_is_the_larger_part() -> None:
     assert run([NOW, *ticks(NOW - 3600, 2)]) == ([NOW, *ticks(NOW - 3600, 2)], {})
+
+
+def places(stamped: list[tuple[float, float]]) -> tuple[list[float], Counter[str]]:
+    """As `run`, of stamps in seconds and metres along a road: the metres that are used in the end."""
+    order: PositionOrder[float] = PositionOrder(SECOND, lambda a, b: abs(a - b))
+    used: list[list[float]] = [[]]
+    causes: Counter[str] = Counter()
+    for stamp_s, at_m in stamped:
+        try:
+            collect(order.add(round(stamp_s * SECOND), at_m), used, causes)
+        except RefusedInput as refused:
+            causes[refused.cause] += 1
+    collect(order.end(), used, causes)
+    return [at_m for stretch in used for at_m in stretch], causes
+
+
+def test_a_wrong_place_after_a_gap_is_left_out_as_one_before_it() -> None:
+    for gap_s in (0.0, 15.0, -60.0):
+        for wrong in ({30}, {31, 32}, {45}, {30, 38, 46}):
+            road = [(NOW + 0.1 * k + (gap_s if k >= 30 else 0.0), float(k)) for k in range(90)]
+            stamped = [(stamp_s, at_m + 50_000.0 * (at_m in wrong)) for stamp_s, at_m in road]
+            used, causes = places(stamped)
+            assert used == [at_m for _, at_m in road if at_m not in wrong]
+            assert causes == {'position_jump': len(wrong)}
+
+
+def test_what_is_held_is_kept_where_a_position_is_refused() -> None:
+    stamped = [(NOW + 0.5 * k, 0.0) for k in range(4)]
+    used, causes = places([*stamped, (NOW + 3.0, 5000.0), (NOW + 1.2, 0.0), (NOW + 3.5, 0.0)])
+    assert used == [0.0] * 5
+    assert causes == {'position_jump': 1, 'position_stamp_backwards': 1}
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from([0.1, 0.1, 0.5, 15.0]),
+            st.sampled_from([0.0, 0.0, 0.0, -0.5, -2.0, -30.0, 1e7]),
+            st.sampled_from([0.0, 0.0, 0.0, 5000.0, 2e5]),
+        ),
+        min_size=40,
+        max_size=80,
+    )
+)
+def test_every_position_is_used_or_counted_once_wherever_it_is(steps: list[tuple[float, float, float]]) -> None:
+    stamps_s = NOW + np.cumsum([step_s for step_s, _, _ in steps])
+    stamped = [(float(stamp_s) + odd_s, odd_m) for stamp_s, (_, odd_s, odd_m) in zip(stamps_s, steps, strict=True)]
+    used, causes = places(stamped)
+    assert len(used) + causes.total() == len(steps)
 
 
 @given(st.lists(st.integers(-5, 4_200_000_000), max_size=40))
