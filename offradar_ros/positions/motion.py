@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import collections
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Generic, TypeVar
 
 from offradar_ros.errors import RefusedInput
 from offradar_ros.geometry import GeoPoint
-from offradar_ros.positions.rules import EARTH_RADIUS_M, FAR_M
+from offradar_ros.positions.rules import FAR_M
 from offradar_ros.types import Pose
 
 FASTEST_MPS = 100.0
@@ -18,6 +18,8 @@ SLACK_M = 30.0
 """... and no receiver's errors change by more than this from one position to the next, unless it jumps."""
 _HARDEST_BRAKING_MPS2 = 10.0
 _STANDING_MPS = 2.0
+# Of a sphere that is the Earth to a third of a per cent.
+_EARTH_RADIUS_M = 6_371_000.0
 _WINDOW_NS = 2 * 10**9
 _LONGEST_STEP_NS = 2 * 10**9
 HELD_M = 10.0
@@ -27,13 +29,13 @@ T = TypeVar('T')
 Apart = Callable[[T, T], float]
 
 
-def points_apart_m(a: tuple[float, ...], b: tuple[float, ...]) -> float:
+def points_apart_m(a: Sequence[float], b: Sequence[float]) -> float:
     """Metres along the Earth between two positions that begin with latitude° and longitude°."""
     latitudes = math.radians(a[0]), math.radians(b[0])
     half_latitude = math.sin((latitudes[1] - latitudes[0]) / 2.0) ** 2
     half_longitude = math.sin(math.radians(b[1] - a[1]) / 2.0) ** 2
     chord = half_latitude + math.cos(latitudes[0]) * math.cos(latitudes[1]) * half_longitude
-    return 2.0 * EARTH_RADIUS_M * math.asin(math.sqrt(min(1.0, chord)))
+    return 2.0 * _EARTH_RADIUS_M * math.asin(math.sqrt(min(1.0, chord)))
 
 
 def metres_apart_m(a: tuple[float, ...], b: tuple[float, ...]) -> float:

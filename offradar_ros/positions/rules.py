@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-from numpy.typing import NDArray
-
 from offradar_ros.errors import RefusedInput
 from offradar_ros.geometry import GeoPoint
 from offradar_ros.types import Pose
@@ -25,8 +22,6 @@ END_NS = 2**31 * 10**9
 
 FAR_M = 100_000.0
 """Positions farther than this from one another are not of one drive, nor of one map, whose frame is flat."""
-EARTH_RADIUS_M = 6_371_000.0
-"""Of a sphere that is the Earth to a third of a per cent."""
 
 CAUSES = {
     'damaged': 'damaged',
@@ -97,11 +92,3 @@ def require_stamp(stamp_ns: int) -> int:
             f'stamp {stamp_ns} ns: expected nanoseconds since 1970, or since a simulation started, before 2038',
         )
     return stamp_ns
-
-
-def apart_m(a_deg: NDArray[np.float64], b_deg: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Metres along the Earth between two positions, or (N,) of (N, 2 or more) latitude°, longitude°, … by row."""
-    a, b = np.radians(a_deg[..., :2]), np.radians(b_deg[..., :2])
-    half = np.sin((b - a) / 2.0) ** 2
-    chord = half[..., 0] + np.cos(a[..., 0]) * np.cos(b[..., 0]) * half[..., 1]
-    return np.asarray(2.0 * EARTH_RADIUS_M * np.arcsin(np.sqrt(np.clip(chord, 0.0, 1.0))))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import bisect
 import math
 from collections import Counter
 
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 from offradar_ros.geometry import LeftOut, Trajectory
 from offradar_ros.positions.motion import metres_apart_m, points_apart_m
 from offradar_ros.positions.order import FAR_NS, Admitted, PositionOrder
-from offradar_ros.positions.rules import FAR_M, apart_m, geo_point, require_pose
+from offradar_ros.positions.rules import FAR_M, geo_point, require_pose
 from offradar_ros.types import Pose
 
 RESTART_AFTER_NS = 10**9
@@ -103,35 +104,38 @@ class PositionTrack:
 
     def _without_overlaps(self, stretches: list[_Stretch]) -> list[_Stretch]:
         kept: list[_Stretch] = []
+        # Of what is kept, in order and apart from one another.
+        firsts_ns: list[int] = []
+        lasts_ns: list[int] = []
         # Of two that are as long, the later one counts, as on the vehicle, where the earlier one is forgotten.
         numbered = sorted(enumerate(stretches), key=lambda item: (len(item[1]), item[0]), reverse=True)
         for _, stretch in numbered:
-            spans = [(other[0][0], other[-1][0]) for other in kept]
             alone = []
             for stamp_ns, row in stretch:
-                if any(first_ns <= stamp_ns <= last_ns for first_ns, last_ns in spans):
+                before = bisect.bisect_right(firsts_ns, stamp_ns)
+                if before and stamp_ns <= lasts_ns[before - 1]:
                     first = f'position stamp {stamp_ns} ns lies within another stretch of the recording: dropped'
                     self.leave_out('position_stamp_backwards', first)
                 else:
                     alone.append((stamp_ns, row))
-            kept += [alone] if alone else []
+            if alone:
+                kept.append(alone)
+                within = slice(bisect.bisect(firsts_ns, alone[0][0]), bisect.bisect(firsts_ns, alone[-1][0]))
+                firsts_ns[within], lasts_ns[within] = [alone[0][0]], [alone[-1][0]]
         return kept
 
     def _of_one_place(self, table: NDArray[np.float64]) -> NDArray[np.bool_]:
         """(N,) which of (N, 4) rows are not far from all others: those of the largest group."""
-        kept = np.ones(len(table), np.bool_)
-        if not self._geodetic or not np.any(apart_m(table[:-1], table[1:]) > FAR_M):
-            return kept
-        groups = np.zeros(len(table), np.intp)
-        lasts: list[NDArray[np.float64]] = []
-        for index, row in enumerate(table):
-            near = [group for group, last in enumerate(lasts) if apart_m(last, row) <= FAR_M]
-            groups[index] = near[0] if near else len(lasts)
-            if near:
-                lasts[near[0]] = row
-            elif len(lasts) < _MOST_PLACES:
-                lasts.append(row)
-        kept = groups == np.argmax(np.bincount(groups)[:_MOST_PLACES])
+        if not self._geodetic:
+            return np.ones(len(table), np.bool_)
+        rows = table.tolist()
+        groups = np.zeros(len(rows), np.intp)
+        lasts: list[list[float]] = []
+        for index, row in enumerate(rows):
+            group = next((at for at, last in enumerate(lasts) if points_apart_m(last, row) <= FAR_M), len(lasts))
+            groups[index] = group
+            lasts[group : group + 1] = [row] if group < _MOST_PLACES else []
+        kept = groups == np.argmax(np.bincount(groups, minlength=1)[:_MOST_PLACES])
         for row in table[~kept]:
             self.leave_out('far_position', f'position {row[0]:.5f}°, {row[1]:.5f}° is far from all others: dropped')
         return np.asarray(kept)

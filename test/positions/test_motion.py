@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from offradar_ros.errors import RefusedInput
-from offradar_ros.geometry import GeoPoint, Trajectory
+from offradar_ros.geometry import GeoPoint, LocalFrame, Trajectory
 from offradar_ros.positions.motion import points_apart_m, positions_apart_m
 from offradar_ros.positions.order import PositionOrder
-from offradar_ros.positions.rules import apart_m
 from offradar_ros.positions.track import PositionTrack
 from offradar_ros.types import Pose
 
@@ -166,9 +165,12 @@ def test_a_second_receiver_rate_that_repeats_each_position_is_used() -> None:
     assert (len(found), tally) == (300, {})
 
 
-def test_metres_apart_are_those_of_the_arrays() -> None:
-    a, b = (51.75, -1.25), (51.76, -1.27)
-    assert points_apart_m(a, b) == pytest.approx(float(apart_m(np.array(a), np.array(b))))
+def test_metres_apart_are_those_of_the_local_frame() -> None:
+    a = (51.75, -1.25)
+    ((latitude, longitude, _),) = LocalFrame(GeoPoint(*a)).to_geodetic(np.array([[3000.0, 4000.0, 0.0]])).tolist()
+    b = (latitude, longitude)
+    assert points_apart_m(a, b) == pytest.approx(5000.0, rel=0.005)
+    assert points_apart_m((0.0, 179.9, 60.0), (0.0, -179.9, 60.0)) == pytest.approx(0.2 * 111_195, rel=0.001)
     assert positions_apart_m(GeoPoint(*a), GeoPoint(*b)) == points_apart_m(a, b)
     assert positions_apart_m(Pose(0.0, 0.0), Pose(3.0, 4.0)) == 5.0
     assert positions_apart_m(GeoPoint(*a), Pose(0.0, 0.0)) == 0.0

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
 import pytest
 
 from offradar_ros.errors import RefusedInput
-from offradar_ros.geometry import GeoPoint, LocalFrame
-from offradar_ros.positions.rules import END_NS, apart_m, geo_point, require_accurate, require_pose, require_stamp
+from offradar_ros.geometry import GeoPoint
+from offradar_ros.positions.rules import END_NS, geo_point, require_accurate, require_pose, require_stamp
 from offradar_ros.types import Pose
 
 
@@ -83,11 +82,3 @@ def test_other_stamps_are_refused(stamp_ns: int) -> None:
     with pytest.raises(RefusedInput) as refused:
         require_stamp(stamp_ns)
     assert refused.value.cause == 'invalid_stamp'
-
-
-def test_distances_are_those_of_the_local_frame() -> None:
-    here = GeoPoint(51.75, -1.25)
-    there = LocalFrame(here).to_geodetic(np.array([[3000.0, 4000.0, 0.0]]))
-    assert apart_m(np.array([51.75, -1.25, 0.0]), there[0]) == pytest.approx(5000.0, rel=0.005)
-    date_line = apart_m(np.array([[0.0, 179.9]]), np.array([[0.0, -179.9]]))
-    assert date_line == pytest.approx(0.2 * 111_195, rel=0.001)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -17,13 +19,17 @@ NOW = 1_767_225_600
 
 def track_of(stamps_s: list[tuple[float, float]]) -> Trajectory:
     """From stamps in seconds and latitudes."""
+    return filled(stamps_s).trajectory()
+
+
+def filled(stamps_s: list[tuple[float, float]]) -> PositionTrack:
     track = PositionTrack(geodetic=True)
     for stamp_s, latitude in stamps_s:
         try:
             track.add_point(round(stamp_s * SECOND), (latitude, -1.25, 60.0))
         except RefusedInput as refused:
             track.leave_out(refused.cause, str(refused))
-    return track.trajectory()
+    return track
 
 
 def stretch(start_s: float, seconds: float, latitude: float) -> list[tuple[float, float]]:
@@ -54,6 +60,30 @@ def test_a_long_stretch_of_a_clock_not_yet_set_is_left_out() -> None:
 def test_a_gap_of_a_weekend_is_kept() -> None:
     found = track_of([*stretch(-2 * 86400.0, 40.0, 51.7), *stretch(0.0, 60.0, 51.7)])
     assert (len(found), found.left_out) == (1000, ())
+
+
+def test_a_stretch_on_both_sides_of_a_longer_one_is_used_on_both() -> None:
+    found = track_of([*stretch(10.0, 30.0, 51.7), *stretch(0.0, 5.0, 51.8), *stretch(45.0, 15.0, 51.8)])
+    assert (len(found), found.left_out) == (500, ())
+    around = [(NOW + 2.5 * k, 51.8) for k in range(25)]
+    found = track_of([*stretch(10.0, 30.0, 51.7), *around])
+    assert found.positions[:, 0].tolist() == [51.8] * 4 + [51.7] * 300 + [51.8] * 9
+    assert {left_out.cause: left_out.count for left_out in found.left_out} == {'position_stamp_backwards': 12}
+
+
+@pytest.mark.parametrize(
+    'stamped',
+    [
+        [(NOW + 15.0 * k, 51.7) for k in range(20_000)],
+        [(NOW + k, 51.7 + 2.0 * (k == 500)) for k in range(100_000)],
+    ],
+    ids=['a position each 15 s', 'one wrong place'],
+)
+def test_a_trajectory_is_made_in_a_time_that_grows_with_its_length(stamped: list[tuple[float, float]]) -> None:
+    track = filled(stamped)
+    started = time.process_time()
+    assert len(track.trajectory()) >= len(stamped) - 1
+    assert time.process_time() - started < 2.0
 
 
 @given(st.lists(st.tuples(st.integers(0, 200), st.sampled_from([51.7, -33.9, 0.0])), max_size=60))
