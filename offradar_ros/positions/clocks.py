@@ -17,18 +17,16 @@ _TOGETHER_NS = 2 * 10**9
 _CONSISTENT = 0.8
 _SPREAD_S = 0.5
 _NEAR_S = 0.75
-_KNOWN_S = {
+_NAMES = {
     37.0: 'TAI is 37 s ahead of UTC',
     18.0: 'GPS time is 18 s ahead of UTC',
     19.0: 'TAI is 19 s ahead of GPS time',
-}
-_ZONE_S = 1800.0
-_LARGEST_ZONE = 28
-_EPOCHS_S = {
     1024 * 7 * 86400.0: 'a GPS week number that has rolled over: 1024 weeks',
     315_964_800.0 - 18.0: 'GPS time counts from 1980, and is 18 s ahead of UTC',
     315_964_800.0: 'GPS time counts from 1980',
-}
+} | {half_hours * 1800.0: 'as time zones do' for half_hours in range(1, 29)}
+_KNOWN = [(sign * s, name) for s, name in _NAMES.items() for sign in (1.0, -1.0)]
+"""Offsets that clocks have, in s, and why."""
 
 
 class ArrivalClocks:
@@ -77,19 +75,11 @@ def clock_problem(
 
 def known_offset(lowest_s: float, highest_s: float) -> tuple[float, str] | None:
     """The one usual offset between two clocks within these bounds, and its name; None if there is none, or several."""
-    zones = {k * _ZONE_S: 'as time zones do' for k in range(1, _LARGEST_ZONE + 1)}
-    known = [(sign * s, name) for s, name in (_KNOWN_S | _EPOCHS_S | zones).items() for sign in (1.0, -1.0)]
-    found = [(s, name) for s, name in known if lowest_s <= s <= highest_s]
+    found = [(s, name) for s, name in _KNOWN if lowest_s <= s <= highest_s]
     return found[0] if len(found) == 1 else None
 
 
 def _explained(offset_s: float) -> tuple[float, str]:
     """The offset that was meant, where it is a known one, and its name."""
-    sign = 1.0 if offset_s > 0 else -1.0
-    for known_s, name in _KNOWN_S.items():
-        if abs(abs(offset_s) - known_s) <= _NEAR_S:
-            return sign * known_s, f' ({name})'
-    zones = round(abs(offset_s) / _ZONE_S)
-    if zones and abs(abs(offset_s) - zones * _ZONE_S) <= _NEAR_S:
-        return sign * zones * _ZONE_S, ' (as time zones do)'
-    return offset_s, ''
+    nearest_s, name = min(_KNOWN, key=lambda known: abs(known[0] - offset_s))
+    return (nearest_s, f' ({name})') if abs(nearest_s - offset_s) <= _NEAR_S else (offset_s, '')

@@ -71,7 +71,10 @@ def test_few_messages_and_clocks_that_run_apart_say_nothing() -> None:
         (18.3, '(GPS time is 18 s ahead of UTC)', '18.0'),
         (-19.1, '(TAI is 19 s ahead of GPS time)', '-19.0'),
         (7200.2, '(as time zones do)', '7200.0'),
-        (2.5, '', '2.5'),
+        (1024 * 7 * 86400.0 + 0.2, '(a GPS week number that has rolled over: 1024 weeks)', '619315200.0'),
+        (-315_964_782.3, '(GPS time counts from 1980, and is 18 s ahead of UTC)', '-315964782.0'),
+        (2.5, 'says their arrival: ', '2.5'),
+        (29 * 1800.0, 'says their arrival: ', '52200.0'),
     ],
 )
 def test_the_option_that_corrects_it(offset_s: float, why: str, option: str) -> None:
