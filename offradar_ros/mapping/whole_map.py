@@ -58,7 +58,12 @@ def back_up(path: Path, copy: Path, *, overwrite: bool = False) -> None:
             return rows.seal
 
         seal, _ = consistently(path, fill)
-        _require_same(copy, draft, seal)
+        try:
+            _require_same(copy, draft, seal)
+        except MapError:
+            # Else it is the copy that is damaged.
+            check_map(path)
+            raise
 
 
 def copy_open(connection: sqlite3.Connection, copy: Path, seal: Seal) -> None:
@@ -154,7 +159,10 @@ def _sync(path: Path) -> None:
 
 
 def _require_same(path: Path, draft: Path, seal: Seal | None) -> None:
-    written, _ = check_map(draft)
+    try:
+        written, _ = check_map(draft)
+    except MapError as error:
+        raise MapError(f'{path}: what was written there cannot be read ({error})'.replace(f'{draft}: ', '')) from error
     if (written.mark if written else None) != (seal.mark if seal else None):
         raise MapError(f'{path}: what was written there is not what was read: is the disk damaged?')
 

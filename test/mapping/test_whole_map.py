@@ -26,7 +26,7 @@ from small_maps import (
 )
 
 from offradar_ros.errors import MapError
-from offradar_ros.mapping.map_reader import log_of, read_map
+from offradar_ros.mapping.map_reader import check_map, log_of, read_map
 from offradar_ros.mapping.stored_map import difference
 from offradar_ros.mapping.whole_map import back_up, write_map
 
@@ -217,8 +217,9 @@ def test_a_damaged_map_is_not_copied(tmp_path: Path) -> None:
     path, copy = tmp_path / 'a.map', tmp_path / 'b.map'
     make_map(path, 1.0)
     change(path, 'UPDATE places SET uncertainty = 2.0')
-    with pytest.raises(MapError, match='damaged'):
+    with pytest.raises(MapError, match='rows of places are not as written') as refused:
         back_up(path, copy)
+    assert str(refused.value).startswith(f'{path}: the map is damaged (')
     assert [file.name for file in tmp_path.iterdir()] == ['a.map']
 
 
@@ -239,6 +240,23 @@ def test_a_copy_that_is_not_what_was_read_is_not_kept(tmp_path: Path, monkeypatc
         assert len(session_map) == 6
     assert_holds(path, stored)
     assert sorted(file.name for file in tmp_path.iterdir()) == ['a.map', 'other.map']
+
+
+def test_a_copy_that_is_damaged_is_named_and_not_the_map(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path, copy = tmp_path / 'a.map', tmp_path / 'b.map'
+    make_map(path, 1.0)
+
+    def damaged(draft: Path) -> object:
+        if draft != path:
+            change(draft, 'UPDATE places SET uncertainty = 2.0')
+        return check_map(draft)
+
+    monkeypatch.setattr('offradar_ros.mapping.whole_map.check_map', damaged)
+    for write in (lambda: back_up(path, copy), lambda: write_map(copy, read_map(path))):
+        with pytest.raises(MapError, match='rows of places are not as written') as refused:
+            write()
+        assert str(refused.value).startswith(f'{copy}: what was written there cannot be read (the map is damaged (')
+    assert [file.name for file in tmp_path.iterdir()] == ['a.map']
 
 
 def test_a_full_disk_leaves_no_copy(tmp_path: Path) -> None:
