@@ -28,7 +28,7 @@ from cattrs.gen import make_dict_structure_fn
 
 from offradar_ros.bounded_input import add_float_resolver, parse_json, parse_yaml, read_text
 from offradar_ros.errors import ConfigError, OffradarError
-from offradar_ros.whole_file import require_same_kind, write_whole_file
+from offradar_ros.whole_file import require_replaceable, write_whole_file
 from offradar_ros.yaml_digest import AlteredError, check_digest
 
 RecordT = TypeVar('RecordT')
@@ -112,18 +112,12 @@ def write_record(path: str | Path, record: Any) -> None:
 
 
 def require_writable(path: Path, like: bytes | None = b'') -> None:
-    """ConfigError if no file that begins as `like`, by default text, can be written at `path`; None if any may.
+    """ConfigError where a file that begins as `like`, by default text, could not be written whole; None for any file.
 
-    An existing file is not changed.
+    A file that is there is not changed, and none is left where there was none.
     """
-    existed = path.exists()
     try:
-        if like is not None:
-            require_same_kind(path, like)
-        with path.open('ab'):
-            pass
-        if not existed:
-            path.unlink()
+        require_replaceable(path, like)
     except OSError as error:
         raise ConfigError(f'{path}: cannot be written ({error.strerror})') from error
 

@@ -32,6 +32,19 @@ def whole_file(path: str | Path) -> Iterator[BinaryIO]:
     or a recording is not replaced by a table because somebody mistook its name.
     """
     target = Path(path)
+    with _draft(target) as (draft, file):
+        yield file
+        file.flush()
+        os.fsync(file.fileno())
+        file.seek(0)
+        _require_same_kind(target, file.read(_START))
+        draft.replace(target)
+    sync_folder(target.parent)
+
+
+@contextlib.contextmanager
+def _draft(target: Path) -> Iterator[tuple[Path, BinaryIO]]:
+    """Yields a new file beside `target`, with its permissions; it is removed if it still has that name at the end."""
     mode = _mode(target)
     # A name that nobody can guess: a link or a file that was put there before would be written to. It does not contain
     # the target's name, to which nothing can be added where that is as long as the file system allows.
@@ -42,16 +55,20 @@ def whole_file(path: str | Path) -> Iterator[BinaryIO]:
         with os.fdopen(descriptor, 'w+b') as file:
             if mode is not None:
                 os.fchmod(descriptor, mode)
-            yield file
-            file.flush()
-            os.fsync(descriptor)
-            file.seek(0)
-            require_same_kind(target, file.read(_START))
-        draft.replace(target)
-    except BaseException:
+            yield draft, file
+    finally:
         draft.unlink(missing_ok=True)
-        raise
-    sync_folder(target.parent)
+
+
+def require_replaceable(path: str | Path, start: bytes | None) -> None:
+    """OSError where `whole_file` could not write a file that begins with `start`; None for a file of any kind.
+
+    What is at `path` is left as it is.
+    """
+    target = Path(path)
+    with _draft(target):
+        if start is not None:
+            _require_same_kind(target, start)
 
 
 def write_whole_file(path: str | Path, content: bytes) -> None:
@@ -73,7 +90,7 @@ def sync_folder(folder: Path) -> None:
         os.close(descriptor)
 
 
-def require_same_kind(target: Path, start: bytes) -> None:
+def _require_same_kind(target: Path, start: bytes) -> None:
     """OSError if what is at `target` is of another kind than a file that begins with `start`."""
     try:
         with target.open('rb') as file:

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import os
+import subprocess
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,6 +14,7 @@ from typing import Any
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from unprivileged import obey_permissions
 
 from offradar_ros.bounded_input import parse_yaml
 from offradar_ros.errors import ConfigError
@@ -235,6 +239,60 @@ def test_measures_that_are_nan_are_null() -> None:
         structure(Figures, tree | {'mean': True})
     with pytest.raises(ConfigError, match='key length_m: expected a finite number, got None'):
         structure(Street, {'name': 'a', 'length_m': None})
+
+
+_WRITE_WHERE_IT_MAY = """
+import pathlib, sys
+from offradar_ros.errors import OffradarError
+from offradar_ros.records import require_writable
+from offradar_ros.whole_file import write_whole_file
+for path in map(pathlib.Path, sys.argv[1:]):
+    done = []
+    for attempt in (lambda: require_writable(path), lambda: write_whole_file(path, b'a: 2')):
+        try:
+            attempt()
+            done.append('done')
+        except (OSError, OffradarError) as error:
+            done.append('Permission denied' if 'Permission denied' in str(error) else repr(error))
+    print(*done, sep=', ')
+"""
+
+
+def test_require_writable_tells_of_what_writing_does(tmp_path: Path) -> None:
+    """A file is replaced: it is its folder that must be writable."""
+    paths = [tmp_path / name / 'params.yaml' for name in ('folder', 'file', 'unseen')]
+    for path in paths:
+        path.parent.mkdir()
+        path.write_text('a: 1')
+    paths[0].parent.chmod(0o500)
+    paths[1].chmod(0o400)
+    paths[2].parent.chmod(0o000)
+    try:
+        ran = subprocess.run(
+            [sys.executable, '-c', _WRITE_WHERE_IT_MAY, *map(str, paths)],
+            cwd=Path(__file__).resolve().parents[1],
+            capture_output=True,
+            text=True,
+            check=True,
+            preexec_fn=obey_permissions,
+        )
+    finally:
+        for path in paths:
+            path.parent.chmod(0o700)
+    denied = 'Permission denied, Permission denied'
+    assert ran.stdout.splitlines() == [denied, 'done, done', denied]
+
+
+def test_require_writable_follows_no_link_and_waits_for_no_one(tmp_path: Path) -> None:
+    link, pipe = tmp_path / 'link', tmp_path / 'pipe'
+    link.symlink_to(tmp_path / 'target')
+    require_writable(link)
+    os.mkfifo(pipe)
+    for like in (b'', None):
+        with pytest.raises(ConfigError, match='Not a regular file'):
+            require_writable(pipe, like)
+    assert link.is_symlink()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['link', 'pipe']
 
 
 def test_require_writable_changes_nothing(tmp_path: Path) -> None:

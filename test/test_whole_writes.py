@@ -21,7 +21,6 @@ FUNCTIONS = {
 }
 
 ALLOWED = {
-    ('records', "open('ab')"): 'whether a file can be written; nothing is',
     ('calibration.picture_file', 'savefig'): 'into memory',
     ('lab.report.curves', 'savefig'): 'into memory',
     ('lab.array_file', 'np.save'): 'into memory',
