@@ -10,6 +10,7 @@ import numpy as np
 
 from offradar_ros.config import LocalisationConfig, QueryConfig
 from offradar_ros.errors import RefusedInput
+from offradar_ros.mapping.map_reader import status_of
 from offradar_ros.retrieval.confidence import confidence_for
 from offradar_ros.retrieval.introspective_query import Answer, IntrospectiveQuery
 from offradar_ros.retrieval.searched_map import SearchedMap
@@ -78,7 +79,7 @@ class QueryStage:
         path = Path(self.config.map_path)
         if not self.config.map_path:
             return False
-        if not path.exists() and path.parent.is_dir():
+        if status_of(path) is None and path.parent.is_dir():
             return True
         self.read_file()
         return False

@@ -2,10 +2,13 @@
 
 import dataclasses
 import math
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from unprivileged import obey_permissions
 
 from offradar_ros.config import MapConfig, QueryConfig
 from offradar_ros.encoders.protocol import ModelInfo
@@ -82,6 +85,26 @@ def test_a_map_file_is_read_at_start_or_later(tmp_path: Path) -> None:
     assert not QueryStage(QueryConfig()).open_file()
     with pytest.raises(MapError, match='no map file there'):
         QueryStage(QueryConfig(map_path=str(tmp_path / 'no folder' / 'a.map'))).open_file()
+
+
+def test_a_map_file_in_a_folder_that_may_not_be_searched_is_refused(tmp_path: Path) -> None:
+    program = (
+        'import sys; from offradar_ros.config import QueryConfig; from offradar_ros.errors import MapError; '
+        'from offradar_ros.stages.query import QueryStage\n'
+        'try: QueryStage(QueryConfig(map_path=sys.argv[1])).open_file()\n'
+        'except MapError as error: print(error)'
+    )
+    path = tmp_path / 'locked' / 'a.map'
+    path.parent.mkdir(0o000)
+    ran = subprocess.run(
+        [sys.executable, '-c', program, str(path)],
+        cwd=Path(__file__).resolve().parents[2],
+        capture_output=True,
+        text=True,
+        check=True,
+        preexec_fn=obey_permissions,
+    )
+    assert ran.stdout.startswith(f'{path}: cannot be read (Permission denied)')
 
 
 def test_a_map_too_large_for_a_message_needs_a_file(tmp_path: Path) -> None:
