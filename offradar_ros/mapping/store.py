@@ -231,16 +231,20 @@ class MapStore:
 
     def close(self) -> None:
         """Close the file, without a further write."""
-        if self._connection is not None:
-            with contextlib.suppress(MapError):
-                self.require_ours()
-                self._fold_log(self._open_connection())
-        self._close_files()
-        self._lock.release()
+        try:
+            if self._connection is not None:
+                with contextlib.suppress(MapError, sqlite3.Error):
+                    self.require_ours()
+                    self._fold_log(self._open_connection())
+            self._close_files()
+        finally:
+            self._lock.release()
 
     def _close_files(self) -> None:
-        self._close_connection()
-        self._file.release()
+        try:
+            self._close_connection()
+        finally:
+            self._file.release()
 
     def _close_connection(self) -> None:
         if self._connection is not None:

@@ -1,5 +1,6 @@
 """Sessions on disk are safe against a killed process, and invalid files are not changed."""
 
+import contextlib
 import os
 import signal
 import sqlite3
@@ -389,6 +390,22 @@ def test_a_failed_write_leaves_file_and_session_unchanged(tmp_path: Path, monkey
 
 def fail(*_: object) -> NoReturn:
     raise sqlite3.OperationalError('database or disk is full')
+
+
+@pytest.mark.parametrize('fails', ['_open_connection', '_close_connection'])
+def test_a_map_that_cannot_be_closed_properly_is_let_go(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fails: str
+) -> None:
+    path = tmp_path / 'a.map'
+    session_map = open_map(path)
+    session_map.adopt_model(MODEL)
+    drive(session_map, 1.0)
+    session_map.end_session()
+    with monkeypatch.context() as patch, contextlib.suppress(sqlite3.Error):
+        patch.setattr(MapStore, fails, fail)
+        session_map.close()
+    with open_map(path) as again:
+        assert len(again) == 6
 
 
 def test_clear_keeps_a_copy_of_everything(tmp_path: Path) -> None:
