@@ -27,13 +27,16 @@ class WriterLock:
         deadline_s = time.monotonic() + LOCK_WAIT_S
         while True:
             try:
-                file = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+                file = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_CLOEXEC, 0o644)
             except OSError as error:
+                if self._path.is_symlink():
+                    # Whoever put it there chooses which file is made, or locked.
+                    raise MapError(f'{self._path}: expected a lock, got a symbolic link: remove it') from error
                 raise MapError(f'{path}: the map cannot be written there ({error.strerror})') from error
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 # The previous holder may have removed this file between the two calls: is it still in the folder?
-                if os.path.samestat(os.fstat(file), os.stat(self._path)):  # noqa: PTH116
+                if os.path.samestat(os.fstat(file), self._path.lstat()):
                     return file
             except FileNotFoundError:
                 pass
@@ -66,7 +69,7 @@ class WriterLock:
 
     def _is_in_place(self) -> bool:
         try:
-            return os.path.samestat(os.fstat(self._file), os.stat(self._path))  # noqa: PTH116
+            return os.path.samestat(os.fstat(self._file), self._path.lstat())
         except OSError:
             return False
 
@@ -74,7 +77,7 @@ class WriterLock:
 def has_writer(path: Path) -> bool:
     """Whether a process, this one included, may be writing the map at `path`; has no side effects."""
     try:
-        file = os.open(_lock_file(path.resolve()), os.O_RDONLY | os.O_CLOEXEC)
+        file = os.open(_lock_file(path.resolve()), os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK | os.O_CLOEXEC)
     except FileNotFoundError:
         return False
     # RuntimeError: a loop of links, in Python before 3.13.

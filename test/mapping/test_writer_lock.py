@@ -59,3 +59,21 @@ def test_a_check_does_not_block_a_writer(tmp_path: Path, monkeypatch: pytest.Mon
     fcntl.flock(checked, fcntl.LOCK_SH)
     threading.Timer(0.03, os.close, [checked]).start()
     WriterLock(path).release()
+
+
+def test_a_link_in_the_place_of_the_lock_is_not_followed(tmp_path: Path) -> None:
+    path, link = tmp_path / 'a.map', tmp_path / 'a.map.lock'
+    link.symlink_to(tmp_path / 'target')
+    with pytest.raises(MapError, match='expected a lock, got a symbolic link: remove it') as refused:
+        WriterLock(path)
+    assert str(link) in str(refused.value)
+    assert has_writer(path)
+    assert list(tmp_path.iterdir()) == [link]
+
+
+def test_a_check_does_not_wait_for_a_fifo(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / 'a.map.lock')
+    done = threading.Thread(target=has_writer, args=[tmp_path / 'a.map'], daemon=True)
+    done.start()
+    done.join(10.0)
+    assert not done.is_alive()
