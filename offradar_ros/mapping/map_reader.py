@@ -1,4 +1,4 @@
-"""Reads a map file without a change to the file or its folder."""
+"""Reads a map file without a change to it or to the log beside it."""
 
 from __future__ import annotations
 
@@ -41,11 +41,12 @@ class PlaceSink(Protocol):
 
 
 def read_map(path: Path) -> StoredMap:
-    """Read the map at `path`; MapError says what is wrong with it. The file and its folder are not changed.
+    """Read the map at `path`; MapError says what is wrong with it. The file and the log beside it are not changed.
 
-    A file without a write-ahead log is read as immutable, because SQLite's ordinary read-only mode would leave a log
-    behind. If a writer starts meanwhile, the content is discarded and read again, concurrently with that writer. A log
-    that does not belong to the file, as is left where another map is copied over one, is not read.
+    Nor is their folder, except that SQLite makes the index of a log (``-shm``) where that is missing. A file without a
+    write-ahead log is read as immutable, because SQLite's ordinary read-only mode would leave a log behind. If a writer
+    starts meanwhile, the content is discarded and read again, concurrently with that writer. A log that does not belong
+    to the file, as is left where another map is copied over one, is not read.
     """
     stored, is_log_foreign = consistently(path, _content)
     return dataclasses.replace(stored, is_log_foreign=is_log_foreign)

@@ -73,6 +73,18 @@ def test_the_log_of_a_killed_writer_is_applied(tmp_path: Path) -> None:
     assert stale_logs(tmp_path) == []
 
 
+def test_a_reader_makes_the_index_of_a_log_and_changes_nothing_else(tmp_path: Path) -> None:
+    path = tmp_path / 'a.map'
+    make_map(path, 1.0)
+    leave_a_log(path, 0.5, 100.0)
+    (tmp_path / 'a.map-shm').unlink(missing_ok=True)
+    before = folder_state(tmp_path)
+    read_map(path)
+    after = folder_state(tmp_path)
+    assert after.keys() - before.keys() <= {'a.map-shm'}
+    assert {name: after[name] for name in before} == before
+
+
 def test_a_map_copied_over_another_is_not_changed_by_the_log_of_that(tmp_path: Path) -> None:
     path, other = tmp_path / 'a.map', tmp_path / 'elsewhere' / 'b.map'
     other.parent.mkdir()
