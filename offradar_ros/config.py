@@ -548,7 +548,7 @@ def read_parameters(path: str | Path) -> dict[str, Any]:
     that cannot be read, is empty, or has two values of a parameter, for two nodes, of which a command cannot choose.
     """
     values: dict[str, Any] = {}
-    named: dict[str, str] = {}
+    named: dict[str, tuple[str, Any]] = {}
     try:
         tree = read_tree(path)
         if tree is None:
@@ -559,21 +559,21 @@ def read_parameters(path: str | Path) -> dict[str, Any]:
         for key in nodes:
             found = flatten(_mapping(branches[key]['ros__parameters']))
             if '*' not in str(key):
-                _require_same_values(named, values, str(key), found)
+                _require_same_values(named, str(key), found)
             values |= found
     except (ConfigError, ValueError) as error:
         raise ConfigError(str(error) if str(path) in str(error) else f'{path}: {error}') from None
     return values
 
 
-def _require_same_values(named: dict[str, str], values: dict[str, Any], node: str, found: dict[str, Any]) -> None:
-    """ValueError where another node by name has another value; `named` is extended."""
+def _require_same_values(named: dict[str, tuple[str, Any]], node: str, found: dict[str, Any]) -> None:
+    """ValueError where another node by name has another value; `named`, such nodes and values, is extended."""
     for name, value in found.items():
-        if name in named and values[name] != value and not is_node_parameter(name):
+        other, other_value = named.setdefault(name, (node, value))
+        if other_value != value and not is_node_parameter(name):
             raise ValueError(
-                f'{name} is {values[name]!r} for {named[name]} and {value!r} for {node}: expected a file for each'
+                f'{name} is {other_value!r} for {other} and {value!r} for {node}: expected a file for each'
             )
-        named[name] = node
 
 
 def _mapping(tree: Any) -> Mapping[str, Any]:

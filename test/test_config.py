@@ -108,6 +108,11 @@ def test_any_node_s_parameters_and_plain_ones_are_read(tmp_path: Path) -> None:
             '/car2/encoder: {ros__parameters: {radar: {range_resolution_m: 0.06}}}',
             'radar.range_resolution_m is 0.04 for /car1/encoder and 0.06 for /car2/encoder: expected a file for each',
         ),
+        (
+            '/a: {ros__parameters: {map.undo_depth: 1}}\n/**: {ros__parameters: {map.undo_depth: 2}}\n'
+            '/b: {ros__parameters: {map.undo_depth: 2}}',
+            'map.undo_depth is 1 for /a and 2 for /b: expected a file for each',
+        ),
     ],
 )
 def test_a_file_of_which_something_would_be_lost_is_refused(tmp_path: Path, text: str, problem: str) -> None:
@@ -124,6 +129,11 @@ def test_nodes_that_agree_and_have_their_own_settings_may_be_in_one_file(tmp_pat
     path.write_text(
         '/encoder: {ros__parameters: {map.replace: all, use_sim_time: true}}\n'
         '/query: {ros__parameters: {map.replace: all, use_sim_time: false}}'
+    )
+    assert load_config(path).map.replace == 'all'
+    path.write_text(
+        '/encoder: {ros__parameters: {map.replace: all}}\n/**: {ros__parameters: {map.replace: none}}\n'
+        '/query: {ros__parameters: {map.replace: all}}'
     )
     assert load_config(path).map.replace == 'all'
 
