@@ -120,9 +120,9 @@ class MapRows:
             wanted = by_sessions == session_id if session_id is not None else np.ones(len(rows), np.bool_)
             for place_id, by_session in zip(ids[wanted].tolist(), by_sessions[wanted].tolist(), strict=True):
                 before.setdefault(by_session, {})[place_id] = None
-            for row, by_session in enumerate(by_sessions[existed].tolist()):
-                if wanted[existed][row]:
-                    before[by_session][int(table.place_ids[row])] = place_of(table, row)
+            of_table = by_sessions[existed]
+            for row in np.flatnonzero(wanted[existed]).tolist():
+                before[int(of_table[row])][int(table.place_ids[row])] = place_of(table, row)
         self._require_complete('undo', found)
         return before
 

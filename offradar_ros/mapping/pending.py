@@ -77,20 +77,12 @@ class PendingEmbeddings:
 
     def forget_embeddings(self) -> None:
         """Remove the waiting embeddings, as when their session is undone; positions stay."""
-        self._clear_waiting()
+        self._waiting.clear()
+        self._waiting_bytes = 0
 
     def forget_positions(self) -> None:
         """Remove the positions, as when they belong to an earlier run; embeddings still wait."""
         self._positions.clear()
-
-    def clear(self) -> None:
-        """Remove positions and waiting embeddings, as when a recording starts again."""
-        self._positions.clear()
-        self._clear_waiting()
-
-    def _clear_waiting(self) -> None:
-        self._waiting.clear()
-        self._waiting_bytes = 0
 
     def _take(self) -> Embedding:
         embedding = self._waiting.popleft()

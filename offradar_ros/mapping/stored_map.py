@@ -67,35 +67,6 @@ class StoredMap:
         return revert(self.places, self.before.get(running[-1], {})) if running else self.places
 
 
-def difference(one: StoredMap, other: StoredMap) -> str:
-    """The first thing in which the content of two maps differs, in words; '' if they are the same."""
-    for name in ('model', 'origin', 'next_place_id', 'sessions'):
-        if getattr(one, name) != getattr(other, name):
-            return name
-    if not _are_equal(one.places, other.places):
-        return 'places'
-    if not np.array_equal(one.anchors_m, other.anchors_m):
-        return 'anchors'
-    if one.before.keys() != other.before.keys():
-        return 'undo'
-    for session, before in one.before.items():
-        changed = [(place_id, place is None) for place_id, place in before.items()]
-        if changed != [(place_id, place is None) for place_id, place in other.before[session].items()]:
-            return f'undo of session {session}'
-        if not _are_equal(*(_table_of(stored.before[session], stored.columns.dimension) for stored in (one, other))):
-            return f'undo of session {session}'
-    return ''
-
-
-def _table_of(before: Before, dimension: int) -> PlaceTable:
-    return PlaceTable.from_places([place for place in before.values() if place], dimension)
-
-
-def _are_equal(one: PlaceTable, other: PlaceTable) -> bool:
-    pairs = [(getattr(one, field.name), getattr(other, field.name)) for field in dataclasses.fields(PlaceTable)]
-    return all(a.dtype == b.dtype and np.array_equal(a, b, equal_nan=True) for a, b in pairs)
-
-
 def revert(places: PlaceTable, before: Before) -> PlaceTable:
     """A copy of `places` (in ascending order of id) with the content `before` restored."""
     new = [place_id for place_id, place in before.items() if place is None]

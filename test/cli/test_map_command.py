@@ -8,10 +8,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from small_maps import as_version_1, drive, leave_a_log, make_map, open_map, run, sessions_of
+from small_maps import as_version_1, difference, drive, leave_a_log, make_map, open_map, run, sessions_of
 
 from offradar_ros.mapping.map_reader import read_map
-from offradar_ros.mapping.stored_map import difference
 
 
 def test_a_map_is_backed_up_while_it_is_written(

@@ -18,6 +18,7 @@ from small_maps import (
     MODEL,
     add_session,
     assert_tables_equal,
+    difference,
     drive,
     folder_state,
     killed,
@@ -33,7 +34,7 @@ from offradar_ros.mapping.held_file import HeldFile
 from offradar_ros.mapping.map_reader import log_of, read_map
 from offradar_ros.mapping.sealed_rows import SealedRows
 from offradar_ros.mapping.sessions import SessionMap
-from offradar_ros.mapping.stored_map import StoredMap, StoredSession, difference
+from offradar_ros.mapping.stored_map import StoredMap, StoredSession
 from offradar_ros.mapping.whole_map import back_up
 from offradar_ros.types import Pose
 
@@ -369,7 +370,6 @@ ON_A_FULL_DISK = """
     import resource, sys
     from small_maps import *
     from offradar_ros.errors import MapError
-    from offradar_ros.mapping.stored_map import difference
     path, call = Path(sys.argv[1]), sys.argv[2]
     session_map = open_map(path)
     for lane in range(20):

@@ -14,12 +14,23 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from small_maps import MODEL, as_version_1, assert_tables_equal, change, drive, folder_state, make_map, open_map, scan
+from small_maps import (
+    MODEL,
+    as_version_1,
+    assert_tables_equal,
+    change,
+    difference,
+    drive,
+    folder_state,
+    make_map,
+    open_map,
+    scan,
+)
 
 from offradar_ros.errors import MapError
 from offradar_ros.mapping.map_reader import ALONE, open_sqlite, read_committed, read_map
 from offradar_ros.mapping.place_columns import PlaceColumns
-from offradar_ros.mapping.stored_map import StoredMap, difference
+from offradar_ros.mapping.stored_map import StoredMap
 from offradar_ros.types import Pose
 
 PAGE = 4096

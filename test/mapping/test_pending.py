@@ -87,7 +87,8 @@ def test_a_recording_that_starts_again() -> None:
     with pytest.raises(RefusedInput) as refused:
         position(pending, 1.0)
     assert refused.value.cause == 'position_stamp_backwards'
-    pending.clear()
+    pending.forget_positions()
+    pending.forget_embeddings()
     assert position(pending, 1.0) == []
     pending.add_embedding(at(1.5))
     assert position(pending, 2.0) == [(1.5, 15.0, '')]
@@ -144,7 +145,7 @@ def test_the_memory_of_waiting_embeddings_is_bounded(monkeypatch: pytest.MonkeyP
     one = at(1.0)
     monkeypatch.setattr('offradar_ros.mapping.pending.MAX_WAITING_BYTES', 5 * 2 * one.mean.nbytes)
     waiting = PendingEmbeddings(CONFIG)
-    for forget in (waiting.flush, waiting.forget_embeddings, waiting.clear):
+    for forget in (waiting.flush, waiting.forget_embeddings):
         dropped = [cause for _ in range(12) for *_, cause in outcome(waiting.add_embedding(one))]
         assert (len(waiting), dropped) == (5, ['too_many_waiting'] * 7)
         forget()

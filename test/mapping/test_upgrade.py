@@ -16,6 +16,7 @@ from small_maps import (
     as_version_1,
     assert_holds,
     assert_tables_equal,
+    difference,
     drive,
     folder_state,
     make_map,
@@ -27,7 +28,6 @@ from offradar_ros.errors import MapError
 from offradar_ros.mapping import schema
 from offradar_ros.mapping.map_reader import read_committed, read_map
 from offradar_ros.mapping.place_columns import PlaceColumns
-from offradar_ros.mapping.stored_map import difference
 
 
 def version_of(path: Path) -> int:

@@ -16,6 +16,7 @@ from small_maps import (
     assert_holds,
     assert_tables_equal,
     change,
+    difference,
     drive,
     folder_state,
     leave_a_log,
@@ -27,7 +28,6 @@ from small_maps import (
 
 from offradar_ros.errors import MapError
 from offradar_ros.mapping.map_reader import check_map, log_of, read_map
-from offradar_ros.mapping.stored_map import difference
 from offradar_ros.mapping.whole_map import back_up, write_map
 
 

@@ -22,7 +22,7 @@ from offradar_ros.geometry import GeoPoint
 from offradar_ros.mapping import schema
 from offradar_ros.mapping.map_reader import read_map
 from offradar_ros.mapping.sessions import SessionMap
-from offradar_ros.mapping.stored_map import StoredMap, difference
+from offradar_ros.mapping.stored_map import Before, StoredMap
 from offradar_ros.types import Embedding, PlaceTable, Pose
 
 MODEL = ModelInfo('ring_key', 'a' * 64, 3, {'rings': '3'})
@@ -74,6 +74,35 @@ def assert_tables_equal(one: PlaceTable, other: PlaceTable) -> None:
 def assert_holds(path: Path, expected: StoredMap) -> None:
     """The map at `path` holds what `expected` does."""
     assert difference(read_map(path), expected) == ''
+
+
+def difference(one: StoredMap, other: StoredMap) -> str:
+    """The first thing in which the content of two maps differs, in words; '' if they are the same."""
+    for name in ('model', 'origin', 'next_place_id', 'sessions'):
+        if getattr(one, name) != getattr(other, name):
+            return name
+    if not _are_equal(one.places, other.places):
+        return 'places'
+    if not np.array_equal(one.anchors_m, other.anchors_m):
+        return 'anchors'
+    if one.before.keys() != other.before.keys():
+        return 'undo'
+    for session, before in one.before.items():
+        changed = [(place_id, place is None) for place_id, place in before.items()]
+        if changed != [(place_id, place is None) for place_id, place in other.before[session].items()]:
+            return f'undo of session {session}'
+        if not _are_equal(*(_table_of(stored.before[session], stored.columns.dimension) for stored in (one, other))):
+            return f'undo of session {session}'
+    return ''
+
+
+def _table_of(before: Before, dimension: int) -> PlaceTable:
+    return PlaceTable.from_places([place for place in before.values() if place], dimension)
+
+
+def _are_equal(one: PlaceTable, other: PlaceTable) -> bool:
+    pairs = [(getattr(one, field.name), getattr(other, field.name)) for field in dataclasses.fields(PlaceTable)]
+    return all(a.dtype == b.dtype and np.array_equal(a, b, equal_nan=True) for a, b in pairs)
 
 
 def sessions_of(path: Path) -> list[tuple[int, str]]:
