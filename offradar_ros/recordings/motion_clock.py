@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from offradar_ros.geometry import LocalFrame, Trajectory, wrap_angle
 from offradar_ros.radar.motion import Motion
+from offradar_ros.recordings.datasets.coverage import span_ns
 
 LARGEST_S = 120.0
 """Larger offsets are not looked for."""
@@ -50,9 +51,10 @@ def motion_offset(motions: Sequence[Motion], trajectory: Trajectory, max_gap_s: 
     """The offset with which both motions fit, within ±120 s; None where that cannot be told."""
     if len(motions) < FEWEST_MOTIONS or len(trajectory) < FEWEST_MOTIONS:
         return None
-    base_ns = motions[0].stamp_ns
-    times_s = np.array([(motion.stamp_ns - base_ns) / 1e9 for motion in motions])
-    moved = np.array([(motion.speed_mps, motion.turn_rate) for motion in motions])
+    base_ns, last_ns = span_ns(np.array([motion.stamp_ns for motion in motions]))
+    used = [motion for motion in motions if base_ns <= motion.stamp_ns <= last_ns]
+    times_s = np.array([(motion.stamp_ns - base_ns) / 1e9 for motion in used])
+    moved = np.array([(motion.speed_mps, motion.turn_rate) for motion in used])
     seen = np.stack([_smoothed(column) for column in moved.T])
     grid_s, known = _known_motion(trajectory, base_ns, max_gap_s)
     if len(grid_s) < 2:
@@ -99,7 +101,7 @@ def _score(
     index = np.rint((times_s - offset_s - grid_s[0]) / _STEP_S).astype(np.intp)
     inside = (index >= 0) & (index < len(grid_s))
     inside[inside] = np.isfinite(known[:, index[inside]]).all(axis=0)
-    duration_s = float(times_s[-1] - times_s[0])
+    duration_s = float(np.ptp(times_s))
     overlap_s = duration_s * float(np.mean(inside))
     if overlap_s < max(_SHORTEST_OVERLAP_S, _LEAST_OVERLAP * duration_s):
         return np.nan

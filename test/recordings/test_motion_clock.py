@@ -109,6 +109,15 @@ def test_a_peak_that_is_hardly_higher_than_without_an_offset_is_none(
         found = MotionOffset(1.5, 0.9, unmoved)
         monkeypatch.setattr(check_clocks, 'motion_offset', lambda *_, found=found: found)
         assert bool(seen.clock.problem(seen.trajectory, 1.5)) == told
+        (finding,) = seen.clock.findings('gps', seen.trajectory, 1.5)
+        assert finding.level == ('problem' if told else 'note')
+
+
+def test_a_few_scans_of_a_clock_not_yet_set_do_not_hide_an_offset(seen: Seen) -> None:
+    clock = ScanClock()
+    early = [motion._replace(stamp_ns=motion.stamp_ns % (1000 * SECOND)) for motion in seen.clock._motions[:3]]
+    clock._motions = [*seen.clock._motions, *early]
+    assert clock.problem(moved(seen.trajectory, 18.0), 1.5) == seen.clock.problem(moved(seen.trajectory, 18.0), 1.5)
 
 
 def test_a_short_drive_says_nothing(street: Callable[..., Any]) -> None:

@@ -16,7 +16,7 @@ from radar_images import read_image
 from offradar_ros.config import PositionConfig, RadarConfig
 from offradar_ros.errors import DataError
 from offradar_ros.geometry import Trajectory
-from offradar_ros.recordings.datasets.check import Findings, check_folder
+from offradar_ros.recordings.datasets.check import Finding, Findings, check_folder
 from offradar_ros.recordings.datasets.check.coverage import coverage
 from offradar_ros.recordings.datasets.check.stamps import check_stamps
 from offradar_ros.recordings.datasets.coverage import seconds_apart
@@ -257,6 +257,35 @@ def test_no_positions_is_a_note(oxford_folder: Path) -> None:
 def test_scans_before_and_after_the_positions(first: int, last: int, seconds: float) -> None:
     trajectory = Trajectory(np.array([10, 20]) * 10**9, np.zeros((2, 3)), np.full(2, np.nan), geodetic=False)
     assert seconds_apart(np.array([first, last]) * 10**9, trajectory) == seconds
+
+
+@pytest.mark.parametrize('which', [slice(0, 1), slice(9, 10), slice(19, 20), slice(0, 3), slice(17, 20)])
+@pytest.mark.parametrize('by_s', [-1_700_000_000, -172_800, 100_000_000])
+def test_a_few_scans_of_a_clock_not_yet_set_do_not_count_as_the_first_or_last(which: slice, by_s: int) -> None:
+    """In the order in which they are recorded."""
+    stamps_ns = 1_700_000_000 * 10**9 + np.arange(20) * 250_000_000
+    known = stamps_ns[0] - 10**9 + np.arange(80) * 10**8
+    stamps_ns[which] += by_s * 10**9
+    trajectory = Trajectory(known, np.zeros((80, 3)), np.full(80, np.nan), geodetic=False)
+    odd = which.stop - which.start
+    assert coverage('gps', stamps_ns, trajectory, PositionConfig()) == Finding(
+        'problem', f'gps: {20 - odd} of 20 scans have a position (gaps up to 1.5 s)'
+    )
+    apart = dataclasses.replace(trajectory, stamps_ns=known + 37 * 10**9)
+    text = coverage('gps', stamps_ns, apart, PositionConfig()).text
+    assert text.endswith('TAI is 37 s ahead of UTC: offradar convert --position-offset-s -37.0)')
+    assert seconds_apart(stamps_ns, trajectory) == 0.0
+    duration_s = float(next(check_stamps(stamps_ns)).text.partition(' s at ')[0])
+    assert 4.75 - 0.25 * odd <= duration_s <= 4.8
+    assert not [finding for finding in check_stamps(stamps_ns) if finding.level == 'note']
+
+
+@pytest.mark.parametrize('order', [slice(None), slice(None, None, -1)])
+def test_one_scan_with_a_position_is_told_of_though_the_others_are_apart(order: slice) -> None:
+    stamps_ns = (10**18 + np.array([0, 5 * 86400, 5 * 86400 + 1, 5 * 86400 + 2]) * 10**9)[order]
+    known = 10**18 + np.array([-1, 1]) * 500_000_000
+    trajectory = Trajectory(known, np.zeros((2, 3)), np.full(2, np.nan), geodetic=False)
+    assert coverage('gps', stamps_ns, trajectory, PositionConfig()).text.startswith('gps: 1 of 4 scans have a position')
 
 
 def test_foggy_positions_start_after_the_last_scan(real_data: Path) -> None:

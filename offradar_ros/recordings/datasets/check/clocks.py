@@ -7,10 +7,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from offradar_ros.geometry import LocalFrame, Trajectory
-from offradar_ros.positions.clocks import clock_problem
+from offradar_ros.positions.clocks import OFFSET_S, clock_problem
 from offradar_ros.radar.motion import Motion, ScanMotion
 from offradar_ros.recordings.datasets.check.findings import Finding, note, ok, problem
-from offradar_ros.recordings.motion_clock import FEWEST_MOTIONS, motion_offset
+from offradar_ros.recordings.datasets.coverage import span_ns
+from offradar_ros.recordings.motion_clock import FEWEST_MOTIONS, MotionOffset, motion_offset
 from offradar_ros.types import PolarScan
 
 _LEAST_GAIN = 0.15
@@ -43,11 +44,11 @@ class ScanClock:
             return
         if len(self._motions) < FEWEST_MOTIONS:
             return
-        text = self.problem(trajectory, max_gap_s)
         found = motion_offset(self._motions, trajectory, max_gap_s)
+        text = _disagreement(found)
         if text:
             yield problem(f'{name}: {text}')
-        elif found is None:
+        elif found is None or abs(found.offset_s) >= OFFSET_S:
             yield note(
                 f'{name}: whether its clock is that of the radar cannot be told from the motion: too little turning '
                 'and changing of speed, or scans and positions of other drives'
@@ -60,15 +61,7 @@ class ScanClock:
 
         `given_s` is what was already added to the trajectory's stamps: the offset that is proposed includes it.
         """
-        standing = self._standing(trajectory)
-        if standing:
-            return standing
-        found = motion_offset(self._motions, trajectory, max_gap_s)
-        # A broad peak, of a drive with few turns, does not tell a second or two.
-        if found is None or found.correlation - found.unmoved < _LEAST_GAIN:
-            return ''
-        evidence = f'the motion of both (correlation {found.correlation:.2f})'
-        return clock_problem(found.offset_s, evidence=evidence, given_s=given_s)
+        return self._standing(trajectory) or _disagreement(motion_offset(self._motions, trajectory, max_gap_s), given_s)
 
     def _standing(self, trajectory: Trajectory) -> str:
         """That the positions stand still while the scans move; empty if they do not."""
@@ -76,7 +69,8 @@ class ScanClock:
             return ''
         origin = trajectory.origin()
         metric = trajectory.in_frame(LocalFrame(origin) if origin else None)
-        during = (metric.stamps_ns >= self._motions[0].stamp_ns) & (metric.stamps_ns <= self._motions[-1].stamp_ns)
+        first_ns, last_ns = span_ns(np.array([motion.stamp_ns for motion in self._motions]))
+        during = (metric.stamps_ns >= first_ns) & (metric.stamps_ns <= last_ns)
         if not during.any():
             return ''
         extent_m = float(np.ptp(metric.positions[during, :2], axis=0).max())
@@ -91,3 +85,11 @@ class ScanClock:
             f'the positions stay within {extent_m:.1f} m while the scans move at about {speed_mps:.0f} m/s: the '
             'receiver repeats an old one, or they are of another drive'
         )
+
+
+def _disagreement(found: MotionOffset | None, given_s: float = 0.0) -> str:
+    # A broad peak, of a drive with few turns, does not tell a second or two.
+    if found is None or found.correlation - found.unmoved < _LEAST_GAIN:
+        return ''
+    evidence = f'the motion of both (correlation {found.correlation:.2f})'
+    return clock_problem(found.offset_s, evidence=evidence, given_s=given_s)

@@ -9,7 +9,7 @@ from offradar_ros.config import PositionConfig
 from offradar_ros.geometry import Trajectory
 from offradar_ros.positions.clocks import known_offset
 from offradar_ros.recordings.datasets.check.findings import Finding, ok, problem
-from offradar_ros.recordings.datasets.coverage import seconds_apart
+from offradar_ros.recordings.datasets.coverage import seconds_apart, span_ns
 
 LARGEST_OFFSET_S = 1e9
 """A larger difference is no offset between clocks: one of them does not give the time."""
@@ -28,14 +28,16 @@ def coverage(
 ) -> Finding:
     """How many of the scans at (N,) int64 `stamps_ns`, N > 0, have a position of the trajectory that `name` names.
 
+    Stamps are in any order.
     `offset_s` is what was already added to the trajectory's stamps: the offset that is proposed includes it.
     `in_time` is how many of the scans get their position within `position.wait_s`, where that is known.
     """
     if not len(trajectory):
         return problem(f'{name}: no scan has a position: it holds none that is usable')
+    count = int(np.count_nonzero(trajectory.covers(stamps_ns, round(position.max_gap_s * 1e9))))
     apart_s = seconds_apart(stamps_ns, trajectory)
-    if apart_s:
-        early = trajectory.stamps_ns[-1] < stamps_ns[0]
+    if apart_s and not count:
+        early = trajectory.stamps_ns[-1] < span_ns(stamps_ns)[0]
         where = 'end {} before the first scan' if early else 'start {} after the last scan'
         text = f'{name}: no scan has a position: positions {where.format(duration(apart_s))}'
         found_s, why = _offset_s(stamps_ns, trajectory)
@@ -43,7 +45,6 @@ def coverage(
         if abs(remedy_s) <= LARGEST_OFFSET_S:
             text += f' (if the clocks disagree{why}: offradar convert --position-offset-s {remedy_s:.1f})'
         return problem(text)
-    count = int(np.count_nonzero(trajectory.covers(stamps_ns, round(position.max_gap_s * 1e9))))
     text = f'{name}: {count} of {len(stamps_ns)} scans have a position (gaps up to {position.max_gap_s:g} s)'
     if in_time is not None and in_time < count:
         return problem(
@@ -64,7 +65,8 @@ def _offset_s(stamps_ns: NDArray[np.int64], trajectory: Trajectory) -> tuple[flo
     Where a usual offset makes the positions cover the scans, as far as they can, it is that; else the first position is
     brought to the first scan, or less than 0.1 s before it.
     """
-    first_ns, last_ns = int(stamps_ns[0] - trajectory.stamps_ns[0]), int(stamps_ns[-1] - trajectory.stamps_ns[-1])
+    first_scan_ns, last_scan_ns = span_ns(stamps_ns)
+    first_ns, last_ns = first_scan_ns - int(trajectory.stamps_ns[0]), last_scan_ns - int(trajectory.stamps_ns[-1])
     usual = known_offset(min(first_ns, last_ns) / 1e9, max(first_ns, last_ns) / 1e9)
     if usual is not None:
         return usual[0], f', {usual[1]}'
