@@ -13,20 +13,19 @@ from pathlib import Path, PurePath
 from typing import Any, NamedTuple
 
 import yaml
-from backports import zstd
 from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.reader import DirectoryReader
 
 from offradar_ros.bounded_input import parse_yaml, read_text
 from offradar_ros.errors import DataError
 from offradar_ros.recordings.bags.bag_facts import BagFacts, Topic, joined
+from offradar_ros.recordings.bags.inflate import inflated_pieces
 from offradar_ros.recordings.bags.mcap_check import check_mcap
 from offradar_ros.recordings.bags.mcap_records import Damage
 from offradar_ros.recordings.bags.sqlite_check import check_sqlite
 
 MAX_FILE_BYTES = 64 * 1024**3
 """Largest content of a file that was compressed as a whole."""
-_PIECE = 1024**2
 _ZSTD = '.zstd'
 _LONGEST = 300
 """Most characters of a reason: names within a file may be of any length."""
@@ -109,13 +108,13 @@ def _inflate(file: Path, out: Path) -> None:
     """Decompress a file that was compressed as a whole; Damage if it is larger than any recording."""
     size = 0
     try:
-        with zstd.open(file, 'rb') as compressed, out.open('wb') as target:
-            while piece := compressed.read(_PIECE):
+        with file.open('rb') as compressed, out.open('wb') as target:
+            for piece in inflated_pieces(compressed):
                 size += len(piece)
                 if size > MAX_FILE_BYTES:
-                    raise Damage(f'more than {MAX_FILE_BYTES} bytes when it is decompressed')
+                    raise ValueError(f'more than {MAX_FILE_BYTES} bytes when it is decompressed')
                 target.write(piece)
-    except (zstd.ZstdError, EOFError) as error:
+    except ValueError as error:
         raise Damage(f'its compression ({error})') from error
 
 

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from typing import BinaryIO
+
 from backports import zstd
 from lz4.frame import LZ4FrameDecompressor
 
 MAX_BYTES = 256 * 1024**2
 """Largest chunk or message of a bag."""
+MAX_FRAMES = 64
+"""Most frames that follow each other. Writers make one of a chunk, and each costs a copy of all that comes after it."""
+_PIECE = 1024**2
+_TOO_MANY = f'more than {MAX_FRAMES} compressed frames, one after the other'
 
 
 def inflate(data: bytes, compression: str, size: int) -> bytes:
@@ -30,6 +37,25 @@ def inflate_message(data: bytes) -> bytes:
     return content
 
 
+def inflated_pieces(file: BinaryIO) -> Iterator[bytes]:
+    """The content of a file that was compressed as a whole with zstd, in pieces; ValueError if it is damaged."""
+    data = file.read(_PIECE)
+    for _ in range(MAX_FRAMES):
+        decompressor = zstd.ZstdDecompressor()
+        while not decompressor.eof:
+            try:
+                yield decompressor.decompress(data, _PIECE)
+            except zstd.ZstdError as error:
+                raise ValueError('damaged zstd data') from error
+            data = file.read(_PIECE) if decompressor.needs_input else b''
+            if decompressor.needs_input and not data:
+                raise ValueError('truncated zstd data')
+        data = decompressor.unused_data or file.read(_PIECE)
+        if not data:
+            return
+    raise ValueError(_TOO_MANY)
+
+
 def _inflated(data: bytes, compression: str, limit: int) -> bytes:
     """At most `limit` + 1 bytes: one more than allowed is enough to know."""
     if compression == '':
@@ -40,6 +66,8 @@ def _inflated(data: bytes, compression: str, limit: int) -> bytes:
     while data and size <= limit:
         if compression not in ('zstd', 'lz4'):
             raise ValueError(f'unknown compression {compression[:20]!r}')
+        if len(parts) == MAX_FRAMES:
+            raise ValueError(_TOO_MANY)
         decompressor = zstd.ZstdDecompressor() if compression == 'zstd' else LZ4FrameDecompressor()
         try:
             parts.append(decompressor.decompress(data, limit + 1 - size))

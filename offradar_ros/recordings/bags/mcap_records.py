@@ -76,7 +76,7 @@ def top_records(file: BinaryIO) -> Iterator[Record]:
         if kind == FOOTER:
             break
     file.seek(at)
-    if file.read() != MAGIC:
+    if file.read(len(MAGIC) + 1) != MAGIC:
         raise Damage('it does not end after its footer')
 
 

@@ -335,12 +335,23 @@ def inflating(compression: str, size: int) -> bytes:
     return mcap(chunk(b'', compression, b''.join(parts), size))
 
 
+def many(compression: str, frame: bytes) -> bytes:
+    """A file whose one chunk is of 4 MB of such frames."""
+    return mcap(chunk(b'', compression, frame * (4 * 2**20 // len(frame)), 10))
+
+
 BOMBS: dict[str, tuple[Callable[[], bytes], str]] = {
     'a record of 8 EiB': (lambda: START + record(MESSAGE, b'', 2**63) + MAGIC, 'beyond the end of the file'),
     'a chunk that claims 10 GB': (lambda: mcap(chunk(b'', 'zstd', zstd.compress(b'x'), GIANT)), 'claims 10000000000'),
     'zstd of 2 GB that claims little': (lambda: inflating('zstd', 1000), 'expected 1000 bytes, got more'),
     'lz4 of 2 GB that claims little': (lambda: inflating('lz4', 1000), 'expected 1000 bytes, got more'),
     'zstd of 2 GB that claims it': (lambda: inflating('zstd', TIMES * len(ZEROS)), 'claims 2147483648'),
+    'empty zstd frames': (lambda: many('zstd', zstd.compress(b'')), 'more than 64 compressed frames'),
+    'skippable zstd frames': (
+        lambda: many('zstd', struct.pack('<II', 0x184D2A50, 0)),
+        'more than 64 compressed frames',
+    ),
+    'empty lz4 frames': (lambda: many('lz4', lz4.frame.compress(b'')), 'more than 64 compressed frames'),
     'too many topics': (
         lambda: mcap(schema(1) + b''.join(channel(n, f'/t{n}') for n in range(MAX_CHANNELS + 1))),
         'more than 4096 topics',
@@ -424,6 +435,32 @@ def test_a_compressed_file_that_inflates_to_too_much_is_refused(
     monkeypatch.setattr('offradar_ros.recordings.bags.bag_check.MAX_FILE_BYTES', 2**20)
     with pytest.raises(DataError, match='more than 1048576 bytes when it is decompressed'):
         Bag(bag)
+
+
+def test_a_compressed_file_of_empty_frames_is_refused_at_once(tmp_path: Path) -> None:
+    bag = written(tmp_path / 'bag', CompressionMode.FILE, StoragePlugin.MCAP, b'\0\1\0\0data')
+    (file,) = bag.glob('*.zstd')
+    whole = file.read_bytes()
+    file.write_bytes(whole + zstd.compress(b'') * 60)
+    assert len(content_of(bag)[-1]) == 3
+    for damaged, expected in (
+        (whole + zstd.compress(b'') * (4 * 2**20 // 9), 'more than 64 compressed frames'),
+        (whole[:-5], 'truncated zstd data'),
+        (whole + b'rest', 'damaged zstd data'),
+        (b'\x28\xb5\x2f\xfd', 'truncated zstd data'),
+    ):
+        file.write_bytes(damaged)
+        with pytest.raises(DataError, match=expected):
+            Bag(bag)
+
+
+def test_what_follows_the_end_of_a_file_is_not_read_into_memory(lone: Path) -> None:
+    with lone.open('wb') as file:
+        file.write(mcap(SMALL))
+        file.truncate(2**32)
+        file.seek(0, 2)
+        file.write(MAGIC)
+    assert 'it does not end after its footer' in refusal(READ, READ_ALL, lone)
 
 
 def test_names_of_a_file_stay_on_one_line(lone: Path) -> None:
