@@ -24,18 +24,21 @@ def new_folder(out: Path, *, overwrite: bool, mark: str = 'metadata.yaml') -> It
     It is named like `out`, because a recording's file is named after its folder, and lies in ``OUT.TOKEN.partial``,
     a name that nobody can guess. What runs that were cut off left there is removed; that of a run that still writes is
     not. DataError if `out` exists and may not be replaced (only a folder with a file named `mark` may: by default, a
-    bag), if files of somebody else are in the way, or if it cannot be written.
+    bag), if files of somebody else are in the way, or if it cannot be written. A link is replaced, its target is not.
     """
     _require_name(out)
     partial = out.with_name(f'{out.name}.{secrets.token_hex(8)}.partial')
+    unlocked = partial.with_suffix('.new')
     aside = out.with_name(out.name + '.replaced')
     try:
         _require_free(out, overwrite, mark)
         if os.path.lexists(aside):
             raise DataError(f'{aside}: in the way, left by a run that was cut off: move it to {out} or remove it')
         _remove_left_by_others(out)
-        partial.mkdir(parents=True)
-        with _locked(partial):
+        unlocked.mkdir(parents=True)
+        with _locked(unlocked):
+            # Only now under the name that others look for: they would take it for one that was left.
+            unlocked.rename(partial)
             try:
                 yield partial / out.name
                 _sync(partial / out.name)
@@ -111,7 +114,8 @@ def _move(draft: Path, out: Path, aside: Path) -> None:
             aside.rename(out)
             raise
         sync_folder(out.parent)
-        shutil.rmtree(aside)
+        # Into the partial folder, which goes with all that is in it; if it cannot, the new one is in place nonetheless.
+        aside.rename(draft)
     else:
         draft.rename(out)
     sync_folder(out.parent)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
 import re
 from collections.abc import Callable
@@ -61,6 +62,52 @@ def test_the_old_one_comes_back_where_the_new_one_cannot_be_moved(old: Path) -> 
         pass
     assert names(old.parent) == ['bag']
     assert (old / 'metadata.yaml').read_text() == 'old'
+
+
+def test_a_link_to_a_bag_is_replaced_and_the_bag_stays(old: Path, tmp_path: Path) -> None:
+    link = tmp_path / 'out'
+    link.symlink_to(old)
+    for text in ('first', 'second'):
+        with new_folder(link, overwrite=True) as draft:
+            fill(draft, text)
+        assert not link.is_symlink()
+        assert (link / 'metadata.yaml').read_text() == text
+    assert names(tmp_path) == ['bag', 'out']
+    assert (old / 'metadata.yaml').read_text() == 'old'
+
+
+def test_what_cannot_be_removed_of_the_old_one_is_in_nobodys_way(old: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(path: Path, ignore_errors: bool = False) -> None:
+        if not ignore_errors:
+            raise PermissionError(13, 'Permission denied')
+
+    with monkeypatch.context() as patched:
+        patched.setattr('shutil.rmtree', fail)
+        with new_folder(old, overwrite=True) as draft:
+            fill(draft)
+    (left,) = (name for name in names(old.parent) if name != 'bag')
+    assert re.fullmatch(r'bag\.[0-9a-f]{16}\.partial', left)
+    with new_folder(old, overwrite=True) as draft:
+        fill(draft, 'newer')
+    assert names(old.parent) == ['bag']
+    assert (old / 'metadata.yaml').read_text() == 'newer'
+
+
+def test_a_run_that_has_just_begun_is_not_disturbed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """By one that looks for what others left, between the making of a folder and its lock."""
+    lock = fcntl.flock
+
+    def after_another(descriptor: int, operation: int) -> None:
+        monkeypatch.setattr(fcntl, 'flock', lock)
+        with new_folder(tmp_path / 'bag', overwrite=False) as other:
+            fill(other, 'other')
+        lock(descriptor, operation)
+
+    monkeypatch.setattr(fcntl, 'flock', after_another)
+    with new_folder(tmp_path / 'bag', overwrite=True) as draft:
+        fill(draft)
+    assert names(tmp_path) == ['bag']
+    assert (tmp_path / 'bag' / 'metadata.yaml').read_text() == 'new'
 
 
 def test_a_bag_can_be_written_over_its_own_source(street: Callable[..., Any], tmp_path: Path) -> None:
