@@ -62,9 +62,9 @@ def write_bag(
     """Write scans, ``gps/fix`` and ``ground_truth/odometry`` in order of time; returns the folder.
 
     Positions are those of the drive and of the few seconds around it, so that its ends can be interpolated. A scan that
-    cannot be read is an error, unless `unreadable(index, error)` is given and returns: then the scan is left out.
-    Raises DataError if the sequence is empty, no scan can be read, or `out` exists, is not a bag that may be replaced,
-    or cannot be written.
+    cannot be read, or has a stamp that no ROS message holds, is an error, unless `unreadable(index, error)` is given
+    and returns: then the scan is left out. Raises DataError if the sequence is empty, no scan can be read, or `out`
+    exists, is not a bag that may be replaced, or cannot be written.
     """
     options = options or BagOptions()
     out = Path(out)
@@ -145,6 +145,11 @@ def _scans(
     for index in range(len(sequence)):
         try:
             scan = sequence.scan(index)
+            if not 0 <= scan.stamp_ns < END_NS:
+                raise RefusedInput(
+                    'invalid_stamp',
+                    f'stamp {scan.stamp_ns} ns: expected nanoseconds from 1970 to 2038, which ROS messages can hold',
+                )
         except (DataError, RefusedInput) as error:
             unreadable(index, error)
             errors.append(error)

@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
+from numpy.typing import NDArray
 from rosbags.rosbag2 import StoragePlugin, Writer
 
-from offradar_ros.errors import DataError
+from offradar_ros.errors import DataError, RefusedInput
 from offradar_ros.geometry import LocalFrame
 from offradar_ros.messages import header_stamp_ns
 from offradar_ros.positions.rules import END_NS
@@ -25,6 +26,7 @@ from offradar_ros.recordings.bags.topics import IMAGE_TYPE
 from offradar_ros.recordings.bags.writer import BagOptions, write_bag
 from offradar_ros.recordings.datasets.registry import open_sequence
 from offradar_ros.recordings.source import is_bag
+from offradar_ros.types import PolarScan
 
 
 def test_scans_stamps_and_positions_survive(street: Callable[..., Any], tmp_path: Path) -> None:
@@ -106,6 +108,53 @@ def test_positions_around_a_drive_have_stamps_that_messages_can_hold(
     assert read.trajectory is not None
     assert read.trajectory.left_out == ()
     assert len(read.trajectory) < len(street(count=4).trajectory)
+
+
+@dataclasses.dataclass(frozen=True)
+class OneStamped:
+    """A drive of which one scan has another stamp."""
+
+    drive: Any
+    index: int
+    stamp_ns: int
+    name: str = 'drive'
+    layout: str = 'test'
+    trajectory: None = None
+
+    @property
+    def stamps_ns(self) -> NDArray[np.int64]:
+        stamps_ns: NDArray[np.int64] = self.drive.stamps_ns.copy()
+        stamps_ns[self.index] = self.stamp_ns
+        return stamps_ns
+
+    def __len__(self) -> int:
+        return len(self.drive)
+
+    def scan(self, index: int) -> PolarScan:
+        scan: PolarScan = self.drive.scan(index)
+        return dataclasses.replace(scan, stamp_ns=int(self.stamps_ns[index]))
+
+
+@pytest.mark.parametrize(('index', 'stamp_ns'), [(0, -1), (3, 2**31 * 10**9), (3, 2**62)])
+def test_a_scan_with_a_stamp_that_ros_cannot_hold_is_left_out(
+    street: Callable[..., Any], tmp_path: Path, index: int, stamp_ns: int
+) -> None:
+    sequence = OneStamped(street(count=4), index, stamp_ns)
+    with pytest.raises(RefusedInput, match=f'stamp {stamp_ns} ns: expected nanoseconds from 1970 to 2038'):
+        write_bag(sequence, tmp_path / 'bag')
+    refused: list[int] = []
+    bag = write_bag(sequence, tmp_path / 'bag', unreadable=lambda index, _: refused.append(index))
+    assert (refused, len(BagSequence(bag))) == ([index], 3)
+    last = OneStamped(street(count=4), 3, 2**31 * 10**9 - 1)
+    assert BagSequence(write_bag(last, tmp_path / 'last')).stamps_ns[-1] == 2**31 * 10**9 - 1
+
+
+def test_positions_moved_to_where_ros_has_no_time_are_left_out(street: Callable[..., Any], tmp_path: Path) -> None:
+    sequence = street(count=12, start_ns=10**9)
+    bag = BagSequence(write_bag(sequence, tmp_path / 'bag', BagOptions(position_offset_ns=-2 * 10**9)))
+    assert bag.trajectory is not None
+    known_ns = sequence.trajectory.stamps_ns - 2 * 10**9
+    np.testing.assert_array_equal(bag.trajectory.stamps_ns, known_ns[known_ns >= 0])
 
 
 def test_an_interrupted_run_leaves_nothing_that_looks_complete(street: Callable[..., Any], tmp_path: Path) -> None:
