@@ -89,7 +89,8 @@ def _facts(path: Path, file: Path, compression: str) -> BagFacts:
         ) from None
 
 
-@functools.lru_cache(maxsize=256)
+# Without a bound: a bag of more files than that would be checked again for each scan.
+@functools.cache
 def _checked(file: Path, _: tuple[int, int, int], compression: str) -> BagFacts:
     if file.suffix == _ZSTD and compression == 'file':
         with tempfile.TemporaryDirectory() as folder:

@@ -69,7 +69,10 @@ class BagSequence:
         """Scan `index`, read and decoded at each call."""
         log_ns, stamp = self._log_ns[index], int(self.stamps_ns[index])
         with Bag(self.path, self._paths) as bag:
-            raw = next(raw for raw in bag.messages([self._topic], log_ns, log_ns + 1) if _stamp_ns(raw) == stamp)
+            found = (raw for raw in bag.messages([self._topic], log_ns, log_ns + 1) if _stamp_ns(raw) == stamp)
+            raw = next(found, None)
+            if raw is None:
+                raise DataError(f'{self.path}: changed while it was read: it no longer holds the scan of {stamp} ns')
             return decoded_scan(bag, raw, self._radar)
 
 

@@ -20,6 +20,7 @@ from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, Qo
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, StoragePlugin, Writer
 
 from offradar_ros.errors import DataError
+from offradar_ros.recordings.bags import bag_check
 from offradar_ros.recordings.bags.bag_check import check_bag_files
 from offradar_ros.recordings.bags.mcap_check import MAX_CHANNELS, check_mcap
 from offradar_ros.recordings.bags.mcap_checksums import write_checksums
@@ -142,6 +143,20 @@ def test_a_checked_bag_is_checked_again_when_it_changes(bag: Path) -> None:
     file.write_bytes(flipped(file.read_bytes(), random.Random(SEED), 2000))
     with pytest.raises(DataError, match='not a readable rosbag2 recording'):
         check_bag_files(bag)
+
+
+def test_each_of_many_files_is_checked_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bag = written(tmp_path / 'bag', CompressionMode.NONE, StoragePlugin.MCAP, b'\0\1\0\0')
+    tree = yaml.safe_load((bag / 'metadata.yaml').read_text())
+    told = tree['rosbag2_bagfile_information']
+    told['relative_file_paths'] = [f'{number}.mcap' for number in range(300)]
+    told['topics_with_message_count'][0]['message_count'] *= 300
+    for name in told['relative_file_paths']:
+        shutil.copy(bag / 'bag.mcap', bag / name)
+    (bag / 'metadata.yaml').write_text(yaml.safe_dump(tree))
+    assert check_bag_files(bag).counts == {(FIX, FIX_TYPE): 900}
+    monkeypatch.setattr(bag_check, 'check_mcap', None)
+    assert check_bag_files(bag).counts == {(FIX, FIX_TYPE): 900}
 
 
 CHANGES: dict[str, tuple[Callable[[Any], object], str]] = {

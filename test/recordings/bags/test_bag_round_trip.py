@@ -238,6 +238,15 @@ def test_the_message_of_a_live_driver_is_read_from_a_bag(real_data: Path, tmp_pa
     assert BagSequence(tmp_path / 'live').scan(0).power.shape == (400, 6848)
 
 
+def test_a_bag_that_is_replaced_while_it_is_read_is_one_line(street: Callable[..., Any], tmp_path: Path) -> None:
+    sequence = BagSequence(write_bag(street(count=3), tmp_path / 'bag'))
+    write_bag(street(count=3, start_ns=10**18), tmp_path / 'bag', BagOptions(overwrite=True))
+    with pytest.raises(DataError, match='bag: changed while it was read: it no longer holds the scan of'):
+        sequence.scan(1)
+    with pytest.raises(DataError, match='changed while it was read'):
+        write_bag(sequence, tmp_path / 'other')
+
+
 def test_damage_within_a_chunk_is_refused(street: Callable[..., Any], tmp_path: Path) -> None:
     folder = write_bag(street(count=6), tmp_path / 'bag')
     (file,) = folder.glob('*.mcap')
