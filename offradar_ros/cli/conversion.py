@@ -15,7 +15,7 @@ from offradar_ros.recordings.bags.writer import BagOptions, write_bag
 from offradar_ros.recordings.datasets.check.clocks import ScanClock
 from offradar_ros.recordings.datasets.check.coverage import coverage
 from offradar_ros.recordings.left_out import left_out_text
-from offradar_ros.recordings.row_tally import TalliedSequence
+from offradar_ros.recordings.tallied import TalliedSequence
 from offradar_ros.sequence import RadarSequence
 
 
@@ -26,14 +26,12 @@ class Conversion(NamedTuple):
         scans: number of scans of the sequence.
         skipped: for each scan that was left out, why it cannot be read.
         position_problem: how many scans have no position, and why; empty if every scan has one.
-        row_faults: number of scans by what was wrong with some of their rows and has been mended.
         warnings: scans and stamps that are odd, positions that were left out, clocks that disagree, one line each.
     """
 
     scans: int
     skipped: list[str]
     position_problem: str
-    row_faults: dict[str, int]
     warnings: tuple[str, ...] = ()
 
 
@@ -63,7 +61,7 @@ def convert_sequence(
     position_problem = _position_problem(sequence, written_ns, options.position_offset_ns)
     warnings = _position_warnings(sequence, tallied.clock, options.position_offset_ns)
     warnings = (*tallied.problems(), *warnings)
-    return Conversion(len(sequence), list(map(str, skipped.values())), position_problem, dict(tallied.faults), warnings)
+    return Conversion(len(sequence), list(map(str, skipped.values())), position_problem, warnings)
 
 
 def _position_warnings(sequence: RadarSequence, clock: ScanClock, offset_ns: int) -> tuple[str, ...]:

@@ -17,7 +17,6 @@ from offradar_ros.recordings.bags.topics import ChosenTopics
 from offradar_ros.recordings.bags.writer import BagOptions
 from offradar_ros.recordings.datasets.check.coverage import LARGEST_OFFSET_S
 from offradar_ros.recordings.datasets.check.findings import counted
-from offradar_ros.recordings.datasets.check.scans import ROW_FAULTS
 from offradar_ros.recordings.source import LAYOUT_HELP, open_source, recordings_in
 
 
@@ -100,8 +99,6 @@ def _report(made: Conversion) -> None:
         typer.echo(f'skipped {len(made.skipped)} of {counted(made.scans, "scan")} that cannot be read:')
         for error in made.skipped:
             typer.echo(f'  {error}')
-    for fault, scans in made.row_faults.items():
-        typer.echo(f'warning: {ROW_FAULTS[fault]}: {counted(scans, "scan")}')
     for warning in (*made.warnings, made.position_problem):
         if warning:
             typer.echo(f'warning: {warning}')

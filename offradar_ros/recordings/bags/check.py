@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -22,13 +21,10 @@ from offradar_ros.recordings.bags.topics import FIX_TYPE, ChosenTopics
 from offradar_ros.recordings.datasets.check.clocks import ScanClock
 from offradar_ros.recordings.datasets.check.coverage import coverage
 from offradar_ros.recordings.datasets.check.findings import Finding, Findings, counted, first_few, note, ok, problem
-from offradar_ros.recordings.datasets.check.repeats import Repeats
-from offradar_ros.recordings.datasets.check.scans import ROW_FAULTS
-from offradar_ros.recordings.datasets.check.sizes import Sizes
+from offradar_ros.recordings.datasets.check.scan_faults import ScanFaults
 from offradar_ros.recordings.datasets.check.stamps import check_stamps
 from offradar_ros.recordings.left_out import left_out_text
 from offradar_ros.recordings.replayed_positions import count_positioned
-from offradar_ros.recordings.row_tally import MENDED
 
 
 class _Scans(NamedTuple):
@@ -75,9 +71,8 @@ def _findings(bag: Bag, radar: RadarConfig, position: PositionConfig, chosen: Ch
         return
     yield ok(f'scans: {topic}')
     scans = _Scans([], [], ScanClock())
-    sizes, repeats = Sizes(), Repeats()
+    faults = ScanFaults()
     refused: dict[str, list[str]] = {}
-    mended: Counter[str] = Counter()
     for raw in bag.messages([topic]):
         message = bag.decode(raw)
         try:
@@ -88,16 +83,11 @@ def _findings(bag: Bag, radar: RadarConfig, position: PositionConfig, chosen: Ch
         except RefusedInput as refusal:
             refused.setdefault(refusal.cause, []).append(str(refusal))
         else:
-            sizes.add(scan, f'at {scan.stamp_ns} ns')
-            repeats.add(scan, f'at {scan.stamp_ns} ns')
+            faults.add(scan, f'at {scan.stamp_ns} ns')
             scans.clock.add(scan)
-            mended.update(fault for fault in scan.row_faults if fault in MENDED)
-    yield from sizes.findings()
-    yield from repeats.findings()
+    yield from faults.findings()
     for cause, messages in sorted(refused.items()):
         yield problem(f'{counted(len(messages), "scan")} would be refused ({cause}): {messages[0]}')
-    for fault, count in mended.items():
-        yield problem(f'{ROW_FAULTS[fault]}: {counted(count, "scan")}')
     yield from check_stamps(np.array(scans.stamps_ns, np.int64))
     topics = position_topics(bag)
     try:

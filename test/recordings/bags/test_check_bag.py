@@ -7,8 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from recorded_topics import record, scans
 from rosbags.rosbag2 import StoragePlugin, Writer
 
+from offradar_ros.cli.conversion import convert_sequence
 from offradar_ros.config import Config, MapConfig, PositionConfig, load_config
 from offradar_ros.encoders.registry import make_encoder
 from offradar_ros.mapping.sessions import SessionMap
@@ -16,6 +18,7 @@ from offradar_ros.recordings.bags.check import check_bag
 from offradar_ros.recordings.bags.reader import TYPES, Bag
 from offradar_ros.recordings.bags.sequence import BagSequence
 from offradar_ros.recordings.bags.topics import FIX, ODOMETRY, SCANS
+from offradar_ros.recordings.bags.writer import BagOptions
 from offradar_ros.recordings.drive import drive
 
 CONFIG = load_config(overrides={'encoder.name': 'ring_key'})
@@ -51,6 +54,32 @@ def mapped(path: Path, config: Config = CONFIG) -> tuple[int, tuple[str, ...]]:
         result = drive(bag, config, make_encoder(config.encoder), session_map, session='one')
     assert result.report is not None
     return result.report.inserted + result.report.replaced + result.report.kept, result.warnings
+
+
+@pytest.mark.parametrize(
+    ('silent', 'rows', 'expected'),
+    [
+        (slice(0), 300, ['fewer rows than radar.azimuth_samples', 'azimuths missing from the rotation']),
+        (slice(100, 200), 400, ['azimuths without any power (partial rotation)']),
+    ],
+)
+def test_what_is_odd_about_rows_is_told_by_check_and_convert(
+    street: Callable[..., Any], tmp_path: Path, silent: slice, rows: int, expected: list[str]
+) -> None:
+    messages = []
+    for recorded in scans(street(count=3)):
+        power = recorded.message.data.reshape(400, -1)[:rows].copy()
+        power[silent] = 0
+        recorded.message.height, recorded.message.data = rows, power.reshape(-1)
+        messages.append(recorded)
+    bag = record(tmp_path / 'bag', messages)
+    found = problems(bag)
+    assert len(found) == len(expected)
+    for text, start in zip(found, expected, strict=True):
+        assert text.startswith(start)
+        assert text.endswith(f': 3 scans ({", ".join(f"at {stamp} ns" for stamp in BagSequence(bag).stamps_ns)})')
+    made = convert_sequence(BagSequence(bag), tmp_path / 'again', BagOptions(), skip_unreadable=False)
+    assert list(made.warnings) == found
 
 
 @pytest.mark.parametrize(

@@ -11,15 +11,10 @@ import numpy as np
 from offradar_ros.errors import DataError, RefusedInput
 from offradar_ros.radar.encoder_counts import LARGEST_SHARE_MENDED, WAY_OUT
 from offradar_ros.recordings.datasets.check.findings import Finding, counted, first_few, note, ok, problem
-from offradar_ros.recordings.datasets.check.repeats import Repeats
-from offradar_ros.recordings.datasets.check.sizes import Sizes
+from offradar_ros.recordings.datasets.check.scan_faults import ScanFaults
 from offradar_ros.recordings.datasets.sequence import RecordedSequence
 from offradar_ros.types import PolarScan
 
-# A file's stamp may be that of any row, and a driver may stamp the end of a rotation as it writes the file.
-_ROW_STAMP_SLACK_NS = 50_000_000
-# Neighbouring rows further apart than this many typical steps have lost a row between them.
-_LOST_ROW_STEPS = 1.5
 # What is the same for every scan, so that one line names them all.
 _REFUSALS = {
     'too_few_rows': 'too few azimuths whose power changes with range: the radar is blocked or saturated, or the '
@@ -35,16 +30,6 @@ _REFUSALS = {
     'it back',
 }
 _NUMBER = re.compile(r'\d+')
-ROW_FAULTS = {
-    'angle_interpolated': 'encoder counts that contradict the others, their azimuths are interpolated',
-    'stamp_interpolated': 'row stamps that contradict the others, interpolated',
-    'stamp_unusable': "row stamps of a clock that was never set, or in no order: the scan's stamp is taken instead",
-    'damaged': 'damaged lines, rows without power',
-    'no_power': 'azimuths without any power (partial rotation)',
-    'saturated': 'azimuths whose every power value is 255',
-    'missing': 'fewer rows than radar.azimuth_samples, they are placed in the first part of a turn',
-}
-"""What `PolarScan.row_faults` counts, in words."""
 
 
 def check_scans(
@@ -61,9 +46,8 @@ def check_scans(
     if 0 < sample < len(sequence):
         indices = [int(i) for i in np.linspace(0, len(sequence) - 1, sample).round()]
         yield note(f'{len(indices)} of {len(sequence)} scans decoded')
-    sizes, repeats = Sizes(), Repeats()
+    faults = ScanFaults()
     unreadable: dict[str, list[str]] = {}
-    faults: dict[str, list[str]] = {}
     anchors: Counter[str] = Counter()
     for done, index in enumerate(indices, start=1):
         if progress is not None:
@@ -76,47 +60,20 @@ def check_scans(
             continue
         except RefusedInput as refusal:
             reason = str(refusal).removeprefix(f'{sequence.files[index]}: ')
-            faults.setdefault(_REFUSALS.get(refusal.cause, reason), []).append(file)
+            faults.add_fault(_REFUSALS.get(refusal.cause, reason), file)
             continue
         if decoded is not None:
             decoded(scan)
-        sizes.add(scan, file)
-        repeats.add(scan, file)
-        for fault in (*(ROW_FAULTS[name] for name in scan.row_faults), *scan_faults(scan)):
-            faults.setdefault(fault, []).append(file)
+        faults.add(scan, file)
         if scan.azimuth_stamps_ns is not None and 'stamp_unusable' not in scan.row_faults:
             anchors[_anchor(scan)] += 1
     for first, *others in unreadable.values():
         more = f' (and {counted(len(others) - 1, "scan")} like it: {first_few(others[1:])})' if len(others) > 1 else ''
         yield problem(first + more)
-    yield from sizes.findings()
-    yield from repeats.findings()
-    for fault, files in faults.items():
-        found = note if fault == ROW_FAULTS['saturated'] else problem
-        yield found(f'{fault}: {counted(len(files), "scan")} ({first_few(files)})')
+    yield from faults.findings()
     for anchor, count in anchors.most_common():
         if anchor:
             yield ok(f'stamp of the scan is that of its {anchor} row: {counted(count, "scan")}')
-
-
-def scan_faults(scan: PolarScan) -> Iterator[str]:
-    """What is odd about a scan's azimuths and stamp, in words."""
-    steps = np.diff(np.sort(scan.azimuths_rad))
-    if len(steps) == 0:
-        yield 'a single azimuth'
-        return
-    typical = float(np.median(steps))
-    wrap = 2 * np.pi - float(np.ptp(scan.azimuths_rad))
-    if np.count_nonzero(np.append(steps, wrap) > _LOST_ROW_STEPS * typical):
-        yield 'azimuths missing from the rotation'
-    if np.count_nonzero(steps < 0.5 * typical):
-        yield 'azimuths measured twice (encoder steps of less than half the usual)'
-    stamps = scan.azimuth_stamps_ns
-    if stamps is None or 'stamp_unusable' in scan.row_faults:
-        return
-    early, late = int(stamps.min()) - _ROW_STAMP_SLACK_NS, int(stamps.max()) + _ROW_STAMP_SLACK_NS
-    if not early <= scan.stamp_ns <= late:
-        yield 'stamp of the scan is not within the stamps of its rows'
 
 
 def _anchor(scan: PolarScan) -> str:
