@@ -65,8 +65,8 @@ class ScanMotion:
 def _reduced(scan: PolarScan) -> NDArray[np.float32]:
     """(400, 64) power up to `RANGE_M`, from azimuth 0, each range's mean taken away."""
     bins = max(1, min(scan.power.shape[1], round(RANGE_M / scan.range_resolution_m)))
-    first = int(np.argmin(scan.azimuths_rad))
-    near = np.roll(scan.power[:, :bins], -first, axis=0)
+    # Rows need not be in the order of their azimuths: with radar.azimuth_direction counterclockwise they go back.
+    near = scan.power[np.argsort(scan.azimuths_rad, kind='stable'), :bins]
     cells = max(1, round(_CELLS * bins * scan.range_resolution_m / RANGE_M))
     reduced = cv2.resize(near, (min(cells, _CELLS), _ROWS), interpolation=cv2.INTER_AREA).astype(np.float32)
     padded = np.zeros((_ROWS, _CELLS), np.float32)

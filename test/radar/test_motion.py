@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -54,6 +55,18 @@ def test_the_number_of_rows_may_differ() -> None:
     found = motion.add(scan(STEP_NS, 0.0, 0.0, 0.2, rows=360))
     assert found is not None
     assert found.turn_rate == pytest.approx(0.8, abs=0.05)
+
+
+@pytest.mark.parametrize('degrees', [-12.0, 4.5])
+def test_the_order_of_the_rows_does_not_matter(degrees: float) -> None:
+    """As those of a radar that turns the other way, whose azimuths get smaller."""
+    motion = ScanMotion()
+    for stamp_ns, heading_rad in ((0, 1.0), (STEP_NS, 1.0 + math.radians(degrees))):
+        seen = scan(stamp_ns, 0.0, 0.0, heading_rad)
+        back = dataclasses.replace(seen, power=seen.power[::-1], azimuths_rad=seen.azimuths_rad[::-1])
+        found = motion.add(back)
+    assert found is not None
+    assert found.turn_rate == pytest.approx(4.0 * math.radians(degrees), abs=math.radians(2.0))
 
 
 @pytest.mark.parametrize('step_ns', [0, -STEP_NS, 3 * 10**9])
