@@ -38,7 +38,12 @@ class OnnxEncoder(ImageEncoder):
         self._session = _session(model.content, path, options, providers, device)
         super().__init__(model.header, path, used_device(device, self._session.get_providers()))
         self._expect_shapes(path)
-        self.require_sound(model.probe)
+        try:
+            self.require_sound(model.probe)
+        except ModelError:
+            raise
+        except Exception as error:  # its exceptions have no common base class
+            raise _cannot_run(path, error) from error
 
     def infer(self, images: NDArray[np.uint8]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Images (N, H, W) uint8 → mean and variance, both (N, d) float32."""
@@ -73,9 +78,13 @@ def _session(content: bytes, path: str | Path, options: Any, providers: Sequence
         return onnxruntime.InferenceSession(content, options, providers=list(providers))
     except Exception as error:  # its exceptions have no common base class
         if CUDA_PROVIDER not in providers:
-            raise ModelError(f'{path}: ONNX Runtime cannot run it ({first_line(error)})') from error
+            raise _cannot_run(path, error) from error
         # If the CPU cannot start it either, the file is the cause.
         session = _session(content, path, options, (CPU_PROVIDER,), device)
         if device == 'cuda':
             raise cuda_unavailable(f'ONNX Runtime could not start {CUDA_PROVIDER} ({first_line(error)})') from error
         return session
+
+
+def _cannot_run(path: str | Path, error: Exception) -> ModelError:
+    return ModelError(f'{path}: ONNX Runtime cannot run it ({first_line(error)})')

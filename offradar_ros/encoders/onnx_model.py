@@ -40,8 +40,6 @@ def read_onnx(path: str | Path) -> OnnxModel:
             f'{path}: has no digest, so that damage cannot be seen: it is of an earlier version, or cut off: export '
             f'the weights again, or if you trust this file: offradar export {path} NEW.onnx'
         )
-    if has_external_data(content):
-        raise ModelError(f'{path}: refers to tensors in other files: expected one file, as offradar export writes it')
     try:
         return OnnxModel(content, header, Probe.from_text(metadata.get(PROBE, '')))
     except ConfigError as error:
@@ -49,9 +47,12 @@ def read_onnx(path: str | Path) -> OnnxModel:
 
 
 def header_of(content: bytes, path: str | Path) -> tuple[dict[str, str], WeightsHeader]:
-    """Metadata and header in the content of `path`; ModelError if it is not ONNX, or not ours."""
+    """Metadata and header in the content of `path`; ModelError if it is not ONNX, not ours, or not all in one file."""
     try:
         metadata = read_metadata(content)
+        is_whole = not has_external_data(content)
     except ValueError as error:
         raise ModelError(f'{path}: not a readable ONNX file ({error})') from error
+    if not is_whole:
+        raise ModelError(f'{path}: refers to tensors in other files: expected one file, as offradar export writes it')
     return metadata, WeightsHeader.from_metadata(metadata, path)

@@ -40,7 +40,7 @@ class OpencvEncoder(ImageEncoder):
             self._network = cv2.dnn.readNetFromONNX(np.frombuffer(in_single_precision(model.content), np.uint8))
             # Missing operators are reported by the first run.
             self.require_sound(model.probe)
-        except cv2.error as error:
+        except (cv2.error, ValueError) as error:
             # The last line of the message names the operator.
             reason = str(error).strip().splitlines()[-1][:300]
             raise ModelError(

@@ -264,6 +264,31 @@ def test_a_runtime_that_computes_something_else_is_refused(
         make(path)
 
 
+def test_a_network_that_fails_when_it_runs_is_refused_in_one_line(tmp_path: Path, small_onnx: Path) -> None:
+    # The number of images is known only then.
+    model = onnx.load(small_onnx)
+    model.graph.initializer.append(onnx.numpy_helper.from_array(np.array([7, -1]), 'shape'))
+    for name in ('mean', 'variance'):
+        last = next(node for node in model.graph.node if name in node.output)
+        last.output[:] = [f'{name}_of_all']
+        model.graph.node.append(onnx.helper.make_node('Reshape', [f'{name}_of_all', 'shape'], [f'{name}_of_7']))
+        model.graph.node.append(onnx.helper.make_node('Reshape', [f'{name}_of_7', 'all'], [name]))
+    model.graph.initializer.append(onnx.numpy_helper.from_array(np.array([-1, 8]), 'all'))
+    path = saved(model, tmp_path / 'fails.onnx')
+    with pytest.raises(ModelError, match=r'fails\.onnx: ONNX Runtime cannot run it') as refused:
+        OnnxEncoder(path)
+    assert '\n' not in str(refused.value)
+
+
+def test_half_precision_of_an_odd_length_is_refused_by_opencv(tmp_path: Path, small_onnx: Path) -> None:
+    model = onnx.load(small_onnx)
+    model.graph.initializer.append(
+        onnx.TensorProto(name='odd', data_type=onnx.TensorProto.FLOAT16, dims=[3], raw_data=b'12345')
+    )
+    with pytest.raises(ModelError, match=r'odd\.onnx: OpenCV [0-9.]+ cannot run it'):
+        OpencvEncoder(saved(model, tmp_path / 'odd.onnx'))
+
+
 @pytest.mark.parametrize('make', [OnnxEncoder, OpencvEncoder])
 def test_onnx_that_refers_to_another_file_is_refused(
     tmp_path: Path, small_onnx: Path, make: Callable[[Path], ImageEncoder], monkeypatch: pytest.MonkeyPatch

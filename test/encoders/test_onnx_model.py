@@ -11,7 +11,7 @@ import pytest
 
 from offradar_ros.encoders.onnx_digest import digest_is_right, has_digest, with_digest
 from offradar_ros.encoders.onnx_file import metadata_entry
-from offradar_ros.encoders.onnx_model import PROBE, read_onnx
+from offradar_ros.encoders.onnx_model import PROBE, header_of, read_onnx
 from offradar_ros.encoders.pretrained import find_weights
 from offradar_ros.errors import ModelError
 
@@ -35,6 +35,21 @@ def test_every_flipped_bit_of_the_shipped_network_is_noticed(tmp_path: Path) -> 
         content[at] ^= bit
     path.write_bytes(content)
     assert read_onnx(path).header == read_onnx(COMPACT).header
+
+
+def test_every_damage_of_a_file_without_digest_is_refused_or_harmless(tmp_path: Path) -> None:
+    """Nothing tells that it is damaged before a runtime reads it."""
+    content, random_, path = COMPACT.read_bytes()[:-85], random.Random(SEED), tmp_path / 'old.onnx'
+    unreadable = 0
+    for _ in range(400):
+        flipped = bytearray(content)
+        flipped[random_.randrange(min(len(content), 40_000))] ^= 1 << random_.randrange(8)
+        try:
+            header_of(bytes(flipped), path)
+        except ModelError as refused:
+            assert '\n' not in str(refused)
+            unreadable += 'not a readable ONNX file' in str(refused)
+    assert unreadable > 0
 
 
 @pytest.mark.parametrize('more', [b'', b'\0', b'more'])

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from offradar_ros.encoders.model_files import first_line, read_model_file, require_package, write_atomically
 from offradar_ros.encoders.onnx_digest import has_digest, with_digest
-from offradar_ros.encoders.onnx_file import has_external_data, metadata_entry
+from offradar_ros.encoders.onnx_file import metadata_entry
 from offradar_ros.encoders.onnx_model import PROBE, header_of
 from offradar_ros.encoders.probe import Probe, probe_image, require_sound
 from offradar_ros.encoders.weights_header import WeightsHeader
@@ -39,8 +39,6 @@ def add_digest(path: str | Path, out: str | Path) -> WeightsHeader:
     if has_digest(content):
         raise ModelError(f'{path}: has a digest already: nothing to export')
     _, header = header_of(content, path)
-    if has_external_data(content):
-        raise ModelError(f'{path}: refers to tensors in other files: expected one file, as offradar export writes it')
     probe = probe_onnx(content, header, path)
     write_atomically(out, with_digest(content + metadata_entry(PROBE, probe.to_text())))
     return header
