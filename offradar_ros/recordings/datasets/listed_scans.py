@@ -18,10 +18,11 @@ def listing_differences(listing: Path, listed: Sequence[int], files: Sequence[Pa
     backwards = sum(later < earlier for earlier, later in itertools.pairwise(listed))
     if backwards:
         differences.append(f'{listing}: stamps that go backwards: {backwards}')
-    if len(set(listed)) < len(listed):
-        differences.append(f'{listing}: stamps listed more than once: {len(listed) - len(set(listed))}')
-    missing = sorted(set(listed) - {stamp_of_name(file) for file in files})
-    extra = sorted(file.name for file in files if stamp_of_name(file) not in set(listed))
+    distinct = set(listed)
+    if len(distinct) < len(listed):
+        differences.append(f'{listing}: stamps listed more than once: {len(listed) - len(distinct)}')
+    missing = sorted(distinct - {stamp_of_name(file) for file in files})
+    extra = sorted(file.name for file in files if stamp_of_name(file) not in distinct)
     if missing:
         first = f'{missing[0] // unit_ns}{files[0].suffix}'
         differences.append(f'{listing}: {len(missing)} of {len(listed)} listed scans have no file, first {first}')

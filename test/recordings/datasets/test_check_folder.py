@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import dataclasses
 import gzip
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from offradar_ros.recordings.datasets.check import Finding, Findings, check_fold
 from offradar_ros.recordings.datasets.check.coverage import coverage
 from offradar_ros.recordings.datasets.check.stamps import check_stamps
 from offradar_ros.recordings.datasets.coverage import seconds_apart
+from offradar_ros.recordings.datasets.listed_scans import listing_differences
 from offradar_ros.recordings.datasets.registry import open_sequence
 
 Writers = dict[str, Callable[..., Any]]
@@ -145,6 +146,21 @@ def test_a_list_that_repeats_and_goes_back(oxford_folder: Path) -> None:
     problems = [finding.text for finding in check_folder(oxford_folder).problems]
     assert any('stamps that go backwards: 1' in text for text in problems)
     assert any('stamps listed more than once: 1' in text for text in problems)
+
+
+def test_a_list_is_not_gone_through_for_each_of_its_scans() -> None:
+    class Listed(list[int]):
+        times = 0
+
+        def __iter__(self) -> Iterator[int]:
+            self.times += 1
+            return super().__iter__()
+
+    listed = Listed(range(10**18, 10**18 + 9))
+    files = [Path(f'{stamp_ns}.png') for stamp_ns in listed[1:]]
+    (text,) = listing_differences(Path('list'), listed, files, unit_ns=1)
+    assert text == f'list: 1 of 9 listed scans have no file, first {10**18}.png'
+    assert listed.times < 5
 
 
 def test_odd_sizes_empty_scans_and_wrong_stamps(oxford_folder: Path, scan_writers: Writers) -> None:
