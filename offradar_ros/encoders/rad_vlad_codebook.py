@@ -96,6 +96,8 @@ def load_codebook(path: str | Path) -> Codebook:
             structure(RowSettings, settings), centres, typical, metadata.get('offradar.description', '')
         )
         found = codebook.fingerprint
+        if not (isinstance(typical, float) and typical >= MIN_REPETITION and np.isfinite(typical)):
+            raise ValueError(f'typical_repetition: expected a number of {MIN_REPETITION} or more, got {typical!r}')
     except (ValueError, TypeError, AttributeError, KeyError, ConfigError) as error:
         raise ModelError(f'{path}: offradar.rad_vlad holds no settings of rad_vlad ({first_line(error)})') from error
     if found != metadata.get('offradar.fingerprint'):
@@ -104,4 +106,6 @@ def load_codebook(path: str | Path) -> Codebook:
         raise ModelError(
             f'{path}: expected float32 centres of {codebook.rows.features} values, got {centres.dtype} {centres.shape}'
         )
+    if not np.isfinite(centres).all():
+        raise ModelError(f'{path}: its centres are not finite')
     return codebook

@@ -246,6 +246,26 @@ def test_invalid_files_are_refused_in_one_line(tmp_path: Path, codebook: Codeboo
         load_codebook(tmp_path / 'none.safetensors')
 
 
+@pytest.mark.parametrize(
+    ('changes', 'expected'),
+    [
+        ({'typical_repetition': 0.0}, 'typical_repetition: expected a number of 0.001 or more, got 0'),
+        ({'typical_repetition': '0.3'}, 'typical_repetition: expected a number'),
+        ({'centres': np.nan}, 'its centres are not finite'),
+    ],
+)
+def test_a_codebook_that_cannot_be_is_refused(
+    tmp_path: Path, codebook: Codebook, changes: dict[str, Any], expected: str
+) -> None:
+    """Its fingerprint and digest are right."""
+    if 'centres' in changes:
+        changes = {'centres': np.full_like(codebook.centres, changes['centres'])}
+    dataclasses.replace(codebook, **changes).save(tmp_path / 'odd.safetensors')
+    with pytest.raises(ModelError, match=rf'odd\.safetensors: .*{expected}') as refused:
+        load_codebook(tmp_path / 'odd.safetensors')
+    assert '\n' not in str(refused.value)
+
+
 def test_turned_recorded_scans_have_the_same_descriptor(real_data: Path) -> None:
     def read(folder: str, resolution_m: float) -> list[PolarScan]:
         paths = sorted(real_data.glob(f'{folder}/*.png'))
