@@ -6,6 +6,7 @@ is named by the stamp of its last line.
 
 from __future__ import annotations
 
+import codecs
 import dataclasses
 import math
 from collections import Counter
@@ -87,10 +88,13 @@ def read_ray_scan(path: Path, stamp_ns: int, radar: RadarConfig) -> PolarScan:
     """
     try:
         # A byte that is no text damages its line only.
-        text = read_bounded(path, _BYTES_OF_A_VALUE * radar.max_image_bytes).decode('ascii', errors='replace')
+        content = read_bounded(path, _BYTES_OF_A_VALUE * radar.max_image_bytes)
+        text = content.removeprefix(codecs.BOM_UTF8).decode('ascii', errors='replace')
     except OSError as error:
         raise DataError(f'{path}: cannot be read ({error.strerror})') from None
     lines = text.splitlines()
+    while len(lines) > radar.azimuth_samples and not lines[-1].strip():
+        lines.pop()
     if not lines:
         raise DataError(f'{path}: empty file: expected a line an azimuth')
     columns = Counter(line.count(',') + 1 for line in lines).most_common(1)[0][0]

@@ -196,6 +196,17 @@ def test_a_damaged_line_of_a_ray_file_is_a_row_without_power(
     assert not scan.power[at].any()
 
 
+@pytest.mark.parametrize(('before', 'after'), [('\ufeff', ''), ('', '\n'), ('', ' \n\n')])
+def test_a_ray_file_with_a_mark_or_blank_lines_at_its_ends_is_sound(
+    tmp_path: Path, scan_writers: Writers, before: str, after: str
+) -> None:
+    """As editors leave them."""
+    text = ray_text(scan_writers, START_NS, 100)
+    (tmp_path / f'{START_NS}.csv').write_text(before + text.rstrip() + '\n' + after)
+    scan = open_sequence(tmp_path, radar=RadarConfig(range_resolution_m=0.06)).scan(0)
+    assert (len(scan.power), scan.row_faults) == (400, {})
+
+
 @pytest.mark.parametrize('kind', DAMAGED_LINES)
 def test_a_ray_file_of_damaged_lines_is_named_by_the_first(tmp_path: Path, scan_writers: Writers, kind: str) -> None:
     path = tmp_path / f'{START_NS}.csv'
