@@ -99,5 +99,6 @@ def pose_from_odometry(message: Any) -> Pose:
 
 def header_stamp_ns(cdr: bytes) -> int:
     """Header stamp (nanoseconds) of a serialised message, without a decoding of the rest."""
-    seconds, nanoseconds = STAMP.unpack_from(cdr, STAMP_OFFSET)
+    # The second byte says in which order the bytes of numbers are.
+    seconds, nanoseconds = struct.unpack_from('<iI' if cdr[1] else '>iI', cdr, STAMP_OFFSET)
     return int(seconds) * 10**9 + int(nanoseconds)

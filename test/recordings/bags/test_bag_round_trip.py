@@ -13,6 +13,7 @@ import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 from numpy.typing import NDArray
+from recorded_topics import scans
 from rosbags.rosbag2 import StoragePlugin, Writer
 
 from offradar_ros.errors import DataError, RefusedInput
@@ -22,7 +23,7 @@ from offradar_ros.positions.rules import END_NS
 from offradar_ros.recordings.bags.positions import position_topics, read_positions
 from offradar_ros.recordings.bags.reader import TYPES, Bag
 from offradar_ros.recordings.bags.sequence import BagSequence
-from offradar_ros.recordings.bags.topics import IMAGE_TYPE
+from offradar_ros.recordings.bags.topics import IMAGE_TYPE, SCANS
 from offradar_ros.recordings.bags.writer import BagOptions, write_bag
 from offradar_ros.recordings.datasets.registry import open_sequence
 from offradar_ros.recordings.source import is_bag
@@ -228,6 +229,20 @@ def test_what_follows_a_message_is_ignored(street: Callable[..., Any], tmp_path:
     shorter = rewritten(whole, tmp_path / 'shorter', lambda cdr: cdr[:-40])
     with Bag(shorter) as bag, pytest.raises(DataError, match='not a readable'):
         bag.decode(next(bag.messages()))
+
+
+def test_messages_of_a_machine_with_the_other_order_of_bytes_are_read(
+    street: Callable[..., Any], tmp_path: Path
+) -> None:
+    sequence = street(count=3)
+    with Writer(tmp_path / 'bag', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection(SCANS, IMAGE_TYPE, typestore=TYPES)
+        for recorded in scans(sequence):
+            cdr = TYPES.serialize_cdr(recorded.message, IMAGE_TYPE, little_endian=False)
+            writer.write(connection, recorded.log_ns, cdr)
+    bag = BagSequence(tmp_path / 'bag')
+    np.testing.assert_array_equal(bag.stamps_ns, sequence.stamps_ns)
+    np.testing.assert_array_equal(bag.scan(1).power, sequence.scan(1).power)
 
 
 def test_the_message_of_a_live_driver_is_read_from_a_bag(real_data: Path, tmp_path: Path) -> None:
