@@ -16,18 +16,21 @@ from offradar_ros.types import Embedding, Pose
 
 _NOTHING = np.empty(0, np.float32)
 _HERE = Pose(0.0, 0.0)
-_RESTART_AFTER_NS = 10**9
 
 
 def count_positioned(
-    scans: Iterable[tuple[int, int]], positions: Iterable[tuple[int, int]], config: PositionConfig
+    scans: Iterable[tuple[int, int]],
+    positions: Iterable[tuple[int, int]],
+    config: PositionConfig,
+    restart_after_s: float,
 ) -> int:
     """How many scans get a position in the order in which `drive` reads; all are given by log time and stamp in ns.
 
-    The same objects decide as on the vehicle: a scan waits for `position.wait_s`, by the stamps of the others.
+    The same objects decide as on the vehicle: a scan waits for `position.wait_s`, by the stamps of the others, and
+    their stamps may go back by more than the radar's `restart_after_s`.
     """
     positioning: Positioning[Pose] = Positioning(config, lambda stamp_ns, pose: [(stamp_ns, pose)])
-    gate = StampGate(_RESTART_AFTER_NS)
+    gate = StampGate(round(restart_after_s * 1e9))
     resolved: list[Resolved] = []
     waiting = iter(positions)
     following = next(waiting, None)

@@ -138,7 +138,7 @@ def test_every_way_gives_the_same_scans_the_same_positions(tmp_path: Path, name:
         from_bag, bag_causes = read_positions(bag, FIX)
         used = set(from_bag.stamps_ns.tolist())
         usable = [(log_ns, stamp) for log_ns, stamp, _ in arrivals(bag, FIX) if stamp in used]
-        counted = count_positioned([(int(s), int(s)) for s in SCANS_NS], usable, PositionConfig())
+        counted = count_positioned([(int(s), int(s)) for s in SCANS_NS], usable, PositionConfig(), 1.0)
     table_causes: Counter[str] = Counter()
     from_table = read_mulran_gps(exact_table(tmp_path / 'gps.csv', fixes), table_causes)
     wanted = poses_of(from_bag)
@@ -183,3 +183,11 @@ def test_a_recording_that_starts_again_is_read_once(tmp_path: Path) -> None:
     assert poses_of(twice) == poses_of(once)
     mapped, _ = live(again, 0)
     assert mapped.keys() == poses_of(once).keys()
+
+
+@pytest.mark.parametrize(('restart_after_s', 'count'), [(1.0, 23), (10.0, 12)])
+def test_scans_that_go_back_are_counted_by_what_a_restart_of_the_radar_is(restart_after_s: float, count: int) -> None:
+    stamps_ns = [k * 250_000_000 for k in range(1, 13)] + [125_000_000 + k * 250_000_000 for k in range(1, 12)]
+    scans = [(k * 250_000_000, stamp) for k, stamp in enumerate(stamps_ns)]
+    positions = [(0, k * 100_000_000) for k in range(40)]
+    assert count_positioned(scans, positions, PositionConfig(), restart_after_s) == count

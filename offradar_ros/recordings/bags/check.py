@@ -98,10 +98,12 @@ def _findings(bag: Bag, radar: RadarConfig, position: PositionConfig, chosen: Ch
         if positions is not None:
             yield ok(f'positions: {positions}')
             topics = [positions] if chosen.positions else topics
-    yield from _positions(bag, topics, scans, position)
+    yield from _positions(bag, topics, scans, radar, position)
 
 
-def _positions(bag: Bag, topics: list[str], scans: _Scans, position: PositionConfig) -> Iterator[Finding]:
+def _positions(
+    bag: Bag, topics: list[str], scans: _Scans, radar: RadarConfig, position: PositionConfig
+) -> Iterator[Finding]:
     if not topics:
         yield note('no positions: this bag can be queried with, not mapped')
     for topic in topics:
@@ -113,7 +115,8 @@ def _positions(bag: Bag, topics: list[str], scans: _Scans, position: PositionCon
             continue
         used = set(trajectory.stamps_ns.tolist())
         usable = [(log_ns, stamp) for log_ns, stamp, _ in found if stamp in used]
-        in_time = count_positioned(zip(scans.logs_ns, scans.stamps_ns, strict=True), usable, position)
+        arrived = zip(scans.logs_ns, scans.stamps_ns, strict=True)
+        in_time = count_positioned(arrived, usable, position, radar.restart_after_s)
         yield coverage(topic, np.array(scans.stamps_ns, np.int64), trajectory, position, in_time=in_time)
         by_arrival = clock_problem(arrival_offset_s(zip(scans.logs_ns, scans.stamps_ns, strict=True), found))
         if by_arrival:
