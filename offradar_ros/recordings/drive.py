@@ -108,7 +108,7 @@ class _Drive:
         self._clocks = ArrivalClocks()
         self._motion = ScanClock()
         self._repeats = Repeats()
-        self._track = PositionTrack(geodetic=bool(positions) and bag.topics[positions or ''] == FIX_TYPE)
+        self._track = PositionTrack(geodetic=positions is not None and bag.topics[positions] == FIX_TYPE)
         if isinstance(session_map, PlaceTable):
             self._query.load(session_map, self._fingerprint)
             return

@@ -44,7 +44,7 @@ _INDEX_BYTES = 31
 def check_mcap(path: Path, compressed_messages: bool = False) -> BagFacts:
     """The facts of a file; Damage, or CutOff, if it is not whole, or not as its checksums and tables say.
 
-    `compressed_messages`: each message is compressed by itself. No more is held in memory than one chunk.
+    `compressed_messages`: each message is compressed by itself. Memory holds one chunk at a time, and the tables.
     """
     with path.open('rb') as file:
         return _Walk(file, compressed_messages).facts()

@@ -31,7 +31,6 @@ class Track:
     def __init__(self, path: Path, tally: Counter[str] | None, *, geodetic: bool = True) -> None:
         self._path = path
         self._track = PositionTrack(geodetic=geodetic, tally=tally)
-        self._geodetic = geodetic
         self._rows = 0
         self._bad = 0
         self._first_bad = ''
