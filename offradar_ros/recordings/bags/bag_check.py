@@ -8,35 +8,24 @@ from __future__ import annotations
 import functools
 import shlex
 import tempfile
-from collections import Counter
-from pathlib import Path, PurePath
-from typing import Any, NamedTuple
+from pathlib import Path
 
-import yaml
 from rosbags.rosbag2 import Reader
 from rosbags.rosbag2.reader import DirectoryReader
 
-from offradar_ros.bounded_input import parse_yaml, read_text
 from offradar_ros.errors import DataError
-from offradar_ros.recordings.bags.bag_facts import BagFacts, Topic, joined
+from offradar_ros.recordings.bags.bag_facts import BagFacts, joined
 from offradar_ros.recordings.bags.inflate import inflated_pieces
 from offradar_ros.recordings.bags.mcap_check import check_mcap
 from offradar_ros.recordings.bags.mcap_records import Damage
 from offradar_ros.recordings.bags.sqlite_check import check_sqlite
+from offradar_ros.recordings.bags.storage import Metadata, read_metadata, state_of, written_again
 
 MAX_FILE_BYTES = 64 * 1024**3
 """Largest content of a file that was compressed as a whole."""
 _ZSTD = '.zstd'
 _LONGEST = 300
 """Most characters of a reason: names within a file may be of any length."""
-
-
-class _Metadata(NamedTuple):
-    """What metadata.yaml says: its files, how they are compressed, and messages of each topic that has any."""
-
-    files: tuple[Path, ...]
-    compression: str
-    counts: Counter[Topic]
 
 
 def check_bag_files(path: Path) -> BagFacts:
@@ -48,12 +37,21 @@ def check_bag_files(path: Path) -> BagFacts:
     try:
         if not path.is_dir():
             return _facts(path, path, '')
-        metadata = _metadata(path / 'metadata.yaml', _state(path / 'metadata.yaml'))
+        metadata = read_metadata(path)
         facts = joined(_facts(path, file, metadata.compression) for file in metadata.files)
     except OSError as error:
         raise DataError(f'{error.filename or path}: cannot be read ({error.strerror})') from error
     _require_agreement(path, metadata, facts)
     return facts
+
+
+def read_in_order(path: Path, reader: Reader) -> None:
+    """Make an open reader of a folder read its files as they follow each other, in whatever order they are listed."""
+    if isinstance(reader.storage, DirectoryReader):
+        metadata = read_metadata(path)
+        starts_ns = [_facts(path, file, metadata.compression).start_ns for file in metadata.files]
+        ordered = sorted(zip(starts_ns, reader.storage.storages, strict=True), key=lambda item: item[0])
+        reader.storage.storages[:] = [storage for _, storage in ordered]
 
 
 def require_all_read(path: Path, reader: Reader) -> None:
@@ -67,18 +65,13 @@ def require_all_read(path: Path, reader: Reader) -> None:
                 and (not said.digest or not held.digest or said.digest == held.digest)
                 for said in reader.storage.connections
             ):
-                raise _disagreement(path, f'says of {held.topic} another type, format or QoS than its file')
-
-
-def _state(file: Path) -> tuple[int, int, int]:
-    """What changes when a file does."""
-    found = file.stat()
-    return found.st_ino, found.st_size, found.st_mtime_ns
+                what = f'says of {held.topic} another type, format or QoS than its file'
+                raise _disagreement(path, what, read_metadata(path).compression)
 
 
 def _facts(path: Path, file: Path, compression: str) -> BagFacts:
     try:
-        return _checked(file, _state(file), compression)
+        return _checked(file, state_of(file), compression)
     except Damage as damage:
         where = '' if file == path else f'{file.name}: '
         reason = ' '.join(str(damage).split())[:_LONGEST]
@@ -119,38 +112,16 @@ def _inflate(file: Path, out: Path) -> None:
         raise Damage(f'its compression ({error})') from error
 
 
-@functools.lru_cache(maxsize=64)
-def _metadata(file: Path, _: tuple[int, int, int]) -> _Metadata:
-    try:
-        tree: Any = parse_yaml(read_text(file))['rosbag2_bagfile_information']
-        # Old versions have the path from where it was recorded.
-        files = tuple(file.with_name(PurePath(str(name)).name) for name in tree['relative_file_paths'])
-        mode = str(tree.get('compression_mode') or '').lower()
-        counts: Counter[Topic] = Counter()
-        for topic in tree['topics_with_message_count']:
-            told = topic['topic_metadata']
-            counts[str(told['name']), str(told['type'])] += int(topic['message_count'])
-    except (yaml.YAMLError, ValueError, KeyError, TypeError, AttributeError) as error:
-        reason = ' '.join(str(error).split())
-        raise DataError(
-            f'{file}: damaged, or not that of a bag ({type(error).__name__}: {reason[:_LONGEST]}): '
-            f'ros2 bag reindex {shlex.quote(str(file.parent))} writes it again'
-        ) from None
-    if len(set(files)) < len(files):
-        raise _disagreement(file.parent, 'names a file twice')
-    return _Metadata(files, mode, +counts)
-
-
-def _require_agreement(path: Path, metadata: _Metadata, facts: BagFacts) -> None:
+def _require_agreement(path: Path, metadata: Metadata, facts: BagFacts) -> None:
     for topic in sorted(metadata.counts.keys() | facts.counts.keys()):
         said, found = metadata.counts[topic], facts.counts[topic]
         if said != found:
-            raise _disagreement(path, f'says {said} messages of {topic[0]} ({topic[1]}), its files hold {found}')
+            what = f'says {said} messages of {topic[0]} ({topic[1]}), its files hold {found}'
+            raise _disagreement(path, what, metadata.compression)
 
 
-def _disagreement(path: Path, what: str) -> DataError:
+def _disagreement(path: Path, what: str, compression: str) -> DataError:
     shown = ' '.join(what.split())[:_LONGEST]
     return DataError(
-        f'{path}: metadata.yaml is damaged, or of other files: it {shown}: '
-        f'ros2 bag reindex {shlex.quote(str(path))} writes it again'
+        f'{path}: metadata.yaml is damaged, or of other files: it {shown}: {written_again(path, compression)}'
     )

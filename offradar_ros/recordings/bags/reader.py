@@ -16,7 +16,7 @@ from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, get_typestore
 
 from offradar_ros.errors import DataError, RefusedInput
-from offradar_ros.recordings.bags.bag_check import check_bag_files, require_all_read
+from offradar_ros.recordings.bags.bag_check import check_bag_files, read_in_order, require_all_read
 from offradar_ros.recordings.bags.bag_facts import joined
 from offradar_ros.recordings.bags.storage import readable_paths, unreadable
 
@@ -50,13 +50,16 @@ class Bag:
         self._readers: list[Reader] = []
         self._open = contextlib.ExitStack()
         with self._named_errors():
-            self._facts = joined([check_bag_files(each) for each in self.paths])
+            facts = {each: check_bag_files(each) for each in self.paths}
+            self._facts = joined(facts.values())
+            self.paths = tuple(sorted(self.paths, key=lambda each: facts[each].start_ns))
             try:
                 for each in self.paths:
                     reader = Reader(each)
                     reader.open()
                     self._open.callback(reader.close)
                     require_all_read(self.path, reader)
+                    read_in_order(each, reader)
                     self._readers.append(reader)
                 self._counts = Counter[tuple[str, str]]()
                 for connection in self._connections():

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import functools
 import shlex
 import struct
+from collections import Counter
 from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
 
@@ -11,6 +13,7 @@ import yaml
 
 from offradar_ros.bounded_input import parse_yaml, read_text
 from offradar_ros.errors import DataError
+from offradar_ros.recordings.bags.bag_facts import Topic
 
 METADATA = 'metadata.yaml'
 STORAGES = {'.mcap': 'mcap', '.db3': 'sqlite3'}
@@ -20,7 +23,27 @@ _NEWEST_METADATA = 9
 """Newest version of metadata.yaml that rosbags reads."""
 _MCAP, _SQLITE, _ROS1, _ZSTD = b'\x89MCAP0\r\n', b'SQLite format 3\0', b'#ROSBAG V', b'\x28\xb5\x2f\xfd'
 _ARCHIVES = {b'\x1f\x8b': 'gzip', b'PK\x03\x04': 'zip', b'7z\xbc\xaf': '7z', b'BZh': 'bzip2', b'\xfd7zXZ': 'xz'}
-_COMPRESSED_SUFFIXES = ('.zstd', '.zst')
+_COMPRESSED = {'.zstd', '.zst'}
+_LONGEST = 300
+"""Most characters of a reason: what a file holds may be of any length."""
+
+
+class Metadata(NamedTuple):
+    """What metadata.yaml says.
+
+    Attributes:
+        version: of its format.
+        storage: what rosbag2 calls the storage; may be empty.
+        files: of the bag, in the folder.
+        compression: ``file``, ``message`` or empty.
+        counts: messages of each topic that has any.
+    """
+
+    version: int
+    storage: str
+    files: tuple[Path, ...]
+    compression: str
+    counts: Counter[Topic]
 
 
 def readable_paths(path: Path) -> tuple[Path, ...]:
@@ -57,8 +80,8 @@ def unlisted_files(path: Path) -> list[str]:
     if not (path / METADATA).is_file():
         return []
     try:
-        listed = {file.name for file in _metadata(path).files}
-    except (OSError, yaml.YAMLError, ValueError, KeyError, TypeError, AttributeError):
+        listed = {file.name for file in read_metadata(path).files}
+    except DataError:
         return []
     return [file.name for file in _storage_files(path) if file.name not in listed]
 
@@ -68,26 +91,35 @@ def unreadable(path: Path, reason: str) -> DataError:
     return DataError(f'{path}: not a readable rosbag2 recording ({reason})')
 
 
-class _Metadata(NamedTuple):
-    """What metadata.yaml says of the files."""
+def read_metadata(folder: Path) -> Metadata:
+    """What metadata.yaml of a folder says; DataError, with the way out, where it is damaged."""
+    file = folder / METADATA
+    try:
+        return _metadata(file, state_of(file))
+    except OSError as error:
+        raise unreadable(folder, f'{METADATA} cannot be read: {error.strerror}') from None
+    except (yaml.YAMLError, ValueError, KeyError, TypeError, AttributeError) as error:
+        reason = ' '.join(f'{type(error).__name__}: {error}'.split())[:_LONGEST]
+        raise unreadable(folder, f'{METADATA} is damaged or empty ({reason}): {written_again(folder)}') from None
 
-    version: int
-    storage: str
-    files: list[Path]
-    compression: str
+
+def state_of(file: Path) -> tuple[int, int, int]:
+    """What changes when a file does."""
+    found = file.stat()
+    return found.st_ino, found.st_size, found.st_mtime_ns
+
+
+def written_again(folder: Path, compression: str = '') -> str:
+    """What writes the metadata of a folder again, as a clause."""
+    if compression == 'message':
+        return 'copy it again, ros2 bag reindex does not read messages that are compressed one by one'
+    return f'{_reindex(folder, _storage_files(folder))} writes it again'
 
 
 def _of_folder(folder: Path) -> tuple[Path, ...]:
     if not (folder / METADATA).exists():
         raise _without_metadata(folder)
-    try:
-        metadata = _metadata(folder)
-    except OSError as error:
-        raise unreadable(folder, f'{METADATA} cannot be read: {error.strerror}') from None
-    except (yaml.YAMLError, ValueError, KeyError, TypeError, AttributeError):
-        raise unreadable(
-            folder, f'{METADATA} is damaged or empty: {_reindex(folder, _storage_files(folder))} writes it again'
-        ) from None
+    metadata = read_metadata(folder)
     missing = [file.name for file in metadata.files if not file.exists()]
     if missing:
         raise unreadable(
@@ -108,19 +140,28 @@ def _of_folder(folder: Path) -> tuple[Path, ...]:
             f'its {METADATA} is of version {metadata.version} with storage {metadata.storage!r} and compression: '
             'ros2 bag convert writes a bag without compression',
         )
-    return tuple(metadata.files)
+    return metadata.files
 
 
-def _metadata(folder: Path) -> _Metadata:
-    tree: Any = parse_yaml(read_text(folder / METADATA))
+@functools.lru_cache(maxsize=64)
+def _metadata(file: Path, _: tuple[int, int, int]) -> Metadata:
+    tree: Any = parse_yaml(read_text(file))
     information = tree['rosbag2_bagfile_information']
+    # Old versions have the path from where it was recorded.
+    files = tuple(file.with_name(PurePosixPath(str(name)).name) for name in information['relative_file_paths'])
+    if len(set(files)) < len(files):
+        raise ValueError('names a file twice')
     compression = str(information.get('compression_mode') or '').lower()
-    return _Metadata(
+    counts: Counter[Topic] = Counter()
+    for topic in information['topics_with_message_count']:
+        told = topic['topic_metadata']
+        counts[str(told['name']), str(told['type'])] += int(topic['message_count'])
+    return Metadata(
         version=int(information['version']),
         storage=str(information.get('storage_identifier') or ''),
-        # Old versions have the path from where it was recorded.
-        files=[folder / PurePosixPath(str(name)).name for name in information['relative_file_paths']],
+        files=files,
         compression='' if compression == 'none' else compression,
+        counts=+counts,
     )
 
 
@@ -149,12 +190,16 @@ def _storage_files(folder: Path) -> list[Path]:
 
 def _suffix(file: Path) -> str:
     """The suffix, under that of a compression if it has one."""
-    return Path(file.stem).suffix if file.suffix in _COMPRESSED_SUFFIXES else file.suffix
+    return Path(file.stem).suffix if file.suffix in _COMPRESSED else file.suffix
 
 
 def _reindex(folder: Path, files: list[Path]) -> str:
     storage = STORAGES[_suffix(files[0])] if files else 'mcap'
-    return f'ros2 bag reindex -s {storage} {shlex.quote(str(folder))}'
+    where = shlex.quote(str(folder))
+    inflated = ''.join(
+        f'zstd -d --rm {where}/*{suffix} && ' for suffix in {file.suffix for file in files} & _COMPRESSED
+    )
+    return f'{inflated}ros2 bag reindex -s {storage} {where}'
 
 
 def _ros1(file: Path) -> str:

@@ -177,7 +177,7 @@ CHANGES: dict[str, tuple[Callable[[Any], object], str]] = {
         r'says 0 messages of /ground_truth/odometry',
     ),
     'a file twice': (lambda told: told['relative_file_paths'].append('session_1.mcap'), 'names a file twice'),
-    'no topics': (lambda told: told.pop('topics_with_message_count'), 'metadata.yaml: damaged'),
+    'no topics': (lambda told: told.pop('topics_with_message_count'), 'metadata.yaml is damaged'),
     'a quality of service': (
         lambda told: told['topics_with_message_count'][0]['topic_metadata'].update(
             offered_qos_profiles=[

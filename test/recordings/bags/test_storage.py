@@ -106,10 +106,37 @@ def test_a_recording_in_several_files_is_one(street: Callable[..., Any], tmp_pat
         assert (bag.start_ns, bag.end_ns) == (whole.trajectory.stamps_ns[0], whole.trajectory.stamps_ns[-1] + 1)
 
 
-@pytest.mark.parametrize('mode', [CompressionMode.FILE, CompressionMode.MESSAGE])
-@pytest.mark.parametrize('plugin', list(StoragePlugin))
-def test_compressed_recordings(mode: CompressionMode, plugin: StoragePlugin, drive: Any, tmp_path: Path) -> None:
-    writer = Writer(tmp_path / 'small', version=9, storage_plugin=plugin)
+@pytest.mark.parametrize('version', [9, 10])
+def test_files_are_read_in_order_of_time_however_they_are_listed(
+    street: Callable[..., Any], tmp_path: Path, version: int
+) -> None:
+    whole = street(count=6)
+    parts = [record(tmp_path / str(k), list(scans(whole))[2 * k : 2 * k + 2]) for k in range(3)]
+    folder = edit(
+        parts[0],
+        version=version,
+        relative_file_paths=['2.mcap', '0.mcap', '1.mcap'],
+        topics_with_message_count=[
+            {**topic, 'message_count': 6}
+            for topic in yaml.safe_load((parts[0] / 'metadata.yaml').read_text())['rosbag2_bagfile_information'][
+                'topics_with_message_count'
+            ]
+        ],
+    )
+    for part in parts[1:]:
+        shutil.copy(part / f'{part.name}.mcap', folder)
+    with Bag(folder) as bag:
+        assert [message.log_ns for message in bag.messages()] == whole.stamps_ns.tolist()
+
+
+@pytest.mark.parametrize('version', [9, 10])
+def test_a_file_that_is_listed_twice_is_refused(mcap: Path, version: int) -> None:
+    text = refusal(edit(mcap, version=version, relative_file_paths=['town.mcap', 'town.mcap']))
+    assert 'names a file twice' in text
+
+
+def compressed(path: Path, drive: Any, mode: CompressionMode, plugin: StoragePlugin = StoragePlugin.MCAP) -> Path:
+    writer = Writer(path, version=9, storage_plugin=plugin)
     writer.set_compression(mode, CompressionFormat.ZSTD)
     with writer:
         made = {}
@@ -117,7 +144,13 @@ def test_compressed_recordings(mode: CompressionMode, plugin: StoragePlugin, dri
             if row.topic not in made:
                 made[row.topic] = writer.add_connection(row.topic, row.msgtype, typestore=TYPES)
             writer.write(made[row.topic], row.log_ns, TYPES.serialize_cdr(row.message, row.msgtype))
-    require_whole(tmp_path / 'small', drive)
+    return path
+
+
+@pytest.mark.parametrize('mode', [CompressionMode.FILE, CompressionMode.MESSAGE])
+@pytest.mark.parametrize('plugin', list(StoragePlugin))
+def test_compressed_recordings(mode: CompressionMode, plugin: StoragePlugin, drive: Any, tmp_path: Path) -> None:
+    require_whole(compressed(tmp_path / 'small', drive, mode, plugin), drive)
     (file,) = (f for f in (tmp_path / 'small').iterdir() if f.name != 'metadata.yaml')
     alone = Path(shutil.copy(file, tmp_path / file.name))
     text = refusal(alone)
@@ -126,6 +159,17 @@ def test_compressed_recordings(mode: CompressionMode, plugin: StoragePlugin, dri
         assert f'zstd -d {alone}' in text
         (tmp_path / 'small' / 'metadata.yaml').unlink()
         assert 'no metadata.yaml' in refusal(tmp_path / 'small')
+
+
+def test_the_way_out_is_one_for_compressed_recordings(drive: Any, tmp_path: Path) -> None:
+    """ros2 bag reindex does not read them."""
+    files = edit(compressed(tmp_path / 'files', drive, CompressionMode.FILE), topics_with_message_count=[])
+    reindex = f'zstd -d --rm {files}/*.zstd && ros2 bag reindex -s mcap {files} writes it again'
+    assert reindex in refusal(files)
+    (files / 'metadata.yaml').write_text('')
+    assert reindex in refusal(files)
+    messages = edit(compressed(tmp_path / 'messages', drive, CompressionMode.MESSAGE), topics_with_message_count=[])
+    assert 'copy it again, ros2 bag reindex does not read messages that are compressed' in refusal(messages)
 
 
 def test_compression_under_metadata_of_another_version_names_the_way_out(drive: Any, tmp_path: Path) -> None:
@@ -152,7 +196,9 @@ def test_without_metadata_the_command_that_writes_it_is_named(
 )
 def test_metadata_that_is_damaged_is_written_again(mcap: Path, content: str) -> None:
     (mcap / 'metadata.yaml').write_text(content)
-    assert f'metadata.yaml is damaged or empty: ros2 bag reindex -s mcap {mcap} writes it again' in refusal(mcap)
+    text = refusal(mcap)
+    assert '(metadata.yaml is damaged or empty (' in text
+    assert f': ros2 bag reindex -s mcap {mcap} writes it again' in text
 
 
 def test_metadata_that_repeats_itself_without_end_is_refused(mcap: Path) -> None:
