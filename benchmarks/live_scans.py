@@ -16,7 +16,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import Image, NavSatFix, PointCloud2
 
 from offradar_ros.lab.live.spin_thread import SpinThread
-from offradar_ros.messages import STAMP, STAMP_OFFSET, header_stamp_ns
+from offradar_ros.messages import header_stamp_ns, with_header_stamp
 from offradar_ros.nodes.encoder_node import SCANS
 from offradar_ros.recordings.bags.reader import Bag
 from offradar_ros.recordings.bags.scan_topic import scan_topic
@@ -119,7 +119,7 @@ class LiveScans:
         index = self._next % len(self._recording.scans)
         self._next += 1
         now_ns = time.time_ns()
-        scan, fix = (_stamped(cdr[index], now_ns) for cdr in (self._recording.scans, self._recording.fixes))
+        scan, fix = (with_header_stamp(cdr[index], now_ns) for cdr in (self._recording.scans, self._recording.fixes))
         self._sent_s[now_ns] = time.monotonic()
         self._scans.publish(scan)
         self._fixes.publish(fix)
@@ -143,9 +143,3 @@ class LiveScans:
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
         for status in message.status:
             self.diagnostics[status.name.partition(':')[0]] = {item.key: item.value for item in status.values}
-
-
-def _stamped(cdr: bytes, stamp_ns: int) -> bytes:
-    changed = bytearray(cdr)
-    STAMP.pack_into(changed, STAMP_OFFSET, *divmod(stamp_ns, 10**9))
-    return bytes(changed)

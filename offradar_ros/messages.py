@@ -21,9 +21,8 @@ NO_FIX = -1
 UNKNOWN_COVARIANCE = 0
 _JPEG = b'\xff\xd8\xff'
 # CDR: 4 bytes of encapsulation, then the header's stamp, in every message that starts with std_msgs/Header.
-STAMP_OFFSET = 4
-STAMP = struct.Struct('<iI')
-SHORTEST = STAMP_OFFSET + STAMP.size
+_STAMP_OFFSET = 4
+SHORTEST = _STAMP_OFFSET + 8
 """Bytes of the shortest message that has a stamp."""
 
 
@@ -98,7 +97,18 @@ def pose_from_odometry(message: Any) -> Pose:
 
 
 def header_stamp_ns(cdr: bytes) -> int:
-    """Header stamp (nanoseconds) of a serialised message, without a decoding of the rest."""
-    # The second byte says in which order the bytes of numbers are.
-    seconds, nanoseconds = struct.unpack_from('<iI' if cdr[1] else '>iI', cdr, STAMP_OFFSET)
+    """Header stamp (nanoseconds) of a serialised message of at least `SHORTEST` bytes; the rest is not decoded."""
+    seconds, nanoseconds = struct.unpack_from(_stamp_format(cdr), cdr, _STAMP_OFFSET)
     return int(seconds) * 10**9 + int(nanoseconds)
+
+
+def with_header_stamp(cdr: bytes, stamp_ns: int) -> bytes:
+    """The same serialised message with another header stamp."""
+    changed = bytearray(cdr)
+    struct.pack_into(_stamp_format(cdr), changed, _STAMP_OFFSET, *divmod(stamp_ns, 10**9))
+    return bytes(changed)
+
+
+def _stamp_format(cdr: bytes) -> str:
+    # The second byte says in which order the bytes of numbers are.
+    return '<iI' if cdr[1] else '>iI'

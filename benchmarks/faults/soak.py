@@ -25,7 +25,7 @@ from faults.free_domains import free_domains
 from faults.result import Result, Settings
 from offradar_ros.lab.live.node_processes import Stack
 from offradar_ros.lab.live.spin_thread import SpinThread
-from offradar_ros.messages import STAMP, STAMP_OFFSET, header_stamp_ns, stamp_ns
+from offradar_ros.messages import header_stamp_ns, stamp_ns, with_header_stamp
 from offradar_ros.nodes.encoder_node import SCANS
 from offradar_ros.recordings.bags.topics import FIX
 from offradar_ros.ros import qos
@@ -275,8 +275,8 @@ class Radar:
         """One scan with its position, stamped now; each stamp is later than the one before."""
         index = len(self.accounts.sent) % len(self._recording.scans)
         stamp_ns = time.time_ns()
-        self._scans.publish(stamped(self._recording.scans[index], stamp_ns))
-        self._fixes.publish(stamped(self._recording.fixes[index], stamp_ns))
+        self._scans.publish(with_header_stamp(self._recording.scans[index], stamp_ns))
+        self._fixes.publish(with_header_stamp(self._recording.fixes[index], stamp_ns))
         self.accounts.sent.append(stamp_ns)
 
     def next_session(self) -> None:
@@ -315,10 +315,3 @@ class Radar:
         for status in message.status:
             values = {item.key: item.value for item in status.values}
             self.accounts.report(status.name.partition(':')[0], values, stamp_ns(message.header.stamp))
-
-
-def stamped(cdr: bytes, stamp_ns: int) -> bytes:
-    """The same message with another stamp."""
-    changed = bytearray(cdr)
-    STAMP.pack_into(changed, STAMP_OFFSET, *divmod(stamp_ns, 10**9))
-    return bytes(changed)

@@ -14,7 +14,7 @@ from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Header
 
 from offradar_ros.errors import RefusedInput
-from offradar_ros.messages import STAMP, STAMP_OFFSET, header_stamp_ns, stamp_ns
+from offradar_ros.messages import SHORTEST, header_stamp_ns, stamp_ns
 from offradar_ros.ros import qos
 from offradar_ros.ros.outcome_message import rejection_record
 
@@ -79,7 +79,7 @@ class AnswerLog:
 
     def _receive(self, topic: str, cdr: bytes) -> None:
         # Its publisher may write anything: a message shorter than a header is no answer.
-        if len(cdr) >= STAMP_OFFSET + STAMP.size and (stamp := header_stamp_ns(cdr)) in self._expected:
+        if len(cdr) >= SHORTEST and (stamp := header_stamp_ns(cdr)) in self._expected:
             self._received[topic][stamp] += 1
 
     def _receive_rejection(self, message: DiagnosticArray) -> None:

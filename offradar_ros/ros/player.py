@@ -18,7 +18,7 @@ from std_srvs.srv import Trigger
 
 from offradar_ros.config import PositionConfig
 from offradar_ros.errors import OffradarError
-from offradar_ros.messages import SHORTEST, STAMP, STAMP_OFFSET, header_stamp_ns
+from offradar_ros.messages import SHORTEST, header_stamp_ns, with_header_stamp
 from offradar_ros.recordings.bags.position_topic import position_topic
 from offradar_ros.recordings.bags.positions import position_topics
 from offradar_ros.recordings.bags.reader import Bag, RawMessage
@@ -69,13 +69,6 @@ class PlayOptions:
     restamp: bool = False
     timeout_s: float = 10.0
     topics: ChosenTopics = dataclasses.field(default_factory=ChosenTopics)
-
-
-def with_stamp(cdr: bytes, stamp_ns: int) -> bytes:
-    """The same message with another header stamp; for messages that start with a header."""
-    changed = bytearray(cdr)
-    STAMP.pack_into(changed, STAMP_OFFSET, stamp_ns // 10**9, stamp_ns % 10**9)
-    return bytes(changed)
 
 
 def message_class(msgtype: str) -> type | None:
@@ -238,7 +231,7 @@ class Player:
         if message.msgtype == DIAGNOSTICS and is_own_report(self._bag, message):
             return
         if self._options.restamp and message.topic in self._stamped:
-            cdr = with_stamp(cdr, time.time_ns())
+            cdr = with_header_stamp(cdr, time.time_ns())
         self._tick(message.log_ns)
         if message.topic == self._scan_topic:
             self._log.expect(header_stamp_ns(cdr))

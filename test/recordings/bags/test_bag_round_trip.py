@@ -18,7 +18,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 
 from offradar_ros.errors import DataError, RefusedInput
 from offradar_ros.geometry import LocalFrame
-from offradar_ros.messages import header_stamp_ns
+from offradar_ros.messages import header_stamp_ns, with_header_stamp
 from offradar_ros.positions.rules import END_NS
 from offradar_ros.recordings.bags.positions import position_topics, read_positions
 from offradar_ros.recordings.bags.reader import TYPES, Bag
@@ -243,6 +243,19 @@ def test_messages_of_a_machine_with_the_other_order_of_bytes_are_read(
     bag = BagSequence(tmp_path / 'bag')
     np.testing.assert_array_equal(bag.stamps_ns, sequence.stamps_ns)
     np.testing.assert_array_equal(bag.scan(1).power, sequence.scan(1).power)
+
+
+@pytest.mark.parametrize('little_endian', [True, False])
+def test_a_stamp_is_replaced_in_the_order_of_bytes_of_its_message(
+    street: Callable[..., Any], little_endian: bool
+) -> None:
+    message = next(iter(scans(street(count=1)))).message
+    cdr = bytes(TYPES.serialize_cdr(message, IMAGE_TYPE, little_endian=little_endian))
+    moved = with_header_stamp(cdr, 5 * 10**9 + 7)
+    changed: Any = TYPES.deserialize_cdr(moved, IMAGE_TYPE)
+    stamp = changed.header.stamp
+    assert (stamp.sec, stamp.nanosec, header_stamp_ns(moved)) == (5, 7, 5 * 10**9 + 7)
+    assert with_header_stamp(moved, header_stamp_ns(cdr)) == cdr
 
 
 def test_the_message_of_a_live_driver_is_read_from_a_bag(real_data: Path, tmp_path: Path) -> None:
