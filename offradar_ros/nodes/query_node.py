@@ -19,6 +19,7 @@ from std_srvs.srv import Trigger
 
 from offradar_ros.config import Config
 from offradar_ros.errors import MapError, RefusedInput
+from offradar_ros.mapping.map_reader import status_of
 from offradar_ros.messages import pose_from_odometry, stamp_ns
 from offradar_ros.radar.seen_stamps import SeenStamps
 from offradar_ros.ros import qos
@@ -122,8 +123,11 @@ class QueryNode(StageNode):
 
     def _why_no_map(self) -> str:
         path, name = self.config.query.map_path, self._map.subscription.topic_name
-        if path and not Path(path).exists():
-            return f'query.map_path: {path} does not exist yet'
+        try:
+            if path and status_of(Path(path)) is None:
+                return f'query.map_path: {path} does not exist yet'
+        except MapError as error:
+            return str(error)
         if self._file_problem:
             return self._file_problem
         if not path and not self.count_publishers(name):

@@ -59,6 +59,7 @@ class Positioning(Generic[T]):
             resolved += self._resolved(self._order.expect_restart())
             last_ns = self._order.last_ns
             if last_ns is not None and last_ns - embedding.stamp_ns > self._wait_ns:
+                resolved += self._resolved(self._order.end())
                 self._order.reset()
                 self._pending.forget_positions()
         self._last_scan_ns = embedding.stamp_ns

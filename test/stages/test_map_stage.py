@@ -648,6 +648,16 @@ def test_far_positions_of_an_earlier_run_do_not_contradict_those_of_the_next(ses
     assert left_out(stage) == {'far_position': 10}
 
 
+def test_positions_that_are_held_when_the_scans_start_again_are_counted(stage: MapStage) -> None:
+    """One of a clock that is not set; then the recording is played again."""
+    for second in range(100, 105):
+        stage.add_pose(*at(float(second)))
+        stage.add_embedding(embedding(float(second)))
+    stage.add_pose(10**9 * SECOND, Pose(0.0, 0.0))
+    stage.add_embedding(embedding(1.0))
+    assert left_out(stage) == {'position_stamp_jump': 1}
+
+
 def test_an_undo_that_cannot_be_written_changes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     config = Config(map=MapConfig(path=str(tmp_path / 'a.map')))
     with SessionMap(config.map) as session_map:
