@@ -192,7 +192,7 @@ def message_forms() -> list[Form]:
     pose = Odometry(header=header(SECOND, 'map'))
     pose.pose.pose.orientation.w = 1.0
     image = Image(header=header(SECOND, 'radar'), height=400, width=576, step=576, encoding='8UC1')
-    image.data = bytes(400 * 576)
+    image.data = np.random.default_rng(0).integers(0, 40, 400 * 576, np.uint8).tobytes()
     rows = PlaceRows(sample_table(), INFO.fingerprint, committed=True)
     samples: list[tuple[str, Any, Callable[[Any], Any], int]] = [
         ('embedding', embedding_message(sample_embedding(), 'radar'), take_embedding, 6000),

@@ -28,8 +28,16 @@ def run(settings: Settings) -> list[Result]:
 
 
 def attack(settings: Settings, form: Form, number: int) -> Result:
-    """Tries of one form."""
+    """Tries of one form; SystemExit if the sound record is not taken, for then all tries would be refused like it."""
     started_s = time.monotonic()
+
+    def sound(_: int) -> Verdict:
+        form.take(form.sound, settings.folder / 'record_0')
+        return Verdict(SAME)
+
+    (verdict,) = run_in_children(1, sound)
+    if verdict.word != SAME:
+        raise SystemExit(f'error: {form.name}: the sound record is not taken: {verdict}')
 
     def attempt(index: int) -> Verdict:
         rng = np.random.default_rng([settings.seed, number, index])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,14 @@ def observer(domain_id: int) -> Iterator[Observer]:
     observer = Observer(domain_id)
     yield observer
     observer.close()
+
+
+@pytest.fixture
+def hang_up_ends() -> Iterator[None]:
+    """Processes that are started meanwhile end with their terminal, though the tests may run under nohup."""
+    before = signal.signal(signal.SIGHUP, signal.SIG_DFL)
+    yield
+    signal.signal(signal.SIGHUP, before)
 
 
 @pytest.fixture

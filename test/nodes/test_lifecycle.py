@@ -176,6 +176,7 @@ def test_a_start_that_must_fail_is_one_line_and_status_1(
     assert 'Traceback' not in ended.stderr
 
 
+@pytest.mark.usefixtures('hang_up_ends')
 @pytest.mark.parametrize(
     'signals', [[signal.SIGINT], [signal.SIGINT, signal.SIGINT], [signal.SIGTERM], [signal.SIGHUP]]
 )
@@ -190,6 +191,7 @@ def test_every_signal_ends_every_node_cleanly(stack: Callable[..., Stack], signa
         assert all('Traceback' not in node.log.read_text() for node in nodes.nodes.values())
 
 
+@pytest.mark.usefixtures('hang_up_ends')
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGHUP])
 def test_an_interrupt_ends_the_session_and_keeps_it(
     stack: Callable[..., Stack], street_bag: Callable[..., Path], tmp_path: Path, number: signal.Signals

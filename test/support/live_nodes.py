@@ -26,6 +26,7 @@ from offradar_ros.types import Localisation, Match, Outcome
 
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 WAIT_S = 60.0
+DISCOVERED_S = 0.3
 ROOMY = {
     'encoder.backlog': 1000,
     'qos_overrides./radar_data/b_scan_image.subscription.depth': 100,
@@ -61,6 +62,7 @@ class Observer:
     def __init__(self, domain_id: int) -> None:
         self.context = rclpy.context.Context()
         rclpy.init(context=self.context, domain_id=domain_id)
+        self._clients: dict[str, Any] = {}
         self.node = Node('observer', context=self.context)
         self._executor = SingleThreadedExecutor(context=self.context)
         self._executor.add_node(self.node)
@@ -116,8 +118,17 @@ class Observer:
         return publisher.publish
 
     def call(self, kind: type, service: str, request: Any) -> Any:
-        client = self.node.create_client(kind, service)
-        assert client.wait_for_service(WAIT_S), service
+        """The answer of a service.
+
+        A server that has not discovered its client yet drops the answer after 0.1 s, which `wait_for_service` cannot
+        see. So a client is made once, and given time where the server is new to it.
+        """
+        if service not in self._clients:
+            self._clients[service] = self.node.create_client(kind, service)
+        client = self._clients[service]
+        if not client.service_is_ready():
+            assert client.wait_for_service(WAIT_S), service
+            time.sleep(DISCOVERED_S)
         future = client.call_async(request)
         wait_until(future.done)
         return future.result()
