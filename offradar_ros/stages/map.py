@@ -25,6 +25,9 @@ from offradar_ros.types import Embedding, PlaceTable, Pose
 
 MAX_MESSAGE_PLACES = 50_000
 """Largest map that is sent as a message: for a larger one the query node reads the file."""
+POSITION_GAP_S = 0.5
+"""A session that ends does not wait for positions if the last one arrived longer ago than this, and than one and a half
+times the pause before it, up to `position.max_gap_s`."""
 MAX_WAITING_FOR_MODEL = 64
 """Most embeddings that wait for their model, whose latched message may arrive after them."""
 
@@ -85,7 +88,7 @@ class MapStage:
         self._not_moved = ''
         self._autosave_s = config.map.autosave_s if config.map.path else 0.0
         self._max_gap_s = config.position.max_gap_s
-        self._position_s = -math.inf
+        self._position_s, self._position_pause_s = -math.inf, 0.0
         self._saved_s = clock()
         self._changed_since_view = False
         self._file_is_read = False
@@ -112,14 +115,18 @@ class MapStage:
         RefusedInput as `geo_point` and `PositionOrder.add`. Those that do not count for another reason, as for being
         farther than `FAR_M` from the origin, are told of by `take_left_out`.
         """
-        self._position_s = self._clock()
+        self._note_arrival()
         point = geo_point(*dataclasses.astuple(point))
         return self._merged(self._positioning.add_position(stamp_ns, point))
 
     def add_pose(self, stamp_ns: int, pose: Pose) -> list[MapUpdate]:
         """Add a pose in the map frame; RefusedInput if it is invalid or not newer than the last."""
-        self._position_s = self._clock()
+        self._note_arrival()
         return self._merged(self._positioning.add_position(stamp_ns, require_pose(pose)))
+
+    def _note_arrival(self) -> None:
+        now_s = self._clock()
+        self._position_s, self._position_pause_s = now_s, now_s - self._position_s
 
     def _placed(self, stamp_ns: int, position: GeoPoint | Pose) -> Sequence[tuple[int, Pose]]:
         if isinstance(position, Pose):
@@ -191,7 +198,8 @@ class MapStage:
 
         A session that ended now would drop them. Others, which came later, always wait where positions come late.
         """
-        return self._positioning.waits(scans) and self._clock() - self._position_s < self._max_gap_s
+        gap_s = max(POSITION_GAP_S, min(1.5 * self._position_pause_s, self._max_gap_s))
+        return self._positioning.waits(scans) and self._clock() - self._position_s < gap_s
 
     def flush(self) -> list[MapUpdate]:
         """Merge or drop every waiting scan, as when no later model or position will arrive."""

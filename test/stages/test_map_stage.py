@@ -298,17 +298,21 @@ def test_another_model_than_the_map_s_is_refused(stage: MapStage) -> None:
     assert stage.map.model == MODEL
 
 
-def test_positions_are_expected_while_they_arrive_and_a_scan_waits(session_map: SessionMap, clock: Clock) -> None:
+@pytest.mark.parametrize(('pause_s', 'gap_s'), [(0.1, 0.5), (0.3, 0.5), (0.5, 0.75), (1.0, 1.5), (5.0, 1.5)])
+def test_positions_are_expected_while_they_arrive_and_a_scan_waits(
+    session_map: SessionMap, clock: Clock, pause_s: float, gap_s: float
+) -> None:
+    """Of a slow receiver the next one takes longer."""
     stage = MapStage(Config(), session_map, clock)
     stage.add_pose(*at(1.0))
     assert not stage.expects_positions(stage.scans)
     stage.add_embedding(embedding(1.5))
     assert stage.expects_positions(stage.scans)
-    clock.seconds += 0.9 * Config().position.max_gap_s
+    clock.seconds += pause_s
     stage.add_pose(*at(1.25))
-    clock.seconds += 0.9 * Config().position.max_gap_s
+    clock.seconds += 0.9 * gap_s
     assert stage.expects_positions(stage.scans)
-    clock.seconds += 0.2 * Config().position.max_gap_s
+    clock.seconds += 0.2 * gap_s
     assert not stage.expects_positions(stage.scans)
     stage.add_pose(*at(2.0))
     assert not stage.expects_positions(stage.scans)
