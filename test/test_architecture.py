@@ -39,6 +39,7 @@ ORDER = (
     'processes',
     'radar',
     'messages',
+    'alignment',
     'encoders',
     'mapping',
     'retrieval',

@@ -1,0 +1,69 @@
+"""The pose of a query in the frame of a place's scan."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from offradar_ros.alignment.coarse import Spectra, rough_poses, spectra
+from offradar_ros.alignment.refine import Edges, Slopes, edges, refine, slopes
+from offradar_ros.alignment.signature import Signature
+from offradar_ros.alignment.top_down import STANDING, Twist, half, top_down
+
+MOST_YAWS = 8
+REACH_M = 20.0
+"""Farther away than this, a place is not aligned with."""
+_COARSE_PIXELS, _FINE_PIXELS = 1200, 3000
+_COARSE_STEPS, _FINE_STEPS = 8, 15
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Alignment:
+    """Where a query was taken, seen from the scan of a place.
+
+    Attributes:
+        pose: (3,) float64: x forward and y to the left in metres, yaw counter-clockwise in radians, of the query's
+            vehicle in the frame of the place's vehicle, each at its stamp.
+        covariance: (3, 3) float64 of the pose.
+        score: correlation of the two scans there, −1 to 1.
+    """
+
+    pose: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    score: float
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Prepared:
+    """A scan, ready to be aligned with others as the place or as the query."""
+
+    spectra: Spectra
+    coarse_edges: Edges
+    coarse_slopes: Slopes
+    fine_edges: Edges
+    fine_slopes: Slopes
+
+
+def prepare(signature: Signature, twist: Twist = STANDING) -> Prepared:
+    """What an alignment needs of a scan; `twist` is the velocity of its vehicle at the stamp."""
+    fine = top_down(signature, twist)
+    coarse = half(fine)
+    return Prepared(
+        spectra(signature, coarse),
+        edges(coarse, _COARSE_PIXELS),
+        slopes(coarse),
+        edges(fine, _FINE_PIXELS),
+        slopes(fine),
+    )
+
+
+def align(place: Prepared, query: Prepared) -> Alignment:
+    """The best pose of the query in the frame of the place: rough poses, each refined, and the best one again."""
+    rough = rough_poses(place.spectra, query.spectra, MOST_YAWS, REACH_M)
+    coarse = [refine(place.coarse_slopes, query.coarse_edges, pose, _COARSE_STEPS) for pose in rough]
+    best = max(coarse, key=lambda refined: refined.correlation)
+    fine = refine(place.fine_slopes, query.fine_edges, best.pose, _FINE_STEPS)
+    covariance = np.asarray(np.linalg.pinv(fine.information), np.float64)
+    return Alignment(fine.pose, covariance, fine.correlation)

@@ -1,0 +1,101 @@
+"""What a place keeps of its scan to be aligned with: a small polar image, and when each of its rows was measured."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from offradar_ros.config import PolarGridConfig
+from offradar_ros.radar.polar_grid import PolarToGrid
+from offradar_ros.types import PolarScan
+
+
+@dataclasses.dataclass(frozen=True)
+class SignatureConfig:
+    """How a scan becomes a signature. Two signatures can be aligned if they were made alike.
+
+    Attributes:
+        azimuths: rows, equal sectors of a turn.
+        cells: columns, ranges of `cell_m` each.
+        cell_m: metres.
+        min_range_m: what is nearer is left out: it is the vehicle itself.
+        above_noise: bytes (half decibels) above the noise of its row from which a return is seen.
+        span: bytes above that at which it is as bright as can be.
+    """
+
+    azimuths: int = 200
+    cells: int = 80
+    cell_m: float = 1.0
+    min_range_m: float = 4.0
+    above_noise: float = 8.0
+    span: float = 60.0
+
+    @property
+    def reach_m(self) -> float:
+        """Range of the last cell's far edge."""
+        return self.cells * self.cell_m
+
+
+SIGNATURE = SignatureConfig()
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Signature:
+    """A small image of a scan.
+
+    Convention: row k is the sector from k to k + 1 steps of 2π / A clockwise from forward, column j the ranges from j
+    to j + 1 cells.
+
+    Attributes:
+        image: (A, C) uint8, power above the noise of its row; 0 for none.
+        seen: (A,) bool, whether the scan has this sector.
+        start_s: seconds from the stamp of the scan to when the sensor pointed forward; 0 if unknown.
+        turn_s: seconds that a turn takes, negative if it turns counter-clockwise; 0 if unknown.
+        config: how it was made.
+    """
+
+    image: NDArray[np.uint8]
+    seen: NDArray[np.bool_]
+    start_s: float = 0.0
+    turn_s: float = 0.0
+    config: SignatureConfig = SIGNATURE
+
+
+class SignatureMaker:
+    """Makes signatures of scans. What depends on the geometry of a scan is computed again only when that changes."""
+
+    def __init__(self, config: SignatureConfig = SIGNATURE) -> None:
+        self.config = config
+        self._grid = PolarToGrid(
+            PolarGridConfig(
+                azimuths=config.azimuths,
+                range_bins=config.cells,
+                resolution_m=config.cell_m,
+                min_range_m=config.min_range_m,
+            )
+        )
+
+    def __call__(self, scan: PolarScan) -> Signature:
+        """The signature of a scan."""
+        power = self._grid(scan).astype(np.float32)
+        blank = math.ceil(self.config.min_range_m / self.config.cell_m)
+        noise = np.median(power[:, blank:], axis=1, keepdims=True)
+        above = np.clip((power - noise - self.config.above_noise) * (255.0 / self.config.span), 0.0, 255.0)
+        start_s, turn_s = _sweep(scan)
+        return Signature(np.rint(above).astype(np.uint8), np.any(power, axis=1), start_s, turn_s, self.config)
+
+
+def _sweep(scan: PolarScan) -> tuple[float, float]:
+    """When the sensor pointed forward, after the stamp, and how long a turn takes, by least squares; 0 if unknown."""
+    if scan.azimuth_stamps_ns is None or len(scan.azimuths_rad) < 2:
+        return 0.0, 0.0
+    seconds = (scan.azimuth_stamps_ns - scan.stamp_ns) / 1e9
+    turns = np.unwrap(scan.azimuths_rad) / (2.0 * math.pi)
+    spread = turns - turns.mean()
+    if not spread.any():
+        return 0.0, 0.0
+    turn_s = float(spread @ (seconds - seconds.mean()) / (spread @ spread))
+    return float(seconds.mean() - turn_s * turns.mean()), turn_s

@@ -1,0 +1,128 @@
+"""Two scans of one place give the pose between them."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from plane import Plane, make_plane
+
+from offradar_ros.alignment.align import Alignment, align, prepare
+from offradar_ros.alignment.signature import SignatureMaker
+from offradar_ros.alignment.top_down import STANDING, Twist
+from offradar_ros.types import PolarScan
+
+PLANE = make_plane(1)
+MAKE = SignatureMaker()
+
+
+def aligned(place: PolarScan, query: PolarScan, of_place: Twist = STANDING, of_query: Twist = STANDING) -> Alignment:
+    return align(prepare(MAKE(place), of_place), prepare(MAKE(query), of_query))
+
+
+def errors(found: Alignment, pose: tuple[float, float, float]) -> tuple[float, float]:
+    """Metres and degrees from the true pose."""
+    off = found.pose - np.array(pose)
+    return float(np.hypot(off[0], off[1])), abs(math.degrees(math.remainder(off[2], 2.0 * math.pi)))
+
+
+@pytest.mark.parametrize('yaw_deg', [0.0, 3.0, 47.3, 90.0, -133.0, 180.0])
+@pytest.mark.parametrize('shift_m', [(0.0, 0.0), (2.3, -1.1), (-6.0, 4.0)])
+def test_any_heading_within_ten_metres(shift_m: tuple[float, float], yaw_deg: float) -> None:
+    pose = (*shift_m, math.radians(yaw_deg))
+    metres, degrees = errors(aligned(PLANE.scan(), PLANE.scan(pose, seed=1)), pose)
+    assert metres < 0.1
+    assert degrees < 0.2
+
+
+def test_the_pose_is_that_of_the_query_in_the_frame_of_the_place() -> None:
+    """Wherever the place lies on the map."""
+    place, query = (12.0, -7.0, 2.0), (13.0, -4.0, 2.5)
+    found = aligned(PLANE.scan(place), PLANE.scan(query, seed=1))
+    cos, sin = math.cos(place[2]), math.sin(place[2])
+    dx, dy = query[0] - place[0], query[1] - place[1]
+    metres, degrees = errors(found, (cos * dx + sin * dy, cos * dy - sin * dx, query[2] - place[2]))
+    assert metres < 0.1
+    assert degrees < 0.2
+
+
+@pytest.mark.parametrize(
+    'twist', [Twist(20.0), Twist(12.0, 0.0, 0.8), Twist(0.0, 0.0, -1.0)], ids=['fast', 'turning', 'in place']
+)
+def test_motion_during_the_sweep_is_taken_out(twist: Twist) -> None:
+    pose = (1.5, 2.0, math.radians(170.0))
+    place, query = PLANE.scan(), PLANE.scan(pose, twist=twist, seed=1)
+    metres, degrees = errors(aligned(place, query, of_query=twist), pose)
+    assert metres < 0.15
+    assert degrees < 0.3
+    # Without the velocity the same two are further apart.
+    ignored_m, ignored_deg = errors(aligned(place, query), pose)
+    assert ignored_m > 2.0 * metres or ignored_deg > 2.0 * degrees
+
+
+def test_scans_of_other_resolution_and_number_of_rows_fit() -> None:
+    pose = (-2.0, 1.0, math.radians(30.0))
+    query = PLANE.scan(pose, azimuths=576, range_bins=1200, range_resolution_m=0.0876, seed=1)
+    metres, degrees = errors(aligned(PLANE.scan(), query), pose)
+    assert metres < 0.15
+    assert degrees < 0.3
+
+
+@pytest.mark.parametrize('kept', [slice(0, 260), slice(120, 400)])
+def test_part_of_a_turn_is_enough(kept: slice) -> None:
+    pose = (2.0, -1.5, math.radians(-40.0))
+    query = PLANE.scan(pose, seed=1)
+    assert query.azimuth_stamps_ns is not None
+    part = dataclasses.replace(
+        query,
+        power=query.power[kept],
+        azimuths_rad=query.azimuths_rad[kept],
+        azimuth_stamps_ns=query.azimuth_stamps_ns[kept],
+    )
+    metres, degrees = errors(aligned(PLANE.scan(), part), pose)
+    assert metres < 0.15
+    assert degrees < 0.3
+
+
+def test_the_order_of_rows_does_not_matter() -> None:
+    pose = (2.0, -1.5, 0.4)
+    query = PLANE.scan(pose, seed=1)
+    assert query.azimuth_stamps_ns is not None
+    order = np.roll(np.arange(400), 123)
+    rolled = dataclasses.replace(
+        query,
+        power=query.power[order],
+        azimuths_rad=query.azimuths_rad[order],
+        azimuth_stamps_ns=query.azimuth_stamps_ns[order],
+    )
+    np.testing.assert_allclose(
+        aligned(PLANE.scan(), rolled).pose, aligned(PLANE.scan(), query).pose, rtol=0.0, atol=1e-6
+    )
+
+
+def test_another_place_agrees_less() -> None:
+    here = [aligned(PLANE.scan(), PLANE.scan((1.0, 1.0, k), seed=k)).score for k in range(4)]
+    elsewhere = [aligned(PLANE.scan(), make_plane(10 + k).scan(seed=k)).score for k in range(4)]
+    assert min(here) > max(elsewhere) + 0.2
+
+
+@pytest.mark.parametrize('empty', ['place', 'query', 'both'])
+def test_a_scan_without_returns_agrees_with_nothing(empty: str) -> None:
+    nothing = Plane(np.empty((0, 2)), np.empty(0))
+    place = nothing if empty != 'query' else PLANE
+    query = nothing if empty != 'place' else PLANE
+    found = aligned(place.scan(), query.scan(seed=1))
+    assert np.isfinite(found.pose).all()
+    assert np.isfinite(found.covariance).all()
+    assert found.score < 0.5
+
+
+def test_the_covariance_is_larger_along_a_street_without_ends() -> None:
+    """Two walls: nothing says how far along them the vehicle is, but for what sticks out now and then."""
+    x = np.arange(-90.0, 90.0, 0.4)
+    walls = np.concatenate([np.column_stack([x, np.full_like(x, y)]) for y in (-9.0, 11.0)])
+    street = Plane(walls, np.full(len(walls), 80.0))
+    found = aligned(street.scan(), street.scan((0.0, 1.0, 0.0), seed=1))
+    assert found.covariance[0, 0] > 4.0 * found.covariance[1, 1]
