@@ -23,8 +23,8 @@ from offradar_ros.ros.stamps import header
 SCANS = 4
 """Scans of a session."""
 STEP_NS = 1_000_000
-APART_M, SIDE = 100.0, 800
-"""Each scan is at a place of its own, of a square of so many each way."""
+APART_M, SIDE = 20.0, 800
+"""Each scan is at a place of its own, of a square of so many each way, on a path without jumps."""
 FIRST_ANSWER_S, ANSWER_S = 0.3, 40.0
 PARAMETERS: dict[str, object] = {'map.start_session': False, 'position.source': 'odometry'}
 """What a map server needs to be driven by it."""
@@ -96,6 +96,7 @@ class MapCaller:
         for k in range(SCANS + 1):
             self._stamp += STEP_NS
             row, column = divmod(self._stamp // STEP_NS % SIDE**2, SIDE)
+            column = SIDE - 1 - column if row % 2 else column
             pose = Odometry(header=header(self._stamp, 'map'))
             pose.pose.pose.position.x, pose.pose.pose.position.y = APART_M * column, APART_M * row
             pose.pose.pose.orientation.w = 1.0
