@@ -117,8 +117,8 @@ class Observer:
         wait_until(lambda: publisher.get_subscription_count() > 0)
         return publisher.publish
 
-    def call(self, kind: type, service: str, request: Any) -> Any:
-        """The answer of a service.
+    def call(self, kind: type, service: str, request: Any, timeout_s: float = WAIT_S) -> Any:
+        """The answer of a service; AssertionError if none comes in time.
 
         A server that has not discovered its client yet drops the answer after 0.1 s, which `wait_for_service` cannot
         see. So a client is made once, and given time where the server is new to it.
@@ -130,7 +130,7 @@ class Observer:
             assert client.wait_for_service(WAIT_S), service
             time.sleep(DISCOVERED_S)
         future = client.call_async(request)
-        wait_until(future.done)
+        wait_until(future.done, timeout_s)
         return future.result()
 
 
