@@ -36,34 +36,42 @@ class Alignment:
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Prepared:
-    """A scan, ready to be aligned with others as the place or as the query."""
+class PreparedPlace:
+    """The scan of a place, ready for queries to be aligned with it."""
 
     spectra: Spectra
-    coarse_edges: Edges
-    coarse_slopes: Slopes
-    fine_edges: Edges
-    fine_slopes: Slopes
+    coarse: Slopes
+    fine: Slopes
 
 
-def prepare(signature: Signature, twist: Twist = STANDING) -> Prepared:
-    """What an alignment needs of a scan; `twist` is the velocity of its vehicle at the stamp."""
+@dataclasses.dataclass(frozen=True, eq=False)
+class PreparedQuery:
+    """The scan of a query, ready to be aligned with places."""
+
+    spectra: Spectra
+    coarse: Edges
+    fine: Edges
+
+
+def prepare_place(signature: Signature, twist: Twist = STANDING) -> PreparedPlace:
+    """What an alignment needs of a place; `twist` is the velocity of its vehicle at the stamp."""
     fine = top_down(signature, twist)
     coarse = half(fine)
-    return Prepared(
-        spectra(signature, coarse),
-        edges(coarse, _COARSE_PIXELS),
-        slopes(coarse),
-        edges(fine, _FINE_PIXELS),
-        slopes(fine),
-    )
+    return PreparedPlace(spectra(signature, coarse), slopes(coarse), slopes(fine))
 
 
-def align(place: Prepared, query: Prepared) -> Alignment:
+def prepare_query(signature: Signature, twist: Twist = STANDING) -> PreparedQuery:
+    """What an alignment needs of a query; `twist` is the velocity of its vehicle at the stamp."""
+    fine = top_down(signature, twist)
+    coarse = half(fine)
+    return PreparedQuery(spectra(signature, coarse), edges(coarse, _COARSE_PIXELS), edges(fine, _FINE_PIXELS))
+
+
+def align(place: PreparedPlace, query: PreparedQuery) -> Alignment:
     """The best pose of the query in the frame of the place: rough poses, each refined, and the best one again."""
     rough = rough_poses(place.spectra, query.spectra, MOST_YAWS, REACH_M)
-    coarse = [refine(place.coarse_slopes, query.coarse_edges, pose, _COARSE_STEPS) for pose in rough]
+    coarse = [refine(place.coarse, query.coarse, pose, _COARSE_STEPS) for pose in rough]
     best = max(coarse, key=lambda refined: refined.correlation)
-    fine = refine(place.fine_slopes, query.fine_edges, best.pose, _FINE_STEPS)
+    fine = refine(place.fine, query.fine, best.pose, _FINE_STEPS)
     covariance = np.asarray(np.linalg.pinv(fine.information), np.float64)
     return Alignment(fine.pose, covariance, fine.correlation)

@@ -53,7 +53,7 @@ class Spectra:
 def spectra(signature: Signature, view: TopDown) -> Spectra:
     """What both scans need once; `view` is at the resolution of the translation."""
     sectors = len(signature.image)
-    near = signature.image[:, : round(_NEAR_SHARE * signature.config.cells)].astype(np.float32)
+    near = signature.image[:, : round(_NEAR_SHARE * signature.config.grid.range_bins)].astype(np.float32)
     around = np.concatenate([near[-8:], near, near[:8]])
     smooth = cv2.GaussianBlur(around, (0, 0), sigmaX=_SMOOTH_CELLS, sigmaY=_SMOOTH_SECTORS)[8:-8]
     azimuths = np.fft.rfft(smooth - smooth.mean(axis=0), axis=0).astype(np.complex64)

@@ -12,31 +12,27 @@ from offradar_ros.config import PolarGridConfig
 from offradar_ros.radar.polar_grid import PolarToGrid
 from offradar_ros.types import PolarScan
 
+_GRID = PolarGridConfig(azimuths=200, range_bins=80, resolution_m=1.0, min_range_m=4.0)
+
 
 @dataclasses.dataclass(frozen=True)
 class SignatureConfig:
     """How a scan becomes a signature. Two signatures can be aligned if they were made alike.
 
     Attributes:
-        azimuths: rows, equal sectors of a turn.
-        cells: columns, ranges of `cell_m` each.
-        cell_m: metres.
-        min_range_m: what is nearer is left out: it is the vehicle itself.
+        grid: its rows and columns; what is nearer than `min_range_m` is the vehicle itself.
         above_noise: bytes (half decibels) above the noise of its row from which a return is seen.
         span: bytes above that at which it is as bright as can be.
     """
 
-    azimuths: int = 200
-    cells: int = 80
-    cell_m: float = 1.0
-    min_range_m: float = 4.0
+    grid: PolarGridConfig = _GRID
     above_noise: float = 8.0
     span: float = 60.0
 
     @property
     def reach_m(self) -> float:
-        """Range of the last cell's far edge."""
-        return self.cells * self.cell_m
+        """Range of the last column's far edge."""
+        return self.grid.range_bins * self.grid.resolution_m
 
 
 SIGNATURE = SignatureConfig()
@@ -46,8 +42,7 @@ SIGNATURE = SignatureConfig()
 class Signature:
     """A small image of a scan.
 
-    Convention: row k is the sector from k to k + 1 steps of 2π / A clockwise from forward, column j the ranges from j
-    to j + 1 cells.
+    Convention: as that of `PolarToGrid`.
 
     Attributes:
         image: (A, C) uint8, power above the noise of its row; 0 for none.
@@ -69,19 +64,12 @@ class SignatureMaker:
 
     def __init__(self, config: SignatureConfig = SIGNATURE) -> None:
         self.config = config
-        self._grid = PolarToGrid(
-            PolarGridConfig(
-                azimuths=config.azimuths,
-                range_bins=config.cells,
-                resolution_m=config.cell_m,
-                min_range_m=config.min_range_m,
-            )
-        )
+        self._grid = PolarToGrid(config.grid)
 
     def __call__(self, scan: PolarScan) -> Signature:
         """The signature of a scan."""
         power = self._grid(scan).astype(np.float32)
-        blank = math.ceil(self.config.min_range_m / self.config.cell_m)
+        blank = math.ceil(self.config.grid.min_range_m / self.config.grid.resolution_m)
         noise = np.median(power[:, blank:], axis=1, keepdims=True)
         above = np.clip((power - noise - self.config.above_noise) * (255.0 / self.config.span), 0.0, 255.0)
         start_s, turn_s = _sweep(scan)

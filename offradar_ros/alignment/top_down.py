@@ -14,7 +14,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from offradar_ros.alignment.signature import Signature, SignatureConfig
+from offradar_ros.alignment.signature import Signature
+from offradar_ros.config import PolarGridConfig
 
 Array = NDArray[np.float32]
 
@@ -61,7 +62,7 @@ def top_down(signature: Signature, twist: Twist = STANDING) -> TopDown:
     frame is seen at ``R(−ω t) (p − v t)``, and t follows from there, found in a few rounds.
     """
     config = signature.config
-    x_m, y_m = _grid(config)
+    x_m, y_m = _grid(config.grid)
     turns, range_m = _polar(x_m, y_m)
     if signature.turn_s and twist != STANDING:
         for _ in range(_ROUNDS):
@@ -69,16 +70,17 @@ def top_down(signature: Signature, twist: Twist = STANDING) -> TopDown:
             cos, sin = np.cos(twist.yaw_radps * t), np.sin(twist.yaw_radps * t)
             dx, dy = x_m - twist.forward_mps * t, y_m - twist.left_mps * t
             turns, range_m = _polar(cos * dx + sin * dy, cos * dy - sin * dx)
-    columns = (range_m / config.cell_m - 0.5).astype(np.float32)
+    grid = config.grid
+    columns = (range_m / grid.resolution_m - 0.5).astype(np.float32)
     # Row 0 of the wrapped image is the last sector.
-    rows = (turns * config.azimuths + 0.5).astype(np.float32)
+    rows = (turns * grid.azimuths + 0.5).astype(np.float32)
     image = _sampled(signature.image.astype(np.float32), columns, rows)
-    has = (range_m < config.reach_m) & (range_m > config.min_range_m)
+    has = (range_m < config.reach_m) & (range_m > grid.min_range_m)
     seen = has.astype(np.float32)
     if not signature.seen.all():
-        sectors = np.repeat(signature.seen[:, None], config.cells, axis=1).astype(np.float32)
+        sectors = np.repeat(signature.seen[:, None], grid.range_bins, axis=1).astype(np.float32)
         seen *= _sampled(sectors, columns, rows) > 0.99
-    return TopDown(_smoothed(image * seen, _SMOOTH_CELLS), seen, config.cell_m)
+    return TopDown(_smoothed(image * seen, _SMOOTH_CELLS), seen, grid.resolution_m)
 
 
 def half(view: TopDown) -> TopDown:
@@ -104,8 +106,8 @@ def _polar(x_m: NDArray[np.float64], y_m: NDArray[np.float64]) -> tuple[NDArray[
 
 
 @functools.lru_cache(maxsize=4)
-def _grid(config: SignatureConfig) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    side = 2 * config.cells
-    across_m = (np.arange(side) + 0.5 - side / 2.0) * config.cell_m
+def _grid(config: PolarGridConfig) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    side = 2 * config.range_bins
+    across_m = (np.arange(side) + 0.5 - side / 2.0) * config.resolution_m
     x_m, y_m = np.meshgrid(across_m, across_m)
     return x_m, y_m

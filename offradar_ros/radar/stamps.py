@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+from collections import deque
+
 from offradar_ros.errors import RefusedInput
 from offradar_ros.positions.rules import require_stamp
+
+KEPT = 1024
+"""Stamps that are remembered: at any usual rate, those of more than `restart_after_ns`."""
 
 
 class StampGate:
@@ -11,18 +16,27 @@ class StampGate:
 
     def __init__(self, restart_after_ns: int) -> None:
         self.restart_after_ns = restart_after_ns
+        self.reset()
+
+    def reset(self) -> None:
+        """Accept any next stamp: the caller knows that a recording starts with it."""
         self._last_ns: int | None = None
+        self._seen: deque[int] = deque(maxlen=KEPT)
 
     def check(self, stamp_ns: int) -> bool:
         """True if the recording restarted: the stamp jumped back by more than `restart_after_ns`.
 
-        RefusedInput('invalid_stamp') as `require_stamp`, RefusedInput('repeated_stamp') for the last stamp again,
-        RefusedInput('stamp_backwards') for a smaller jump back. The next stamp is compared with the last accepted one.
+        RefusedInput('invalid_stamp') as `require_stamp`, RefusedInput('repeated_stamp') for a stamp that came before,
+        accepted or not, RefusedInput('stamp_backwards') for another smaller jump back. The next stamp is compared with
+        the last accepted one.
         """
         require_stamp(stamp_ns)
         back_ns = 0 if self._last_ns is None else self._last_ns - stamp_ns
-        if self._last_ns is not None and back_ns == 0:
+        if stamp_ns == self._last_ns or (0 < back_ns <= self.restart_after_ns and stamp_ns in self._seen):
             raise RefusedInput('repeated_stamp', f'stamp {stamp_ns} ns was already received: expected a later one')
+        if back_ns > self.restart_after_ns:
+            self._seen.clear()
+        self._seen.append(stamp_ns)
         if 0 < back_ns <= self.restart_after_ns:
             raise RefusedInput(
                 'stamp_backwards',
@@ -31,7 +45,3 @@ class StampGate:
             )
         self._last_ns = stamp_ns
         return back_ns > 0
-
-    def reset(self) -> None:
-        """Accept any next stamp: the caller knows that a recording starts with it."""
-        self._last_ns = None

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import copy
+import dataclasses
 import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping
@@ -50,6 +51,19 @@ TROUBLE_PERIOD_S = 30.0
 """A trouble that comes and goes is logged once in this time; the diagnostics have it every second."""
 
 
+@dataclasses.dataclass(frozen=True)
+class _Latched:
+    """Messages of a latched topic, to be handled when the node becomes active.
+
+    Attributes:
+        handled: handles again the last one that was handled.
+        later: handles one that came after it and was refused; its time may come, as for a full disk.
+    """
+
+    handled: Callable[[], None] | None = None
+    later: Callable[[], None] | None = None
+
+
 class StageNode(SteadyLifecycleNode):
     """A lifecycle node around one stage of the core.
 
@@ -77,8 +91,7 @@ class StageNode(SteadyLifecycleNode):
         self._outputs: list[Publisher] = []
         self._output_types: dict[str, str] = {}
         self._inputs: list[Input] = []
-        # By topic: again, the last one that was handled, and under False a later one that may still be.
-        self._latched: dict[str, dict[bool, Callable[[], None]]] = {}
+        self._latched: dict[str, _Latched] = {}
         self.ledgers: list[Ledger] = []
         """What became of the messages of the inputs that are answered."""
         self._starting = False
@@ -149,8 +162,9 @@ class StageNode(SteadyLifecycleNode):
             super().on_deactivate(state)
             return TransitionCallbackReturn.FAILURE
         # These were sent once, maybe while this node was inactive, and are still valid.
-        for handle_again in [again for kept in self._latched.values() for again in kept.values()]:
-            handle_again()
+        for handle_again in [again for kept in self._latched.values() for again in (kept.handled, kept.later)]:
+            if handle_again is not None:
+                handle_again()
         return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -241,9 +255,9 @@ class StageNode(SteadyLifecycleNode):
                 found.watch.received()
             handled = self.active and self.guarded(topic, lambda: handle(message))
             if latched and (handled or self._may_be_handled(topic, lambda: check(message))):
-                # What was refused does not replace what was handled before it; its time may come, as for a full disk.
-                before = {} if handled else self._latched.get(topic, {})
-                self._latched[topic] = {**before, handled: lambda: receive(message, info)}
+                kept = _Latched() if handled else self._latched.get(topic, _Latched())
+                again = partial(receive, message, info)
+                self._latched[topic] = dataclasses.replace(kept, **{'handled' if handled else 'later': again})
             if ledger and not handled:
                 ledger.settle('refused' if self.active else 'inactive')
             if handled and topic == self.timed_topic:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import traceback
-from collections import defaultdict, deque
+from collections import defaultdict
 from collections.abc import Callable, Mapping
 
 import numpy as np
@@ -33,17 +33,12 @@ class Encoded:
     row_faults: Mapping[str, int] = dataclasses.field(default_factory=dict)
 
 
-KEPT = 1024
-"""Stamps that are remembered: at any usual rate, those of more than `restart_after_s`."""
-
-
 class EncodeStage:
     """Images in, embeddings out. Neither an invalid scan nor an encoder that fails stops the next one."""
 
     def __init__(self, encoder: Encoder, restart_after_s: float) -> None:
         self.encoder = encoder
         self._gates = defaultdict[str, StampGate](lambda: StampGate(round(restart_after_s * 1e9)))
-        self._answered = defaultdict[str, deque[int]](lambda: deque(maxlen=KEPT))
 
     def encode(self, stamp_ns: int, decode: Callable[[], PolarScan], topic: str = '') -> Encoded:
         """Embedding of the scan with this stamp that `decode` returns; nothing is raised, whatever `decode` raises.
@@ -55,7 +50,7 @@ class EncodeStage:
         """
         restarted = False
         try:
-            restarted = self._check(stamp_ns, topic)
+            restarted = self._gates[topic].check(stamp_ns)
             scan = decode()
             return Encoded(self._embedding(scan, stamp_ns), None, restarted, scan.row_faults)
         except RefusedInput as problem:
@@ -69,24 +64,6 @@ class EncodeStage:
     def start_recording(self) -> None:
         """Accept any stamp for the next scan, which is the first of a recording."""
         self._gates.clear()
-        self._answered.clear()
-
-    def _check(self, stamp_ns: int, topic: str) -> bool:
-        """As `StampGate.check`; 'repeated_stamp' also for a scan that was answered before others."""
-        answered = self._answered[topic]
-        try:
-            restarted = self._gates[topic].check(stamp_ns)
-        except RefusedInput as problem:
-            if problem.cause != 'stamp_backwards':
-                raise
-            if stamp_ns in answered:
-                raise RefusedInput('repeated_stamp', f'stamp {stamp_ns} ns came already, before others') from None
-            answered.append(stamp_ns)
-            raise
-        if restarted:
-            answered.clear()
-        answered.append(stamp_ns)
-        return restarted
 
     def _embedding(self, scan: PolarScan, stamp_ns: int) -> Embedding:
         """RefusedInput unless the encoder returns an embedding of this scan that can be compared."""

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from plane import Plane, make_plane
 
-from offradar_ros.alignment.align import Alignment, align, prepare
+from offradar_ros.alignment.align import Alignment, align, prepare_place, prepare_query
 from offradar_ros.alignment.signature import SignatureMaker
 from offradar_ros.alignment.top_down import STANDING, Twist
 from offradar_ros.types import PolarScan
@@ -19,7 +19,7 @@ MAKE = SignatureMaker()
 
 
 def aligned(place: PolarScan, query: PolarScan, of_place: Twist = STANDING, of_query: Twist = STANDING) -> Alignment:
-    return align(prepare(MAKE(place), of_place), prepare(MAKE(query), of_query))
+    return align(prepare_place(MAKE(place), of_place), prepare_query(MAKE(query), of_query))
 
 
 def errors(found: Alignment, pose: tuple[float, float, float]) -> tuple[float, float]:

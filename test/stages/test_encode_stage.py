@@ -13,7 +13,8 @@ from hypothesis import strategies as st
 
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.errors import RefusedInput
-from offradar_ros.stages.encode import KEPT, EncodeStage
+from offradar_ros.radar.stamps import KEPT
+from offradar_ros.stages.encode import EncodeStage
 from offradar_ros.types import Embedding, PolarScan
 
 SECOND = 10**9

@@ -19,11 +19,12 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 
 from offradar_ros.errors import DataError, RefusedInput
 from offradar_ros.geometry import LocalFrame, Trajectory
-from offradar_ros.positions.rules import END_NS
+from offradar_ros.positions.rules import END_NS, require_stamp
 from offradar_ros.radar.navtech_rows import join_rows
 from offradar_ros.recordings.bags.mcap_checksums import write_checksums
 from offradar_ros.recordings.bags.reader import TYPES
 from offradar_ros.recordings.bags.topics import FIX, FIX_TYPE, IMAGE_TYPE, ODOMETRY, ODOMETRY_TYPE, SCANS
+from offradar_ros.recordings.datasets.coverage import span_ns
 from offradar_ros.recordings.new_folder import new_folder
 from offradar_ros.sequence import RadarSequence
 from offradar_ros.types import PolarScan
@@ -105,9 +106,9 @@ def _covering(sequence: RadarSequence, offset_ns: int) -> Trajectory | None:
     if trajectory is None:
         return None
     stamps_ns = trajectory.stamps_ns + offset_ns
-    start = max(int(sequence.stamps_ns[0]) - POSITION_MARGIN_NS, 0)
-    end = min(int(sequence.stamps_ns[-1]) + POSITION_MARGIN_NS, END_NS - 1)
-    keep = (stamps_ns >= start) & (stamps_ns <= end)
+    first_ns, last_ns = span_ns(sequence.stamps_ns)
+    start_ns, end_ns = max(first_ns - POSITION_MARGIN_NS, 0), min(last_ns + POSITION_MARGIN_NS, END_NS - 1)
+    keep = (stamps_ns >= start_ns) & (stamps_ns <= end_ns)
     if not keep.any():
         return None
     return dataclasses.replace(
@@ -145,11 +146,7 @@ def _scans(
     for index in range(len(sequence)):
         try:
             scan = sequence.scan(index)
-            if not 0 <= scan.stamp_ns < END_NS:
-                raise RefusedInput(
-                    'invalid_stamp',
-                    f'stamp {scan.stamp_ns} ns: expected nanoseconds from 1970 to 2038, which ROS messages can hold',
-                )
+            require_stamp(scan.stamp_ns)
         except (DataError, RefusedInput) as error:
             unreadable(index, error)
             errors.append(error)
