@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import random
 import shutil
 import sqlite3
@@ -137,12 +138,52 @@ def test_what_is_written_has_every_checksum_of_the_format(street: Callable[..., 
     assert file.read_bytes() == again
 
 
+@pytest.mark.parametrize('length', [0, 8])
+def test_checksums_are_written_over_nothing_else(lone: Path, length: int) -> None:
+    lone.write_bytes(mcap(SMALL).replace(record(DATA_END, bytes(4)), record(DATA_END, bytes(length))))
+    content = lone.read_bytes()
+    with pytest.raises(Damage, match='no end of its data'):
+        write_checksums(lone)
+    assert lone.read_bytes() == content
+
+
 def test_a_checked_bag_is_checked_again_when_it_changes(bag: Path) -> None:
     assert check_bag_files(bag) == check_bag_files(bag)
     file = bag / 'session_1.mcap'
     file.write_bytes(flipped(file.read_bytes(), random.Random(SEED), 2000))
     with pytest.raises(DataError, match='not a readable rosbag2 recording'):
         check_bag_files(bag)
+
+
+@pytest.mark.parametrize('is_in_place', [True, False])
+def test_a_bag_of_another_size_or_another_file_is_checked_again_whatever_its_time(bag: Path, is_in_place: bool) -> None:
+    """As after a copy that keeps times."""
+    check_bag_files(bag)
+    file = bag / 'session_1.mcap'
+    status, content = file.stat(), file.read_bytes()
+    other = file if is_in_place else bag / 'other'
+    other.write_bytes(content[:-1] if is_in_place else flipped(content, random.Random(SEED), 2000))
+    other.replace(file)
+    os.utime(file, ns=(status.st_atime_ns, status.st_mtime_ns))
+    assert (file.stat().st_ino == status.st_ino) == is_in_place
+    with pytest.raises(DataError, match='not a readable rosbag2 recording'):
+        check_bag_files(bag)
+
+
+def test_a_file_that_is_gone_is_named(tmp_path: Path) -> None:
+    with pytest.raises(DataError, match=r'gone\.mcap: cannot be read \(No such file or directory\)'):
+        check_bag_files(tmp_path / 'gone.mcap')
+
+
+def test_a_bag_that_is_refused_is_closed(bag: Path) -> None:
+    tree = yaml.safe_load((bag / 'metadata.yaml').read_text())
+    CHANGES['a quality of service'][0](tree['rosbag2_bagfile_information'])
+    (bag / 'metadata.yaml').write_text(yaml.safe_dump(tree))
+    # Who handles the error holds what raised it.
+    with pytest.raises(DataError) as refused:
+        Bag(bag)
+    assert refused.value.__traceback__ is not None
+    assert bag / 'session_1.mcap' not in [each.resolve() for each in Path('/proc/self/fd').iterdir()]
 
 
 def test_each_of_many_files_is_checked_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -465,7 +506,7 @@ def test_a_compressed_file_of_empty_frames_is_refused_at_once(tmp_path: Path) ->
         (b'\x28\xb5\x2f\xfd', 'truncated zstd data'),
     ):
         file.write_bytes(damaged)
-        with pytest.raises(DataError, match=expected):
+        with pytest.raises(DataError, match=rf'\({file.name}: its compression \({expected}.*\)\): copy it again$'):
             Bag(bag)
 
 
@@ -479,7 +520,8 @@ def test_what_follows_the_end_of_a_file_is_not_read_into_memory(lone: Path) -> N
 
 
 def test_names_of_a_file_stay_on_one_line(lone: Path) -> None:
-    odd = 'two\nlines ' + 'x' * 10_000
+    # The first in order, as it is the first that is told of.
+    odd = '/a name\nof lines ' + 'x' * 10_000
     lone.write_bytes(mcap(schema(1) + channel(1, odd) + chunk(message(1, 101))))
     with pytest.raises(DataError) as refused:
         Bag(lone)
@@ -490,6 +532,13 @@ def test_names_of_a_file_stay_on_one_line(lone: Path) -> None:
     tree['rosbag2_bagfile_information']['topics_with_message_count'][0]['topic_metadata']['name'] = odd
     metadata.write_text(yaml.safe_dump(tree))
     with pytest.raises(DataError) as refused:
+        Bag(metadata.parent)
+    assert 'messages of /a name of lines' in str(refused.value)
+    assert len(str(refused.value).splitlines()) == 1
+    assert len(str(refused.value)) < 1000
+    tree['rosbag2_bagfile_information']['version'] = odd
+    metadata.write_text(yaml.safe_dump(tree))
+    with pytest.raises(DataError, match='metadata.yaml is damaged') as refused:
         Bag(metadata.parent)
     assert len(str(refused.value).splitlines()) == 1
     assert len(str(refused.value)) < 1000
@@ -556,6 +605,20 @@ def test_rows_of_sqlite_that_cannot_be_are_refused(tmp_path: Path, change: str) 
     connection.commit()
     connection.close()
     assert 'not a readable rosbag2 recording' in refusal(READ, READ_ALL, file)
+
+
+def test_names_of_sqlite_stay_on_one_line(tmp_path: Path) -> None:
+    file = sqlite(tmp_path / 'bag')
+    connection = sqlite3.connect(file)
+    connection.execute('PRAGMA writable_schema = ON')
+    odd = 'two\nlines ' + 'x' * 10_000
+    connection.execute("UPDATE sqlite_master SET name = ?, sql = 'CREATE TABLE' WHERE name = 'topics'", (odd,))
+    connection.commit()
+    connection.close()
+    with pytest.raises(DataError, match='malformed database schema') as refused:
+        Bag(file)
+    assert len(str(refused.value).splitlines()) == 1
+    assert len(str(refused.value)) < 1000
 
 
 def test_quality_of_service_that_agrees_is_no_contradiction(tmp_path: Path) -> None:

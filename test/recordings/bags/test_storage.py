@@ -316,11 +316,14 @@ def test_files_beside_the_scans_of_a_data_set_do_not_make_it_a_bag(radiate_folde
     assert len(open_source(radiate_folder)) == 5
 
 
-def test_a_topic_of_two_types_is_read_as_the_one_with_more_messages(drive: Any, tmp_path: Path) -> None:
+@pytest.mark.parametrize('is_odd_first', [True, False])
+def test_a_topic_of_two_types_is_read_as_the_one_with_more_messages(
+    drive: Any, tmp_path: Path, is_odd_first: bool
+) -> None:
     flag = TYPES.types['std_msgs/msg/Bool'](data=True)
     rows = list(scans(drive))
     odd = [rows[0]._replace(msgtype='std_msgs/msg/Bool', message=flag)]
-    with Bag(record(tmp_path / 'mixed', odd, rows)) as bag:
+    with Bag(record(tmp_path / 'mixed', *((odd, rows) if is_odd_first else (rows, odd)))) as bag:
         assert bag.topics == {'/radar_data/b_scan_image': 'sensor_msgs/msg/Image'}
         assert bag.left_out == {('/radar_data/b_scan_image', 'std_msgs/msg/Bool'): 1}
         assert {message.msgtype for message in bag.messages()} == {'sensor_msgs/msg/Image'}
