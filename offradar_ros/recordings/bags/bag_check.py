@@ -23,7 +23,6 @@ from offradar_ros.recordings.bags.storage import Metadata, read_metadata, state_
 
 MAX_FILE_BYTES = 64 * 1024**3
 """Largest content of a file that was compressed as a whole."""
-_ZSTD = '.zstd'
 _LONGEST = 300
 """Most characters of a reason: names within a file may be of any length."""
 
@@ -85,7 +84,7 @@ def _facts(path: Path, file: Path, compression: str) -> BagFacts:
 # Without a bound: a bag of more files than that would be checked again for each scan.
 @functools.cache
 def _checked(file: Path, _: tuple[int, int, int], compression: str) -> BagFacts:
-    if file.suffix == _ZSTD and compression == 'file':
+    if compression == 'file':
         with tempfile.TemporaryDirectory() as folder:
             inflated = Path(folder) / file.stem
             _inflate(file, inflated)

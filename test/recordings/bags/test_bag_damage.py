@@ -538,7 +538,7 @@ def test_names_of_a_file_stay_on_one_line(lone: Path) -> None:
     assert len(str(refused.value)) < 1000
     tree['rosbag2_bagfile_information']['version'] = odd
     metadata.write_text(yaml.safe_dump(tree))
-    with pytest.raises(DataError, match='metadata.yaml is damaged') as refused:
+    with pytest.raises(DataError, match=r'metadata\.yaml is damaged') as refused:
         Bag(metadata.parent)
     assert len(str(refused.value).splitlines()) == 1
     assert len(str(refused.value)) < 1000
@@ -619,6 +619,30 @@ def test_names_of_sqlite_stay_on_one_line(tmp_path: Path) -> None:
         Bag(file)
     assert len(str(refused.value).splitlines()) == 1
     assert len(str(refused.value)) < 1000
+
+
+def test_another_definition_of_a_type_is_a_contradiction(tmp_path: Path) -> None:
+    """A reader would leave the messages out."""
+    folder = written(tmp_path / 'bag', CompressionMode.NONE, StoragePlugin.SQLITE3, b'\0\1\0\0')
+    tree = yaml.safe_load((folder / 'metadata.yaml').read_text())
+    told = tree['rosbag2_bagfile_information']['topics_with_message_count'][0]['topic_metadata']
+    assert told['type_description_hash']
+    told['type_description_hash'] = f'RIHS01_{"0" * 64}'
+    (folder / 'metadata.yaml').write_text(yaml.safe_dump(tree))
+    with pytest.raises(DataError, match=f'says of {FIX} another type, format or QoS than its file'):
+        Bag(folder)
+
+
+def test_a_topic_without_messages_need_not_be_told_of(tmp_path: Path) -> None:
+    with Writer(tmp_path / 'bag', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        kept, _ = (writer.add_connection(topic, FIX_TYPE, typestore=TYPES) for topic in (FIX, '/other'))
+        writer.write(kept, 1, b'\0\1\0\0')
+    tree = yaml.safe_load((tmp_path / 'bag' / 'metadata.yaml').read_text())
+    topics = tree['rosbag2_bagfile_information']['topics_with_message_count']
+    topics[:] = [topic for topic in topics if topic['message_count']]
+    (tmp_path / 'bag' / 'metadata.yaml').write_text(yaml.safe_dump(tree))
+    with Bag(tmp_path / 'bag') as bag:
+        assert bag.counts == {FIX: 1}
 
 
 def test_quality_of_service_that_agrees_is_no_contradiction(tmp_path: Path) -> None:

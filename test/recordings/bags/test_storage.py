@@ -161,6 +161,13 @@ def test_compressed_recordings(mode: CompressionMode, plugin: StoragePlugin, dri
         assert 'no metadata.yaml' in refusal(tmp_path / 'small')
 
 
+def test_files_that_were_compressed_by_hand_are_read(drive: Any, tmp_path: Path) -> None:
+    """The command zstd names them differently."""
+    folder = compressed(tmp_path / 'small', drive, CompressionMode.FILE)
+    (folder / 'small.mcap.zstd').rename(folder / 'small.mcap.zst')
+    require_whole(edit(folder, relative_file_paths=['small.mcap.zst']), drive)
+
+
 def test_the_way_out_is_one_for_compressed_recordings(drive: Any, tmp_path: Path) -> None:
     """ros2 bag reindex does not read them."""
     files = edit(compressed(tmp_path / 'files', drive, CompressionMode.FILE), topics_with_message_count=[])
