@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Sequence
+from typing import Any
 
 from rclpy.client import Client
 from rclpy.node import Node
@@ -21,7 +22,7 @@ from std_srvs.srv import Trigger
 
 from offradar_ros.bounded_input import parse_json
 
-SERVICE = 'subscribers'
+SUBSCRIBERS = 'subscribers'
 ASK_S = 0.05
 """Time between two calls to one node."""
 LOST_S = 1.0
@@ -39,7 +40,7 @@ def serve_subscribers(node: Node, outputs: Sequence[Publisher]) -> None:
         response.message = json.dumps({output.topic_name: output.get_subscription_count() for output in outputs})
         return response
 
-    node.create_service(Trigger, f'~/{SERVICE}', answer)
+    node.create_service(Trigger, f'~/{SUBSCRIBERS}', answer)
 
 
 def count_reachable(node: Node, topic: str, offer: TopicEndpointInfo) -> int:
@@ -53,6 +54,40 @@ def count_reachable(node: Node, topic: str, offer: TopicEndpointInfo) -> int:
         and qos_check_compatible(offer.qos_profile, subscription.qos_profile)[0] != QoSCompatibility.ERROR
         for subscription in node.get_subscriptions_info_by_topic(topic)
     )
+
+
+class Introduction:
+    """Whether another node has discovered all publishers, subscriptions and clients that `node` has made so far.
+
+    What is published, or answered, before that is lost. A node's parts are announced in the order in which they were
+    made: one that answers the client that is made here has discovered those before.
+
+    Args:
+        node: this node, which an executor spins.
+        kind: type of `service`, whose request has a default.
+        service: a service of the other node that changes nothing.
+    """
+
+    def __init__(self, node: Node, kind: type[Any], service: str) -> None:
+        self._node, self._kind = node, kind
+        self._client = node.create_client(kind, service)
+        self._call: Future | None = None
+        self._asked_s = 0.0
+
+    def is_complete(self) -> bool:
+        """Asks again at need; repeat it until it is true."""
+        now_s = time.monotonic()
+        if self._call is not None and self._call.done():
+            return True
+        if self._client.service_is_ready() and (self._call is None or now_s - self._asked_s >= LOST_S):
+            if self._call is not None:
+                self._client.remove_pending_request(self._call)
+            self._call, self._asked_s = self._client.call_async(self._kind.Request()), now_s
+        return False
+
+    def close(self) -> None:
+        """Release the client."""
+        self._node.destroy_client(self._client)
 
 
 class Connections:
@@ -92,7 +127,7 @@ class Connections:
 
     def _ask(self, server: str) -> None:
         if server not in self._clients:
-            self._clients[server] = self._node.create_client(Trigger, f'{server}/{SERVICE}')
+            self._clients[server] = self._node.create_client(Trigger, f'{server}/{SUBSCRIBERS}')
         client, now_s = self._clients[server], time.monotonic()
         asked_s, call = self._asked_s.get(server, -LOST_S), self._calls.get(server)
         if call is not None and call.done():

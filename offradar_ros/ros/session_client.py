@@ -10,11 +10,14 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from offradar_ros.errors import OffradarError
+from offradar_ros.ros.connections import SUBSCRIBERS, Introduction
 
 COMMIT_S = 60.0
 """Longest wait for an answer: a session may have changed a million places."""
 PATIENCE_S = 2.0
 """A wait longer than this is reported."""
+INTRODUCED_S = 5.0
+"""A map server that has not discovered its caller after this time is called all the same."""
 POLL_S = 0.1
 
 
@@ -55,6 +58,7 @@ class SessionClient:
     def call(self, name: str) -> str:
         """Any of the services, by name."""
         client = self._node.create_client(Trigger, f'map_server/{name}')
+        introduction = Introduction(self._node, Trigger, f'map_server/{SUBSCRIBERS}')
         answer_s = max(self._timeout_s, COMMIT_S)
         try:
             self.waiting_for = f'the service {client.service_name}'
@@ -62,6 +66,9 @@ class SessionClient:
             if not self._wait(client.service_is_ready, self._timeout_s, hint):
                 where = self._elsewhere(client.service_name)
                 raise OffradarError(f'service map_server/{name}: no map server within {self._timeout_s:g} s{where}')
+            # An answer to a client that the server has not discovered yet is lost, and the call may be carried out.
+            hint = 'it has not discovered its caller yet'
+            self._wait(introduction.is_complete, min(self._timeout_s, INTRODUCED_S), hint)
             future = client.call_async(Trigger.Request())
             self.waiting_for = f'the answer of {client.service_name}, which may be carried out all the same'
             if not self._wait(future.done, answer_s, f'gives up after {answer_s:g} s'):
@@ -71,6 +78,7 @@ class SessionClient:
                 raise OffradarError(f'service map_server/{name}: {response.message}')
             return str(response.message)
         finally:
+            introduction.close()
             self._node.destroy_client(client)
 
     def _elsewhere(self, wanted: str) -> str:

@@ -84,7 +84,7 @@ def test_values_are_of_the_types_of_the_parameters() -> None:
 
 def test_scans_are_remapped_with_their_compressed_topic() -> None:
     encoder, *_ = started()
-    topics = {name: to for name, to in encoder.options['remappings']}
+    topics = dict(encoder.options['remappings'])
     (argument, suffix) = topics['radar_data/b_scan_image/compressed']
     assert topics['radar_data/b_scan_image'].arguments == argument.arguments == ('scans',)
     assert suffix == '/compressed'

@@ -22,6 +22,7 @@ from offradar_ros.nodes.encoder_node import EncoderNode
 from offradar_ros.nodes.map_server_node import DESTRUCTIVE, MapServerNode
 from offradar_ros.nodes.query_node import QueryNode
 from offradar_ros.ros import navtech
+from offradar_ros.ros.connections import SUBSCRIBERS
 from offradar_ros.ros.stage_node import StageNode
 
 POLICY = Path(__file__).resolve().parents[2] / 'params' / 'sros2' / 'policy.xml'
@@ -161,6 +162,7 @@ def test_a_replay_uses_what_it_is_granted(
 def test_who_may_take_drives_away() -> None:
     services = {f'/map_server/{SERVICES[action]}' for action in Action}
     destructive = {f'/map_server/{name}' for name in DESTRUCTIVE}
+    services.add(f'/map_server/{SUBSCRIBERS}')
     assert grants('session', 'offradar_session')['request'] == services - destructive
     assert services <= grants('operator', 'offradar_session')['request']
     for enclave, node in (*((name, name) for name in NODES), ('replay', 'replay'), ('replay', 'replay_end')):

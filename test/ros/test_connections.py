@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterator
 
 import pytest
@@ -14,7 +15,7 @@ from std_srvs.srv import Trigger
 
 from offradar_ros.lab.live.spin_thread import SpinThread
 from offradar_ros.ros import qos
-from offradar_ros.ros.connections import SERVICE, Connections, count_reachable, serve_subscribers
+from offradar_ros.ros.connections import SUBSCRIBERS, Connections, Introduction, count_reachable, serve_subscribers
 
 
 @pytest.fixture
@@ -65,7 +66,7 @@ def test_another_service_of_that_name_counts_for_nothing(make: Callable[[str], N
         response.message = 'nobody'
         return response
 
-    source.create_service(Trigger, f'~/{SERVICE}', answer)
+    source.create_service(Trigger, f'~/{SUBSCRIBERS}', answer)
     connections = Connections(watcher)
     wait_until(lambda: connections.count('some') or len(requests) > 2)
     assert connections.count('some') == 0
@@ -96,7 +97,7 @@ def test_the_service_of_another_package_may_answer_anything(make: Callable[[str]
         response.message = answer
         return response
 
-    source.create_service(Trigger, f'~/{SERVICE}', serve)
+    source.create_service(Trigger, f'~/{SUBSCRIBERS}', serve)
     connections = Connections(watcher)
     counts: list[int] = []
 
@@ -106,3 +107,24 @@ def test_the_service_of_another_package_may_answer_anything(make: Callable[[str]
 
     wait_until(asked_again)
     assert set(counts) == {0}
+
+
+def test_a_node_is_introduced_when_the_other_one_has_answered_it(make: Callable[[str], Node], domain_id: int) -> None:
+    watcher = make('watcher')
+    context = rclpy.context.Context()
+    rclpy.init(context=context, domain_id=domain_id)
+    other = Node('other', context=context, enable_rosout=False)
+    serve_subscribers(other, ())
+    introduction = Introduction(watcher, Trigger, f'other/{SUBSCRIBERS}')
+    for _ in range(30):
+        # Nobody spins it yet.
+        assert not introduction.is_complete()
+        time.sleep(0.05)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(other)
+    spin = SpinThread(executor)
+    wait_until(introduction.is_complete)
+    introduction.close()
+    spin.stop()
+    rclpy.shutdown(context=context)
+    assert not Introduction(watcher, Trigger, f'nobody/{SUBSCRIBERS}').is_complete()

@@ -10,6 +10,7 @@ from typing import Any, Protocol, TypeVar
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
+from rcl_interfaces.srv import GetParameters
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
@@ -18,7 +19,7 @@ from sensor_msgs.msg import PointCloud2
 from offradar_ros.lab.live.node_processes import Stack
 from offradar_ros.lab.live.spin_thread import SpinThread
 from offradar_ros.ros import qos
-from offradar_ros.ros.connections import Connections
+from offradar_ros.ros.connections import UNKNOWN, Connections, Introduction
 from offradar_ros.ros.localisation_message import localisation_record
 from offradar_ros.ros.outcome_message import match_record, rejection_record
 from offradar_ros.ros.stage_node import StageNode
@@ -26,7 +27,6 @@ from offradar_ros.types import Localisation, Match, Outcome
 
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 WAIT_S = 60.0
-DISCOVERED_S = 0.3
 ROOMY = {
     'encoder.backlog': 1000,
     'qos_overrides./radar_data/b_scan_image.subscription.depth': 100,
@@ -112,23 +112,31 @@ class Observer:
         wait_until(lambda: all(connections.count(topic) >= count for topic, count in wanted.items()))
 
     def publisher(self, kind: type, topic: str, profile: QoSProfile) -> Callable[[Any], None]:
-        """A function that publishes; returned when there is a subscriber."""
+        """A function that publishes; returned when there is a subscriber, and all that are discovered know of it."""
         publisher = self.node.create_publisher(kind, topic, profile)
         wait_until(lambda: publisher.get_subscription_count() > 0)
+        known = self.node.get_subscriptions_info_by_topic
+        wait_until(lambda: all(each.node_name != UNKNOWN for each in known(publisher.topic_name)))
+        for name in {f'{each.node_namespace.rstrip("/")}/{each.node_name}' for each in known(publisher.topic_name)}:
+            self.wait_until_known_to(name)
         return publisher.publish
 
-    def call(self, kind: type, service: str, request: Any, timeout_s: float = WAIT_S) -> Any:
-        """The answer of a service; AssertionError if none comes in time.
+    def wait_until_known_to(self, name: str) -> None:
+        """Wait until the node of this name has discovered all publishers, subscriptions and clients of this one."""
+        if name == self.node.get_fully_qualified_name():
+            return
+        introduction = Introduction(self.node, GetParameters, f'{name}/get_parameters')
+        wait_until(introduction.is_complete)
+        introduction.close()
 
-        A server that has not discovered its client yet drops the answer after 0.1 s, which `wait_for_service` cannot
-        see. So a client is made once, and given time where the server is new to it.
-        """
+    def call(self, kind: type, service: str, request: Any, timeout_s: float = WAIT_S) -> Any:
+        """The answer of a service of a node; AssertionError if none comes in time."""
         if service not in self._clients:
             self._clients[service] = self.node.create_client(kind, service)
+            wait_until(self._clients[service].service_is_ready)
+            self.wait_until_known_to(self.node.resolve_service_name(service).rpartition('/')[0])
         client = self._clients[service]
-        if not client.service_is_ready():
-            assert client.wait_for_service(WAIT_S), service
-            time.sleep(DISCOVERED_S)
+        assert client.wait_for_service(WAIT_S), service
         future = client.call_async(request)
         wait_until(future.done, timeout_s)
         return future.result()
