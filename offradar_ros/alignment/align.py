@@ -11,28 +11,13 @@ from offradar_ros.alignment.coarse import Spectra, rough_poses, spectra
 from offradar_ros.alignment.refine import Edges, Slopes, edges, refine, slopes
 from offradar_ros.alignment.signature import Signature
 from offradar_ros.alignment.top_down import STANDING, Twist, half, top_down
+from offradar_ros.types import Alignment
 
 MOST_YAWS = 8
 REACH_M = 20.0
 """Farther away than this, a place is not aligned with."""
 _COARSE_PIXELS, _FINE_PIXELS = 1200, 3000
 _COARSE_STEPS, _FINE_STEPS = 8, 15
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Alignment:
-    """Where a query was taken, seen from the scan of a place.
-
-    Attributes:
-        pose: (3,) float64: x forward and y to the left in metres, yaw counter-clockwise in radians, of the query's
-            vehicle in the frame of the place's vehicle, each at its stamp.
-        covariance: (3, 3) float64 of the pose.
-        score: correlation of the two scans there, −1 to 1.
-    """
-
-    pose: NDArray[np.float64]
-    covariance: NDArray[np.float64]
-    score: float
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
