@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-from numpy.typing import NDArray
 
 from offradar_ros.alignment.coarse import Spectra, rough_poses, spectra
 from offradar_ros.alignment.refine import Edges, Slopes, edges, refine, slopes
