@@ -387,10 +387,27 @@ class QueryConfig:
     )
     position_sigma_m: float = parameter(
         10.0,
-        'standard deviation of the position in match_pose',
+        'standard deviation of the position in match_pose where the scan could not be aligned with that of the place',
         unit='m',
         minimum=0.0,
         maximum=1000.0,
+        read_only=False,
+    )
+    place_sigma_m: float = parameter(
+        1.0,
+        'standard deviation of the position of a place on each axis, by the receiver that it was mapped with; it and '
+        'that of the alignment make the covariance of match_pose',
+        unit='m',
+        minimum=0.0,
+        maximum=1000.0,
+        read_only=False,
+    )
+    place_sigma_deg: float = parameter(
+        1.0,
+        'standard deviation of the heading of a place',
+        unit='°',
+        minimum=0.0,
+        maximum=180.0,
         read_only=False,
     )
     map_path: str = parameter(

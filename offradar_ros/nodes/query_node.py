@@ -169,7 +169,7 @@ class QueryNode(StageNode):
         if isinstance(outcome, Match):
             self.status.counts['matched'] += 1
             self._matches.publish(match_message(outcome))
-            self._poses.publish(match_pose_message(outcome, self.config.query.position_sigma_m))
+            self._poses.publish(match_pose_message(outcome, self.config.query))
             self._ledger.settle('matched')
         else:
             self.status.counts[f'rejected.{outcome.reason.value}'] += 1
