@@ -9,15 +9,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros.config import PolarGridConfig
+from offradar_ros.errors import ConfigError
 from offradar_ros.radar.polar_grid import PolarToGrid
 from offradar_ros.types import PolarScan
 
+BRIGHTEST = 15
+"""Highest level of a cell: four bits say as much about where a scan was taken as eight."""
+LONGEST_TURN_S = 10.0
+"""When the rows of a slower turn were measured counts as unknown."""
 _GRID = PolarGridConfig(azimuths=200, range_bins=80, resolution_m=1.0, min_range_m=4.0)
+_MOST_CELLS, _MOST_ROWS, _LONGEST_ROW = 16_000, 800, 160
 
 
 @dataclasses.dataclass(frozen=True)
 class SignatureConfig:
     """How a scan becomes a signature. Two signatures can be aligned if they were made alike.
+
+    ConfigError for numbers that are not finite or make no image, and for more cells than 8 KB hold.
 
     Attributes:
         grid: its rows and columns; what is nearer than `min_range_m` is the vehicle itself.
@@ -28,6 +36,20 @@ class SignatureConfig:
     grid: PolarGridConfig = _GRID
     above_noise: float = 8.0
     span: float = 60.0
+
+    def __post_init__(self) -> None:
+        grid = self.grid
+        allowed = {
+            'azimuths': 8 <= grid.azimuths <= min(_MOST_ROWS, _MOST_CELLS / max(grid.range_bins, 1)),
+            'range_bins': 8 <= grid.range_bins <= _LONGEST_ROW,
+            'resolution_m': 0.1 <= grid.resolution_m <= 10.0,
+            'min_range_m': 0.0 <= grid.min_range_m < self.reach_m / 2.0,
+            'above_noise': 0.0 <= self.above_noise <= 255.0,
+            'span': 1.0 <= self.span <= 255.0,
+        }
+        wrong = [name for name, is_allowed in allowed.items() if not is_allowed]
+        if wrong:
+            raise ConfigError(f'a signature cannot be made with {", ".join(wrong)} of {self}')
 
     @property
     def reach_m(self) -> float:
@@ -45,7 +67,7 @@ class Signature:
     Convention: as that of `PolarToGrid`.
 
     Attributes:
-        image: (A, C) uint8, power above the noise of its row; 0 for none.
+        image: (A, C) uint8, levels of power above the noise of its row, 0 for none to `BRIGHTEST`.
         seen: (A,) bool, whether the scan has this sector.
         start_s: seconds from the stamp of the scan to when the sensor pointed forward; 0 if unknown.
         turn_s: seconds that a turn takes, negative if it turns counter-clockwise; 0 if unknown.
@@ -71,7 +93,7 @@ class SignatureMaker:
         power = self._grid(scan).astype(np.float32)
         blank = math.ceil(self.config.grid.min_range_m / self.config.grid.resolution_m)
         noise = np.median(power[:, blank:], axis=1, keepdims=True)
-        above = np.clip((power - noise - self.config.above_noise) * (255.0 / self.config.span), 0.0, 255.0)
+        above = np.clip((power - noise - self.config.above_noise) * (BRIGHTEST / self.config.span), 0.0, BRIGHTEST)
         start_s, turn_s = _sweep(scan)
         return Signature(np.rint(above).astype(np.uint8), np.any(power, axis=1), start_s, turn_s, self.config)
 
@@ -86,4 +108,5 @@ def _sweep(scan: PolarScan) -> tuple[float, float]:
     if not spread.any():
         return 0.0, 0.0
     turn_s = float(spread @ (seconds - seconds.mean()) / (spread @ spread))
-    return float(seconds.mean() - turn_s * turns.mean()), turn_s
+    start_s = float(seconds.mean() - turn_s * turns.mean())
+    return (start_s, turn_s) if max(abs(start_s), abs(turn_s)) <= LONGEST_TURN_S else (0.0, 0.0)
