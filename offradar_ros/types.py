@@ -16,6 +16,7 @@ import dataclasses
 import enum
 import math
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,6 +62,17 @@ class Pose:
     yaw_rad: float = math.nan
 
 
+MAX_SIGNATURE_BYTES = 8192
+"""Most bytes of a packed signature."""
+
+
+class ScanKey(NamedTuple):
+    """Names a mapped scan, wherever the map holds it: the session that it was mapped in, and its stamp."""
+
+    session_id: int
+    stamp_ns: int
+
+
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class Embedding:
     """Output of an encoder for one scan: a mean to search with, and its variance.
@@ -70,12 +82,14 @@ class Embedding:
         mean: (d,) float32, the descriptor compared by Euclidean distance.
         variance: (d,) float32, the diagonal of Σ (Sec. III-C of the paper), prior at 1.
         model: fingerprint (SHA-256, hex) of the model; embeddings of different models are never compared.
+        signature: the signature of the scan, packed, at most `MAX_SIGNATURE_BYTES`; empty if it has none.
     """
 
     stamp_ns: int
     mean: NDArray[np.float32]
     variance: NDArray[np.float32]
     model: str = ''
+    signature: bytes = b''
 
     @property
     def uncertainty(self) -> float:

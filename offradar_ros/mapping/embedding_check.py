@@ -6,7 +6,7 @@ import numpy as np
 
 from offradar_ros.mapping.place_check import MAX_MEAN_VALUE
 from offradar_ros.positions.rules import END_NS
-from offradar_ros.types import Embedding
+from offradar_ros.types import MAX_SIGNATURE_BYTES, Embedding
 
 
 def embedding_problem(embedding: Embedding) -> str | None:
@@ -24,4 +24,6 @@ def embedding_problem(embedding: Embedding) -> str | None:
         return f'its stamp is not from 0 to {END_NS} ns'
     if float(variance.min()) < 0.0:
         return f'the variance holds a negative value, {float(variance.min()):g}'
+    if len(embedding.signature) > MAX_SIGNATURE_BYTES:
+        return f'its signature has {len(embedding.signature)} bytes, more than {MAX_SIGNATURE_BYTES}'
     return None

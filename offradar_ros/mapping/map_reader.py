@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import itertools
 import os
 import sqlite3
 import stat
@@ -57,11 +58,12 @@ def read_committed(path: Path, start: Callable[[int, int], SinkT]) -> tuple[str,
 
     `start(dimension, capacity)` makes the object that receives the places, in batches in ascending order of id; it is
     called again if a writer starts meanwhile. Returns the model's fingerprint ('' for a map without a model) and that
-    object.
+    object. Signatures are counted, not read.
     """
 
     def stream(rows: MapRows) -> tuple[str, SinkT]:
         running = rows.running_session_id
+        rows.signature_rows()
         # Without a running session nothing is selected, but every row is checked.
         before = rows.before(-1 if running is None else running).get(running or -1, {})
         sink = start(rows.dimension, rows.capacity())
@@ -81,7 +83,7 @@ def check_map(path: Path, *, with_log: bool = True) -> tuple[Seal | None, bool]:
 
     def check(rows: MapRows) -> Seal | None:
         rows.before(-1)
-        for _ in rows.places():
+        for _ in itertools.chain(rows.places(), rows.signatures()):
             pass
         return rows.seal
 
@@ -105,6 +107,8 @@ def _content(rows: MapRows) -> StoredMap:
         anchors_m=np.concatenate(anchors),
         sessions=rows.sessions,
         before=before,
+        signatures=dict(rows.signatures()),
+        version=rows.version,
         seal=rows.seal,
     )
 

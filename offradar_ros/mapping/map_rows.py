@@ -23,14 +23,25 @@ from offradar_ros.mapping.place_rows import (
     rows_to_table,
     undo_digests,
 )
-from offradar_ros.mapping.seal import RowSum, Seal, digests, is_seal, meta_bytes, read_seal, session_bytes
+from offradar_ros.mapping.seal import (
+    RowSum,
+    Seal,
+    digests,
+    is_seal,
+    meta_bytes,
+    read_seal,
+    session_bytes,
+    signature_bytes,
+)
 from offradar_ros.mapping.stored_map import Before, StoredSession
 from offradar_ros.records import structure
-from offradar_ros.types import PlaceTable
+from offradar_ros.types import MAX_SIGNATURE_BYTES, PlaceTable, ScanKey
 
 STATES = {'running', 'ended', 'interrupted', 'undone'}
 _BATCH = 1024
 """Rows read at once: few enough for the processor's cache."""
+_CONTENTS = 64
+"""Signatures read at once: those of a damaged file may be far too long."""
 
 
 class Batch(NamedTuple):
@@ -40,8 +51,15 @@ class Batch(NamedTuple):
     anchors_m: NDArray[np.float64]
 
 
+class SignatureRow(NamedTuple):
+    """A row of `signatures`, without the scan that it is of."""
+
+    content_id: int
+    digest: int
+
+
 class MapRows:
-    """Reads a map file of version 1 or 2 within one transaction.
+    """Reads a map file of any version within one transaction.
 
     ValueError, ConfigError or RefusedInput say what is damaged. The digests of a table are compared with its sum when
     all of it has been read.
@@ -50,7 +68,7 @@ class MapRows:
     def __init__(self, connection: sqlite3.Connection, version: int) -> None:
         self.connection = connection
         self.version = version
-        self.seal: Seal | None = read_seal(connection) if version > 1 else None
+        self.seal: Seal | None = read_seal(connection, version) if version > 1 else None
         meta = self._meta()
         self.created = str(meta['created'])
         self.model = structure(ModelInfo, meta['model']) if meta['model'] else None
@@ -125,6 +143,36 @@ class MapRows:
                 before[int(of_table[row])][int(table.place_ids[row])] = place_of(table, row)
         self._require_complete('undo', found)
         return before
+
+    def signature_rows(self) -> dict[ScanKey, SignatureRow]:
+        """Where the signatures of all scans are, without reading one."""
+        if self.version < 3:
+            return {}
+        rows = self.connection.execute(
+            'SELECT session_id, stamp_ns, content_id, digest FROM signatures ORDER BY session_id, stamp_ns'
+        ).fetchall()
+        session_ids, _, content_ids, values = (_whole_numbers([row[column] for row in rows]) for column in range(4))
+        self._require_known_sessions(session_ids)
+        self._require_complete('signatures', RowSum().with_rows(values))
+        _last_in_order('signatures', [(0, 0), *(row[:2] for row in rows)])
+        if len(np.unique(content_ids)) != len(rows):
+            raise ValueError('two scans have one signature')
+        return {ScanKey(*row[:2]): SignatureRow(*row[2:]) for row in rows}
+
+    def signatures(self) -> Iterator[tuple[ScanKey, bytes]]:
+        """All signatures, by the scans that they are of."""
+        named = {row.content_id: (scan, row.digest) for scan, row in self.signature_rows().items()}
+        if self.version < 3:
+            return
+        cursor = self.connection.execute('SELECT content_id, content FROM signature_contents ORDER BY content_id')
+        while contents := cursor.fetchmany(_CONTENTS):
+            for content_id, content in contents:
+                if content_id not in named:
+                    raise ValueError(f'signature {content_id} is of no scan')
+                scan, digest = named.pop(content_id)
+                yield scan, checked_signature(scan, digest, content)
+        if named:
+            raise ValueError(f'{len(named)} signatures are missing')
 
     @property
     def _digest(self) -> str:
@@ -202,6 +250,15 @@ def _whole_numbers(values: list[Any]) -> NDArray[np.int64]:
     if not all(type(value) is int for value in values):
         raise ValueError('a value is not a whole number')
     return np.array(values, np.int64)
+
+
+def checked_signature(scan: ScanKey, digest: object, content: object) -> bytes:
+    """The content of a signature; ValueError unless it is what was written with this digest for this scan."""
+    if not isinstance(content, bytes) or not 0 < len(content) <= MAX_SIGNATURE_BYTES:
+        raise ValueError(f'the signature of the scan at {scan.stamp_ns} ns is not one')
+    if digests('signatures', [signature_bytes(scan, content)])[0] != digest:
+        raise ValueError(f'the signature of the scan at {scan.stamp_ns} ns is not as written')
+    return content
 
 
 def _batches(cursor: sqlite3.Cursor) -> Iterator[list[Any]]:

@@ -105,4 +105,4 @@ class PendingEmbeddings:
 
 
 def _bytes_of(embedding: Embedding) -> int:
-    return int(embedding.mean.nbytes) + int(embedding.variance.nbytes)
+    return int(embedding.mean.nbytes) + int(embedding.variance.nbytes) + len(embedding.signature)

@@ -5,7 +5,11 @@
 little-endian float32. `meta` values are JSON. Each row has a digest of itself; the row `seal` of `meta` counts and sums
 the digests of all others (see `seal`).
 
-Version 1 had no digests. It is read, and replaced by version 2 when it is opened to be written.
+`signatures` has those of the scans that `places` and `undo` hold, as far as they have one. Its digest is that of the
+content too, which stands apart, so that all digests can be summed without reading megabytes.
+
+Version 1 had no digests, version 2 no signatures. They are read, and replaced by version 3 when they are opened to be
+written.
 """
 
 from __future__ import annotations
@@ -17,7 +21,7 @@ import sqlite3
 APPLICATION_ID = 0x4F4D4150
 """`PRAGMA application_id` of a map, ASCII OMAP: it distinguishes a map from other SQLite files."""
 
-VERSION = 2
+VERSION = 3
 """`PRAGMA user_version`. A file of a newer version is refused."""
 
 _CONTENT = """
@@ -40,6 +44,13 @@ CREATE TABLE undo (
     PRIMARY KEY (by_session, place_id)
 ){keyed};
 """
+_SIGNATURE_TABLES = """
+CREATE TABLE signatures (
+    session_id INTEGER NOT NULL, stamp_ns INTEGER NOT NULL, content_id INTEGER NOT NULL, digest INTEGER NOT NULL,
+    PRIMARY KEY (session_id, stamp_ns)
+) WITHOUT ROWID;
+CREATE TABLE signature_contents (content_id INTEGER PRIMARY KEY, content BLOB NOT NULL);
+"""
 
 
 def _tables(digest: str, keyed: str) -> str:
@@ -48,11 +59,12 @@ def _tables(digest: str, keyed: str) -> str:
 
 
 # Without row ids there is no index beside these tables that could contradict them.
-CREATE = f"""{_tables(', digest INTEGER NOT NULL', ' WITHOUT ROWID')}
+_SEALED = _tables(', digest INTEGER NOT NULL', ' WITHOUT ROWID')
+CREATE = f"""{_SEALED}{_SIGNATURE_TABLES}
 PRAGMA application_id = {APPLICATION_ID};
 PRAGMA user_version = {VERSION};
 """
-OF_VERSION = {1: _tables('', ''), 2: CREATE}
+OF_VERSION = {1: _tables('', ''), 2: _SEALED, 3: CREATE}
 """The statements that make the tables of each version."""
 
 Objects = frozenset[tuple[object, ...]]

@@ -11,6 +11,7 @@ import dataclasses
 import hashlib
 import secrets
 import sqlite3
+import struct
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -18,11 +19,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros.bounded_input import parse_json
+from offradar_ros.mapping.schema import VERSION
 from offradar_ros.records import structure, to_json
+from offradar_ros.types import ScanKey
 
-SEALED_TABLES = ('meta', 'sessions', 'places', 'undo')
+SEALED_TABLES = {2: ('meta', 'sessions', 'places', 'undo'), 3: ('meta', 'sessions', 'places', 'undo', 'signatures')}
+"""The tables that are summed, by version of the map."""
 _KEY = 'seal'
 _WRAP = 2**64
+_SCAN = struct.Struct('<qq')
 
 
 def digests(table: str, rows: Iterable[bytes | memoryview]) -> NDArray[np.int64]:
@@ -82,7 +87,7 @@ class Seal:
     @classmethod
     def new(cls) -> Seal:
         """The seal of a new map without rows."""
-        return cls(secrets.token_hex(16), 0, 0, 0, {table: RowSum() for table in SEALED_TABLES})
+        return cls(secrets.token_hex(16), 0, 0, 0, {table: RowSum() for table in SEALED_TABLES[VERSION]})
 
     @property
     def mark(self) -> int:
@@ -111,13 +116,13 @@ class Seal:
         return to_json(self)
 
 
-def read_seal(connection: sqlite3.Connection) -> Seal:
-    """The seal of an open map file; ValueError or ConfigError if it is missing or damaged."""
+def read_seal(connection: sqlite3.Connection, version: int = VERSION) -> Seal:
+    """The seal of an open map file of this version; ValueError or ConfigError if it is missing or damaged."""
     row = connection.execute('SELECT value, digest FROM meta WHERE key = ?', (_KEY,)).fetchone()
     if row is None or type(row[0]) is not str:
         raise ValueError('it has no seal')
     seal = structure(Seal, parse_json(row[0]))
-    if row != (seal._text(), seal.mark) or set(seal.sums) != set(SEALED_TABLES):
+    if row != (seal._text(), seal.mark) or set(seal.sums) != set(SEALED_TABLES[version]):
         raise ValueError('the seal does not have its digest')
     return seal
 
@@ -135,3 +140,8 @@ def meta_bytes(key: str, value: str) -> bytes:
 def session_bytes(row: tuple[Any, ...]) -> bytes:
     """A row of `sessions` without its digest, for its digest."""
     return to_json(list(row)).encode()
+
+
+def signature_bytes(scan: ScanKey, content: bytes) -> bytes:
+    """A row of `signatures` with the content that it names, for its digest."""
+    return _SCAN.pack(*scan) + content

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import json
 import sqlite3
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from offradar_ros.mapping.place_columns import take_rows
 from offradar_ros.mapping.place_rows import inserted_digests, place_digests, table_to_rows, undo_digests
-from offradar_ros.mapping.seal import RowSum, digest, meta_bytes, session_bytes
+from offradar_ros.mapping.seal import RowSum, digest, digests, meta_bytes, session_bytes, signature_bytes
 from offradar_ros.mapping.stored_map import Before, StoredSession
-from offradar_ros.types import PlaceTable
+from offradar_ros.types import PlaceTable, ScanKey
 
 _BATCH = 500
 """Rows written at once: as many as any SQLite takes parameters of a statement."""
@@ -89,11 +89,39 @@ class SealedRows:
         """Remove what places held before a session."""
         self._forget('undo', 'by_session = ?', [by_session], remove=True)
 
+    def put_signatures(self, signatures: Mapping[ScanKey, bytes]) -> None:
+        """Write signatures by their scans."""
+        self.remove_signatures(signatures)
+        newest = self._connection.execute('SELECT max(content_id) FROM signature_contents').fetchone()[0]
+        contents = list(enumerate(signatures.values(), start=1 if newest is None else newest + 1))
+        self._connection.executemany('INSERT INTO signature_contents VALUES (?, ?)', contents)
+        rows = ((*scan, content_id) for scan, (content_id, _) in zip(signatures, contents, strict=True))
+        self._insert('signatures', rows, digests('signatures', itertools.starmap(signature_bytes, signatures.items())))
+
+    def remove_signatures(self, scans: Collection[ScanKey]) -> None:
+        """Remove the signatures of these scans, of those that have one."""
+        keys = list(scans)
+        # A key is two parameters.
+        for part in _parts(len(keys), _BATCH // 2):
+            values = [value for key in keys[part] for value in key]
+            condition = f'(session_id, stamp_ns) IN (VALUES (?, ?){", (?, ?)" * (len(values) // 2 - 1)})'
+            self._remove_signatures(condition, values)
+
+    def remove_signatures_of(self, session_id: int) -> None:
+        """Remove the signatures of the scans of a session."""
+        self._remove_signatures('session_id = ?', [session_id])
+
+    def _remove_signatures(self, condition: str, values: Sequence[Any]) -> None:
+        named = f'SELECT content_id FROM signatures WHERE {condition}'
+        self._connection.execute(f'DELETE FROM signature_contents WHERE content_id IN ({named})', values)
+        self._forget('signatures', condition, values, remove=True)
+
     def clear(self) -> None:
         """Remove all places and sessions."""
-        for table in ('undo', 'places', 'sessions'):
+        for table in ('undo', 'places', 'sessions', 'signatures'):
             self._connection.execute(f'DELETE FROM {table}')
             self.sums[table] = RowSum()
+        self._connection.execute('DELETE FROM signature_contents')
 
     def _insert(self, table: str, rows: Iterable[tuple[Any, ...]], values: NDArray[np.int64]) -> None:
         sealed = ((*row, value) for row, value in zip(rows, values.tolist(), strict=True))
@@ -117,8 +145,8 @@ class SealedRows:
             self._connection.execute(f'DELETE FROM {table} WHERE {condition}', values)
 
 
-def _parts(count: int) -> Iterator[slice]:
-    return (slice(start, start + _BATCH) for start in range(0, count, _BATCH))
+def _parts(count: int, size: int = _BATCH) -> Iterator[slice]:
+    return (slice(start, start + size) for start in range(0, count, size))
 
 
 def _one(value: int) -> NDArray[np.int64]:

@@ -11,12 +11,13 @@ from offradar_ros.config import MapConfig
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.errors import MapError, RefusedInput
 from offradar_ros.geometry import GeoPoint
+from offradar_ros.mapping.held_signatures import HeldSignatures
 from offradar_ros.mapping.parent_map import Merge, MergeKind, ParentMap
 from offradar_ros.mapping.place_columns import PlaceColumns
 from offradar_ros.mapping.session_report import SessionReport, UndoReport, session_label
 from offradar_ros.mapping.store import LostMapError, MapStore
 from offradar_ros.mapping.stored_map import Before, StoredMap, StoredSession, revert
-from offradar_ros.types import Embedding, PlaceTable, Pose
+from offradar_ros.types import Embedding, PlaceTable, Pose, ScanKey
 
 
 @dataclasses.dataclass
@@ -57,6 +58,7 @@ class SessionMap:
         self._adopted: ModelInfo | None = None
         self._origin: GeoPoint | None = None
         self._parent = ParentMap(config, 0)
+        self._signatures = HeldSignatures({})
         self._running: _Running | None = None
         self._undoable: list[tuple[StoredSession, Before]] = []
         self._next_session_id = 1
@@ -69,6 +71,7 @@ class SessionMap:
         self._model, self._origin = stored.model, stored.origin
         self._parent = ParentMap(self.config, stored.model.dimension if stored.model else 0)
         self._parent.load(stored.columns, stored.anchors_m, stored.next_place_id)
+        self._signatures = HeldSignatures(stored.signatures)
         self._next_session_id = max((session.session_id for session in stored.sessions), default=0) + 1
         for session in stored.sessions:
             # The first write does the same in the file.
@@ -224,6 +227,11 @@ class SessionMap:
         for place in merge.before:
             running.before.setdefault(place.place_id, place)
         running.unsaved.update(merge.place_ids)
+        if merge.place_ids:
+            self._signatures.put(ScanKey(running.session_id, embedding.stamp_ns), embedding.signature)
+            if self._signatures.is_check_due:
+                before = [running.before, *(of_session for _, of_session in self._undoable)]
+                self._signatures.keep(self._signatures.needed(self._parent.view, before), is_written=False)
         return merge
 
     def count_dropped(self, cause: str) -> None:
@@ -261,7 +269,9 @@ class SessionMap:
         except LostMapError:
             if not again:
                 raise
-            self._store.write_again(self._content('running'))
+            content = self._content('running')
+            self._store.write_again(content)
+            self._signatures.keep(content.signatures, is_written=True)
             if self._running and not self.is_session_empty:
                 self._running.unsaved.clear()
                 self._running.saved = True
@@ -297,6 +307,7 @@ class SessionMap:
             self._sessions[session.session_id] = session
         self._parent.restore(old)
         self._parent.remove(new)
+        self._signatures.forget_session(session.session_id)
         self._running, self._undoable, self._origin = None, undoable, origin
         return UndoReport(session.session_id, session.name, running is not None, len(new), len(old), len(self))
 
@@ -313,6 +324,7 @@ class SessionMap:
         next_place_id = self._parent.next_place_id
         self._parent = ParentMap(self.config, self._parent.dimension)
         self._parent.next_place_id = next_place_id
+        self._signatures = HeldSignatures({})
         self._undoable, self._sessions, self._origin = [], {}, None
         if self._running:
             running = self._running
@@ -354,6 +366,11 @@ class SessionMap:
         return self._parent.rows(merge.place_ids)
 
     @property
+    def signatures(self) -> HeldSignatures:
+        """Signatures of scans: at least of all that places hold, or held before sessions that can be undone."""
+        return self._signatures
+
+    @property
     def mean_uncertainty(self) -> float:
         """Mean U over all places, including those of the running session; NaN for an empty map."""
         return self._parent.mean_uncertainty
@@ -382,23 +399,22 @@ class SessionMap:
         )
 
     def _write(self, session: StoredSession, running: _Running, undoable: list[tuple[StoredSession, Before]]) -> None:
-        self._write_changes(session, running, [kept.session_id for kept, _ in undoable])
+        needed = self._signatures.needed(self._parent.view, [before for _, before in undoable])
+        if self._store:
+            ids = sorted(running.unsaved)
+            self._store.write_session(
+                session,
+                changed=self._parent.rows(ids),
+                anchors_m=self._parent.anchors(ids),
+                before={place_id: running.before[place_id] for place_id in ids},
+                next_place_id=self._parent.next_place_id,
+                origin=self._origin,
+                undoable=[kept.session_id for kept, _ in undoable],
+                signatures=self._signatures.changes(needed),
+            )
+            running.unsaved.clear()
+        self._signatures.keep(needed, is_written=self._store is not None)
         self._sessions[session.session_id] = session
-
-    def _write_changes(self, session: StoredSession, running: _Running, undoable: list[int]) -> None:
-        if not self._store:
-            return
-        ids = sorted(running.unsaved)
-        self._store.write_session(
-            session,
-            changed=self._parent.rows(ids),
-            anchors_m=self._parent.anchors(ids),
-            before={place_id: running.before[place_id] for place_id in ids},
-            next_place_id=self._parent.next_place_id,
-            origin=self._origin,
-            undoable=undoable,
-        )
-        running.unsaved.clear()
 
     def _content(self, state: str) -> StoredMap:
         """The whole map, with the running session in this state."""
@@ -409,7 +425,7 @@ class SessionMap:
             session = StoredSession(running.session_id, running.name, running.stamp_ns, state, report)
             sessions[session.session_id] = session
             undoable = [*undoable, (session, running.before)]
-        places = self._parent.view
+        places, before = self._parent.view, {session.session_id: before for session, before in undoable if before}
         columns = PlaceColumns(self.dimension, len(places))
         columns.upsert(places)
         return StoredMap(
@@ -419,5 +435,6 @@ class SessionMap:
             columns=columns,
             anchors_m=self._parent.anchors(places.place_ids.tolist()),
             sessions=tuple(sessions[session_id] for session_id in sorted(sessions)),
-            before={session.session_id: before for session, before in undoable if before},
+            before=before,
+            signatures=self._signatures.needed(places, before.values()),
         )

@@ -19,8 +19,10 @@ from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.errors import ConfigError, MapError
 from offradar_ros.geometry import GeoPoint
 from offradar_ros.mapping.held_file import HeldFile
+from offradar_ros.mapping.held_signatures import NO_CHANGES, SignatureChanges
 from offradar_ros.mapping.map_reader import check_map, log_of, open_sqlite, read_map, rollback_log_of, status_of
 from offradar_ros.mapping.place_columns import PlaceColumns
+from offradar_ros.mapping.schema import VERSION
 from offradar_ros.mapping.seal import Seal, read_seal
 from offradar_ros.mapping.sealed_rows import SealedRows
 from offradar_ros.mapping.stored_map import Before, StoredMap, StoredSession
@@ -61,8 +63,8 @@ class MapStore:
 
         Raises MapError for a folder that is missing or not writable, a map that another process writes, and a file
         that is not a map, damaged or of a newer version; such a file is not changed. An existing map is not written
-        before the first change, unless it is of version 1: then a copy is kept as ``<path>.v1.bak`` and it is upgraded.
-        A log beside it that belongs to another file is renamed.
+        before the first change, unless it is of an earlier version: then a copy is kept, for version 2 as
+        ``<path>.v2.bak``, and it is upgraded. A log beside it that belongs to another file is renamed.
         """
         path = _resolved(path)
         # One lock for each file, whatever its name: two writers through a link would overwrite each other.
@@ -81,13 +83,13 @@ class MapStore:
             stored = read_map(path)
             if stored.is_log_foreign:
                 notices.append(set_aside(path, log_of(path)))
-            if stored.seal is None:
+            if stored.version < VERSION:
                 file.release()
                 file = None
                 notices.append(upgrade(path, stored))
                 file = HeldFile(path)
                 stored = read_map(path)
-            if stored.seal is None:
+            if stored.seal is None or stored.version < VERSION:
                 raise MapError(f'{path}: the map was replaced while it was opened: open it again')
             file.note_state()
             store = cls(path, lock, file, stored.seal)
@@ -120,12 +122,13 @@ class MapStore:
         next_place_id: int,
         origin: GeoPoint | None,
         undoable: list[int],
+        signatures: SignatureChanges = NO_CHANGES,
     ) -> None:
         """Store a session and its changes since it was last stored.
 
         `changed` (N places) holds their present content, `anchors_m` (N, 2) their anchors, and `before` their content
         before the session. `origin` is that of the local frame. Sessions that are not in `undoable` can no longer be
-        undone.
+        undone. `signatures` makes the file hold those that are needed then.
         """
         with self._transaction() as rows:
             rows.mark_interrupted(session.session_id)
@@ -135,11 +138,15 @@ class MapStore:
             rows.put_places(changed, anchors_m)
             rows.put_undo(session.session_id, before, changed.means.shape[1])
             rows.keep_undo(undoable)
+            rows.put_signatures(signatures.added)
+            rows.remove_signatures(signatures.removed)
 
     def undo_session(
         self, session: StoredSession, before: Before, anchors_m: NDArray[np.float64], origin: GeoPoint | None
     ) -> None:
         """Restore the content of a session's places from before it; `anchors_m` (N, 2) of the places that remain.
+
+        Only places of the last session are restored, so no other place holds one of its scans: their signatures go.
 
         `origin` is that of the local frame, None where no place remains.
         """
@@ -150,6 +157,7 @@ class MapStore:
             if old:
                 rows.put_places(PlaceTable.from_places(old, old[0].mean.size), anchors_m)
             rows.remove_undo(session.session_id)
+            rows.remove_signatures_of(session.session_id)
             rows.put_meta('origin', unstructure(origin))
 
     def clear(self) -> Path:

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.geometry import GeoPoint
 from offradar_ros.mapping.place_columns import PlaceColumns, take_rows
+from offradar_ros.mapping.schema import VERSION
 from offradar_ros.mapping.seal import Seal
-from offradar_ros.types import Place, PlaceTable
+from offradar_ros.types import Place, PlaceTable, ScanKey
 
 Before = dict[int, Place | None]
 """Content, before a session, of the places that it changed, by place id; None for places that did not exist."""
@@ -42,6 +43,8 @@ class StoredMap:
         anchors_m: (N, 2) float64, east and north where each place was first mapped.
         sessions: every session, oldest first.
         before: for each session that can be undone, the content of its places before it.
+        signatures: of the scans that `places` and `before` hold, as far as they have one.
+        version: of the file's format.
         seal: what identifies this content of the file; None for a file of version 1, and for content not yet written.
         is_log_foreign: whether a log lies beside the file that does not belong to it, and was not read.
     """
@@ -53,6 +56,8 @@ class StoredMap:
     anchors_m: NDArray[np.float64]
     sessions: tuple[StoredSession, ...]
     before: Mapping[int, Before]
+    signatures: Mapping[ScanKey, bytes] = dataclasses.field(default_factory=dict)
+    version: int = VERSION
     seal: Seal | None = None
     is_log_foreign: bool = False
 

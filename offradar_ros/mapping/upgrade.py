@@ -1,4 +1,4 @@
-"""A map of version 1 becomes one of version 2."""
+"""A map of an earlier version becomes one of this version."""
 
 from __future__ import annotations
 
@@ -10,34 +10,37 @@ from pathlib import Path
 
 from offradar_ros.errors import MapError
 from offradar_ros.mapping.map_reader import open_sqlite
+from offradar_ros.mapping.schema import VERSION
 from offradar_ros.mapping.stored_map import StoredMap
 from offradar_ros.mapping.whole_map import utc_stamp, write_map
 from offradar_ros.whole_file import sync_folder, whole_file
 
 
 def upgrade(path: Path, stored: StoredMap) -> str:
-    """Write `stored`, what the map of version 1 at `path` holds, there as version 2; says so in one line.
+    """Write `stored`, what the map of an earlier version at `path` holds, there as this version; says so in one line.
 
-    The file is kept as ``<path>.v1.bak``. MapError if that fails; the map is then as it was.
+    The file is kept as ``<path>.v1.bak``, for version 1. MapError if that fails; the map is then as it was.
     """
     try:
         # What is still in its log becomes part of the file that is kept.
         with contextlib.closing(open_sqlite(path, 'mode=rw')) as connection:
             connection.execute('PRAGMA wal_checkpoint(TRUNCATE)')
-        kept = _kept(path)
+        kept = _kept(path, stored.version)
     except (OSError, sqlite3.Error) as error:
-        raise MapError(f'{path}: the map of version 1 could not be kept beside its upgrade ({error})') from error
+        raise MapError(
+            f'{path}: the map of version {stored.version} could not be kept beside its upgrade ({error})'
+        ) from error
     write_map(path, stored, overwrite=True)
-    return f'{path}: upgraded from map format 1 to 2; the file as it was is kept as {kept.name}'
+    return f'{path}: upgraded from map format {stored.version} to {VERSION}; the file as it was is kept as {kept.name}'
 
 
-def _kept(path: Path) -> Path:
-    kept = path.with_name(f'{path.name}.v1.bak')
+def _kept(path: Path, version: int) -> Path:
+    kept = path.with_name(f'{path.name}.v{version}.bak')
     if os.path.lexists(kept):
         if kept.samefile(path):
             # An upgrade that was cut off.
             return kept
-        kept = path.with_name(f'{path.name}.v1.{utc_stamp()}.bak')
+        kept = path.with_name(f'{path.name}.v{version}.{utc_stamp()}.bak')
     try:
         os.link(path, kept)
         sync_folder(path.parent)

@@ -184,6 +184,7 @@ def _write(draft: Path, content: StoredMap) -> Seal:
         rows.put_places(content.places, content.anchors_m)
         for session_id, before in content.before.items():
             rows.put_undo(session_id, before, content.columns.dimension)
+        rows.put_signatures(content.signatures)
         seal = empty.next(rows.sums, is_folded=True)
         seal.write(connection)
         connection.execute('COMMIT')

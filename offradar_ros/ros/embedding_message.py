@@ -1,6 +1,8 @@
 """Embedding ↔ PointCloud2 of d points, and its model ↔ DiagnosticStatus.
 
-Every embedding names its model by the full SHA-256, so that no receiver depends on the order of two topics.
+Every embedding names its model by the full SHA-256, so that no receiver depends on the order of two topics. For the
+same reason the signature of the scan travels with it, in a further field. That field's bytes of all points, one after
+the other, are the number of bytes of the signature in two bytes, little endian, then the signature, then zeroes.
 """
 
 from __future__ import annotations
@@ -17,11 +19,13 @@ from offradar_ros.bounded_input import parse_json
 from offradar_ros.encoders.protocol import MAX_DIMENSION, ModelInfo
 from offradar_ros.errors import ModelError, RefusedInput
 from offradar_ros.messages import stamp_ns
-from offradar_ros.ros.clouds import from_cloud, to_cloud
+from offradar_ros.ros.clouds import MAX_FIELDS, Layout, from_cloud, to_cloud
 from offradar_ros.ros.stamps import header
-from offradar_ros.types import Embedding
+from offradar_ros.types import MAX_SIGNATURE_BYTES, Embedding
 
 POINT = np.dtype([('mean', '<f4'), ('variance', '<f4'), ('model', 'u1', (32,))])
+SIGNATURE = 'signature'
+_LENGTH_BYTES = 2
 
 MAX_FRAME_ID_CHARACTERS = 256
 """More of a scan's frame is not repeated in its embedding: no frame of a robot has a longer name."""
@@ -37,24 +41,62 @@ _DIMENSION = re.compile('[0-9]{1,9}')
 
 def embedding_message(embedding: Embedding, frame_id: str) -> PointCloud2:
     """Width d; 0 for a scan that could not be encoded."""
-    points = np.empty(len(embedding.mean), POINT)
+    dimension, signature = len(embedding.mean), embedding.signature
+    is_signed = bool(signature) and dimension > 0
+    columns = _columns(len(signature), dimension) if is_signed else 0
+    points = np.empty(dimension, _signed(columns) if is_signed else POINT)
     points['mean'], points['variance'] = embedding.mean, embedding.variance
     points['model'] = np.frombuffer(bytes.fromhex(embedding.model), np.uint8)
+    if is_signed:
+        content = len(signature).to_bytes(_LENGTH_BYTES, 'little') + signature
+        points[SIGNATURE] = np.frombuffer(content.ljust(dimension * columns, b'\0'), np.uint8).reshape(-1, columns)
     return to_cloud(points, header(embedding.stamp_ns, frame_id[:MAX_FRAME_ID_CHARACTERS]))
 
 
 def embedding_record(message: PointCloud2, topic: str) -> Embedding:
-    """The embedding in a message; RefusedInput if its fields are not those of an embedding of one model."""
+    """The embedding in a message.
+
+    RefusedInput: `wrong_size`, `wrong_fields` or `short_data` if its fields are not those of an embedding of one model,
+    `invalid_signature` if what is in the field of the signature is none. Without that field it has no signature.
+    """
     stamp = stamp_ns(message.header.stamp)
-    if int(message.width) > MAX_DIMENSION:
-        raise RefusedInput('wrong_size', f'{topic}: dimension {int(message.width)}: expected at most {MAX_DIMENSION}')
-    points = from_cloud(message, POINT, topic)
+    dimension = int(message.width)
+    if dimension > MAX_DIMENSION:
+        raise RefusedInput('wrong_size', f'{topic}: dimension {dimension}: expected at most {MAX_DIMENSION}')
+    is_signed = any(field.name == SIGNATURE for field in message.fields[:MAX_FIELDS])
+    most = _columns(MAX_SIGNATURE_BYTES, dimension)
+    points = from_cloud(message, _signed(1) if is_signed else POINT, topic, any_count=SIGNATURE, max_count=most)
     return Embedding(
         stamp,
         points['mean'].astype(np.float32),
         points['variance'].astype(np.float32),
         fingerprint_of(points['model'], topic),
+        _signature(points[SIGNATURE], topic) if is_signed and dimension else b'',
     )
+
+
+def _signed(columns: int) -> Layout:
+    """A point with so many bytes of the signature."""
+    return np.dtype([*POINT.descr, (SIGNATURE, 'u1', (columns,))])
+
+
+def _columns(size: int, dimension: int) -> int:
+    """Bytes in each of d points for a signature of `size` bytes and its length."""
+    return -(-(_LENGTH_BYTES + size) // max(dimension, 1))
+
+
+def _signature(rows: NDArray[np.uint8], topic: str) -> bytes:
+    """The signature in the (d, C) bytes of the points."""
+    content = rows.tobytes()
+    size = int.from_bytes(content[:_LENGTH_BYTES], 'little')
+    end = _LENGTH_BYTES + size
+    if not 0 < size <= MAX_SIGNATURE_BYTES or rows.shape[1] != _columns(size, len(rows)) or any(content[end:]):
+        raise RefusedInput(
+            'invalid_signature',
+            f'{topic}: a signature of {size} bytes in {len(rows)} points of {rows.shape[1]}: expected 1 to '
+            f'{MAX_SIGNATURE_BYTES} bytes in as few columns as hold them, and zeroes after them',
+        )
+    return content[_LENGTH_BYTES:end]
 
 
 def fingerprint_of(models: NDArray[np.uint8], topic: str) -> str:

@@ -381,7 +381,7 @@ ON_A_FULL_DISK = """
     session_map.save()
     before = read_map(path)
     for metre in range(3000):
-        session_map.merge(scan(metre, 0.4), Pose(2000.0, 6.0 * metre))
+        session_map.merge(scan(3000 + metre, 0.4), Pose(2000.0, 6.0 * metre))
     resource.setrlimit(resource.RLIMIT_FSIZE, (path.stat().st_size // 2, resource.RLIM_INFINITY))
     try:
         getattr(session_map, call)()

@@ -17,6 +17,7 @@ import pytest
 from small_maps import (
     MODEL,
     as_version_1,
+    as_version_2,
     assert_tables_equal,
     change,
     difference,
@@ -160,6 +161,9 @@ def test_what_can_differ_is_seen_as_a_difference(sound: Path, tmp_path: Path) ->
     other.columns.table.uncertainties[3] += 1.0
     assert difference(one, other) == 'places'
     other = read_map(sound)
+    other.signatures.popitem()  # type: ignore[attr-defined]
+    assert difference(one, other) == 'signatures'
+    other = read_map(sound)
     other.anchors_m[2, 1] += 0.5
     assert difference(one, other) == 'anchors'
     last = max(one.before)
@@ -195,6 +199,9 @@ def test_what_can_differ_is_seen_as_a_difference(sound: Path, tmp_path: Path) ->
         'UPDATE undo SET existed = 0 WHERE existed = 1',
         'UPDATE undo SET by_session = 1 WHERE by_session = 3',
         'DELETE FROM undo WHERE by_session = 3',
+        'UPDATE signatures SET session_id = 9 WHERE session_id = 2',
+        'UPDATE signatures SET digest = digest + 1 WHERE session_id = 2',
+        'DELETE FROM signatures WHERE session_id = 2',
         "UPDATE sessions SET state = 'undone' WHERE session_id = 2",
         "UPDATE sessions SET name = 'another' WHERE session_id = 2",
         'DELETE FROM sessions WHERE session_id = (SELECT max(session_id) FROM sessions)',
@@ -214,6 +221,44 @@ def test_no_row_can_be_changed_removed_or_added(tmp_path: Path, statement: str) 
         with pytest.raises(MapError, match='damaged'):
             opener(path)
     assert folder_state(tmp_path) == before
+
+
+@pytest.mark.parametrize(
+    ('statement', 'reason'),
+    [
+        ("UPDATE signature_contents SET content = x'00' WHERE content_id = 3", 'is not as written'),
+        (
+            'UPDATE signature_contents SET content = (SELECT content FROM signature_contents WHERE content_id = 2) '
+            'WHERE content_id = 3',
+            'is not as written',
+        ),
+        ("UPDATE signature_contents SET content = 'text' WHERE content_id = 3", 'is not one'),
+        ('UPDATE signature_contents SET content = zeroblob(8193) WHERE content_id = 3', 'is not one'),
+        ('UPDATE signature_contents SET content_id = 99 WHERE content_id = 3', 'signature 99 is of no scan'),
+        ("INSERT INTO signature_contents VALUES (99, x'00')", 'signature 99 is of no scan'),
+        ('DELETE FROM signature_contents WHERE content_id = 3', '1 signatures are missing'),
+        ('UPDATE signatures SET stamp_ns = stamp_ns + 100 WHERE session_id = 2', 'is not as written'),
+        ('UPDATE signatures SET content_id = 2 WHERE content_id = 3', 'two scans have one signature'),
+    ],
+)
+def test_a_signature_that_is_not_as_written_is_noticed(tmp_path: Path, statement: str, reason: str) -> None:
+    path = tmp_path / 'a.map'
+    make_map(path, 1.0, 0.75, 0.5, 0.4)
+    change(path, statement)
+    before = folder_state(tmp_path)
+    for opener in (open_map, read_map):
+        with pytest.raises(MapError, match=f'damaged .*{reason}') as refused:
+            opener(path)
+        assert '\n' not in str(refused.value)
+    assert folder_state(tmp_path) == before
+
+
+def test_who_does_not_read_signatures_reads_a_map_in_which_one_is_damaged(tmp_path: Path) -> None:
+    path = tmp_path / 'a.map'
+    places = make_map(path, 1.0, 0.75)
+    change(path, "UPDATE signature_contents SET content = x'00' WHERE content_id = 3")
+    _, columns = read_committed(path, PlaceColumns)
+    assert_tables_equal(columns.table, places)
 
 
 def test_rows_that_change_places_are_noticed(tmp_path: Path) -> None:
@@ -257,12 +302,12 @@ def test_a_row_of_an_earlier_state_is_noticed(tmp_path: Path) -> None:
         'DROP TABLE undo',
     ],
 )
-@pytest.mark.parametrize('version', [1, 2])
+@pytest.mark.parametrize('version', [1, 2, 3])
 def test_a_map_holds_its_tables_and_nothing_else(tmp_path: Path, statement: str, version: int) -> None:
     path = tmp_path / 'a.map'
     make_map(path, 1.0)
-    if version == 1:
-        as_version_1(path)
+    if version < 3:
+        as_version_1(path) if version == 1 else as_version_2(path)
     change(path, statement)
     with pytest.raises(MapError, match='its tables are not those of a map'):
         open_map(path)

@@ -1,5 +1,6 @@
 """Embeddings wait for their positions."""
 
+import dataclasses
 import itertools
 
 import numpy as np
@@ -141,9 +142,10 @@ def test_the_number_of_waiting_embeddings_is_bounded_though_their_stamps_are_equ
     assert len(waiting.flush()) == 20
 
 
-def test_the_memory_of_waiting_embeddings_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    one = at(1.0)
-    monkeypatch.setattr('offradar_ros.mapping.pending.MAX_WAITING_BYTES', 5 * 2 * one.mean.nbytes)
+@pytest.mark.parametrize('signature', [b'', b'x' * 100])
+def test_the_memory_of_waiting_embeddings_is_bounded(monkeypatch: pytest.MonkeyPatch, signature: bytes) -> None:
+    one = dataclasses.replace(at(1.0), signature=signature)
+    monkeypatch.setattr('offradar_ros.mapping.pending.MAX_WAITING_BYTES', 5 * (2 * one.mean.nbytes + len(signature)))
     waiting = PendingEmbeddings(CONFIG)
     for forget in (waiting.flush, waiting.forget_embeddings):
         dropped = [cause for _ in range(12) for *_, cause in outcome(waiting.add_embedding(one))]

@@ -10,7 +10,7 @@ import textwrap
 import weakref
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 import pytest
@@ -23,6 +23,7 @@ from small_maps import (
     assert_tables_equal,
     change,
     drive,
+    fail_to_write,
     folder_state,
     make_map,
     open_map,
@@ -378,7 +379,7 @@ def test_a_failed_write_leaves_file_and_session_unchanged(tmp_path: Path, monkey
     with open_map(path) as session_map:
         drive(session_map, 0.5)
         with monkeypatch.context() as patch:
-            patch.setattr('offradar_ros.mapping.sealed_rows.SealedRows.put_places', fail)
+            patch.setattr('offradar_ros.mapping.sealed_rows.SealedRows.put_places', fail_to_write)
             for call in (session_map.end_session, session_map.save):
                 with pytest.raises(MapError, match='could not be written'):
                     call()
@@ -386,10 +387,6 @@ def test_a_failed_write_leaves_file_and_session_unchanged(tmp_path: Path, monkey
         report = session_map.end_session()
         assert report.replaced
         assert_tables_equal(MapStore.open_read_only(path).committed(), session_map.places())
-
-
-def fail(*_: object) -> NoReturn:
-    raise sqlite3.OperationalError('database or disk is full')
 
 
 @pytest.mark.parametrize('fails', ['_open_connection', '_close_connection'])
@@ -402,7 +399,7 @@ def test_a_map_that_cannot_be_closed_properly_is_let_go(
     drive(session_map, 1.0)
     session_map.end_session()
     with monkeypatch.context() as patch, contextlib.suppress(sqlite3.Error):
-        patch.setattr(MapStore, fails, fail)
+        patch.setattr(MapStore, fails, fail_to_write)
         session_map.close()
     with open_map(path) as again:
         assert len(again) == 6

@@ -1,4 +1,4 @@
-"""A map of the first version of the format is read as it is, and upgraded when it is opened to be written."""
+"""A map of an earlier version of the format is read as it is, and upgraded when it is opened to be written."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from small_maps import (
     MODEL,
     add_session,
     as_version_1,
+    as_version_2,
     assert_holds,
     assert_tables_equal,
     difference,
@@ -22,6 +23,7 @@ from small_maps import (
     make_map,
     open_map,
     run,
+    signature_of,
 )
 
 from offradar_ros.errors import MapError
@@ -35,41 +37,47 @@ def version_of(path: Path) -> int:
         return int(connection.execute('PRAGMA user_version').fetchone()[0])
 
 
+@pytest.fixture(params=[1, 2])
+def version(request: pytest.FixtureRequest) -> int:
+    return int(request.param)
+
+
 @pytest.fixture
-def old(tmp_path: Path) -> Path:
+def old(tmp_path: Path, version: int) -> Path:
     path = tmp_path / 'a.map'
     make_map(path, 1.0, 0.8)
     with open_map(path) as session_map:
         drive(session_map, 0.6, 40.0)
         session_map.save()
-    as_version_1(path)
+    as_version_1(path) if version == 1 else as_version_2(path)
     return path
 
 
-def test_it_is_read_without_a_change(old: Path) -> None:
+def test_it_is_read_without_a_change(old: Path, version: int) -> None:
     before = folder_state(old.parent)
     stored = read_map(old)
     assert [session.state for session in stored.sessions] == ['ended', 'ended', 'running']
+    assert (stored.version, stored.signatures, stored.seal is None) == (version, {}, version == 1)
     _, columns = read_committed(old, PlaceColumns)
     assert_tables_equal(columns.table, stored.committed())
-    assert version_of(old) == 1
+    assert version_of(old) == version
     assert folder_state(old.parent) == before
 
 
-def test_a_writer_upgrades_it_and_keeps_the_file_as_it_was(old: Path) -> None:
+def test_a_writer_upgrades_it_and_keeps_the_file_as_it_was(old: Path, version: int) -> None:
     content, file = read_map(old), old.read_bytes()
     old.chmod(0o640)
     with open_map(old) as session_map:
         (notice,) = session_map.notices
-        assert notice == f'{old}: upgraded from map format 1 to 2; the file as it was is kept as a.map.v1.bak'
+        kept = old.with_name(f'a.map.v{version}.bak')
+        assert notice == f'{old}: upgraded from map format {version} to 3; the file as it was is kept as {kept.name}'
         assert_tables_equal(session_map.places(), content.places)
-    kept = old.with_name('a.map.v1.bak')
     assert kept.read_bytes() == file
     assert_holds(kept, content)
     assert_holds(old, content)
-    assert version_of(old) == schema.VERSION == 2
+    assert version_of(old) == schema.VERSION == 3
     assert old.stat().st_mode & 0o777 == 0o640
-    assert sorted(path.name for path in old.parent.iterdir()) == ['a.map', 'a.map.v1.bak']
+    assert sorted(path.name for path in old.parent.iterdir()) == ['a.map', kept.name]
     with open_map(old) as session_map:
         assert session_map.notices == ()
         session_map.adopt_model(MODEL)
@@ -77,24 +85,26 @@ def test_a_writer_upgrades_it_and_keeps_the_file_as_it_was(old: Path) -> None:
     assert kept.read_bytes() == file
 
 
-def test_an_earlier_copy_is_not_replaced(old: Path) -> None:
-    kept = old.with_name('a.map.v1.bak')
+def test_an_earlier_copy_is_not_replaced(old: Path, version: int) -> None:
+    kept = old.with_name(f'a.map.v{version}.bak')
     kept.write_text('of another map')
     open_map(old).close()
     assert kept.read_text() == 'of another map'
-    (other,) = old.parent.glob('a.map.v1.2*.bak')
+    (other,) = old.parent.glob(f'a.map.v{version}.2*.bak')
     assert difference(read_map(other), read_map(old)) == ''
 
 
-def test_an_upgrade_that_was_cut_off_is_done_again(old: Path) -> None:
-    os.link(old, old.with_name('a.map.v1.bak'))
+def test_an_upgrade_that_was_cut_off_is_done_again(old: Path, version: int) -> None:
+    kept = old.with_name(f'a.map.v{version}.bak')
+    os.link(old, kept)
     open_map(old).close()
-    assert version_of(old) == 2
-    assert version_of(old.with_name('a.map.v1.bak')) == 1
+    assert (version_of(old), version_of(kept)) == (schema.VERSION, version)
     assert len(list(old.parent.iterdir())) == 2
 
 
-def test_an_upgrade_that_fails_leaves_the_map_as_it_was(old: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_upgrade_that_fails_leaves_the_map_as_it_was(
+    old: Path, version: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     file = old.read_bytes()
 
     def fail(*_: object, **__: object) -> None:
@@ -105,12 +115,12 @@ def test_an_upgrade_that_fails_leaves_the_map_as_it_was(old: Path, monkeypatch: 
         with pytest.raises(MapError, match=r'cannot be written there \(No space left'):
             open_map(old)
     assert old.read_bytes() == file
-    assert {path.name for path in old.parent.iterdir()} <= {'a.map', 'a.map.v1.bak'}
+    assert {path.name for path in old.parent.iterdir()} <= {'a.map', f'a.map.v{version}.bak'}
     add_session(old, 0.5)
-    assert version_of(old) == 2
+    assert version_of(old) == schema.VERSION
 
 
-def test_without_hard_links_the_file_is_copied(old: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_without_hard_links_the_file_is_copied(old: Path, version: int, monkeypatch: pytest.MonkeyPatch) -> None:
     content, file = read_map(old), old.read_bytes()
 
     def refuse(*_: object) -> None:
@@ -118,7 +128,7 @@ def test_without_hard_links_the_file_is_copied(old: Path, monkeypatch: pytest.Mo
 
     monkeypatch.setattr('os.link', refuse)
     open_map(old).close()
-    assert old.with_name('a.map.v1.bak').read_bytes() == file
+    assert old.with_name(f'a.map.v{version}.bak').read_bytes() == file
     assert_holds(old, content)
 
 
@@ -131,7 +141,7 @@ def test_a_damaged_one_is_not_upgraded(old: Path) -> None:
     assert folder_state(old.parent) == before
 
 
-def test_a_file_that_may_only_be_read_is_read(old: Path) -> None:
+def test_a_file_that_may_only_be_read_is_read(old: Path, version: int) -> None:
     code = """
         import os, sys
         from small_maps import *
@@ -157,4 +167,14 @@ def test_a_file_that_may_only_be_read_is_read(old: Path) -> None:
         places, refused = ended.stdout.splitlines()
         assert int(places) == len(read_map(old).places)
         assert refused == f'{path}: the map cannot be written there (Permission denied)'
-        assert version_of(path) == 1
+        assert version_of(path) == version
+
+
+def test_it_gains_signatures_as_places_are_replaced(old: Path) -> None:
+    add_session(old, 0.4)
+    stored = read_map(old)
+    session = max(session.session_id for session in stored.sessions)
+    replaced = stored.places.stamps_ns[stored.places.session_ids == session].tolist()
+    expected = {(session, stamp): signature_of(stamp, 0.4) for stamp in replaced if signature_of(stamp, 0.4)}
+    assert stored.signatures == expected
+    assert 0 < len(expected) < len(stored.places)

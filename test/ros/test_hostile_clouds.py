@@ -37,6 +37,10 @@ SOUND: dict[str, tuple[Callable[[], PointCloud2], Callable[[PointCloud2], Any]]]
         lambda: embedding_message(Embedding(1, MEAN, MEAN, MODEL), 'radar'),
         lambda cloud: embedding_record(cloud, 'embedding'),
     ),
+    'signed embedding': (
+        lambda: embedding_message(Embedding(1, MEAN, MEAN, MODEL, bytes(range(1, 100))), 'radar'),
+        lambda cloud: embedding_record(cloud, 'embedding'),
+    ),
     'descriptors': (
         lambda: descriptors_message(PlaceRows(PLACES, MODEL, committed=True), 1),
         lambda cloud: descriptors_record(cloud, 'map/descriptors'),
@@ -163,7 +167,7 @@ def test_an_embedding_longer_than_any_encoders_is_refused() -> None:
     assert refusal.value.cause == 'wrong_size'
 
 
-@pytest.mark.parametrize('kind', ['embedding', 'descriptors'])
+@pytest.mark.parametrize('kind', ['embedding', 'signed embedding', 'descriptors'])
 def test_points_of_several_models_are_refused(kind: str) -> None:
     make, read = SOUND[kind]
     cloud = make()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import hashlib
+import json
 import os
 import signal
 import sqlite3
@@ -12,7 +13,7 @@ import subprocess
 import sys
 import textwrap
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -21,8 +22,10 @@ from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.geometry import GeoPoint
 from offradar_ros.mapping import schema
 from offradar_ros.mapping.map_reader import read_map
+from offradar_ros.mapping.seal import Seal
 from offradar_ros.mapping.sessions import SessionMap
 from offradar_ros.mapping.stored_map import Before, StoredMap
+from offradar_ros.records import structure
 from offradar_ros.types import Embedding, PlaceTable, Pose
 
 MODEL = ModelInfo('ring_key', 'a' * 64, 3, {'rings': '3'})
@@ -32,7 +35,14 @@ ORIGIN = GeoPoint(51.76, -1.25, 61.5)
 
 def scan(stamp: int, uncertainty: float) -> Embedding:
     mean = np.random.default_rng(stamp).normal(size=3).astype(np.float32)
-    return Embedding(stamp, mean, np.full(3, uncertainty, np.float32), MODEL.fingerprint)
+    signature = signature_of(stamp, uncertainty)
+    return Embedding(stamp, mean, np.full(3, uncertainty, np.float32), MODEL.fingerprint, signature)
+
+
+def signature_of(stamp: int, uncertainty: float) -> bytes:
+    """What stands for the signature of a scan: any bytes do for a map. Some scans have none, some are of two pages."""
+    size = 0 if stamp % 7 == 3 else 5000 if stamp % 16 == 0 else 30 + stamp % 90
+    return np.random.default_rng([stamp, round(1000.0 * uncertainty)]).bytes(size)
 
 
 def drive(session_map: SessionMap, uncertainty: float, start_m: float = 0.0) -> None:
@@ -85,6 +95,8 @@ def difference(one: StoredMap, other: StoredMap) -> str:
         return 'places'
     if not np.array_equal(one.anchors_m, other.anchors_m):
         return 'anchors'
+    if one.signatures != other.signatures:
+        return 'signatures'
     if one.before.keys() != other.before.keys():
         return 'undo'
     for session, before in one.before.items():
@@ -120,8 +132,13 @@ def change(path: Path, *statements: str) -> None:
             connection.execute(statement)
 
 
+def fail_to_write(*_: object) -> NoReturn:
+    """In place of something that writes to a map: the disk is full."""
+    raise sqlite3.OperationalError('database or disk is full')
+
+
 def as_version_1(path: Path) -> None:
-    """Rewrite the map at `path` as the first version of the format."""
+    """Rewrite the map at `path` as the first version of the format, without digests and signatures."""
     with contextlib.closing(sqlite3.connect(path, isolation_level=None)) as connection:
         rows = {
             name: [row[:-1] for row in connection.execute(f'SELECT * FROM {name}')]
@@ -137,6 +154,19 @@ def as_version_1(path: Path) -> None:
         connection.execute(f'PRAGMA application_id = {schema.APPLICATION_ID}')
         connection.execute('PRAGMA user_version = 1')
         connection.execute('PRAGMA journal_mode = WAL')
+
+
+def as_version_2(path: Path) -> None:
+    """Rewrite the map at `path` as the second version of the format, without signatures."""
+    with contextlib.closing(sqlite3.connect(path, isolation_level=None)) as connection:
+        connection.execute('DROP TABLE signatures')
+        connection.execute('DROP TABLE signature_contents')
+        ((text,),) = connection.execute("SELECT value FROM meta WHERE key = 'seal'")
+        tree = json.loads(text)
+        del tree['sums']['signatures']
+        structure(Seal, tree).write(connection)
+        connection.execute('PRAGMA user_version = 2')
+        connection.execute('PRAGMA wal_checkpoint(TRUNCATE)')
 
 
 def killed(code: str, *arguments: object) -> None:
