@@ -94,7 +94,7 @@ def test_the_scan_of_a_candidate_is_the_one_that_was_compared(searched: Searched
     assert scans(searched, 100, include_running=False) == committed
     assert scans(searched, 100, include_running=True) == committed | {2: ScanKey(2, 2), 7: ScanKey(2, 7)}
     # A place that holds this scan itself counts with its committed content.
-    assert scans(searched, 2, include_running=True) == committed
+    assert scans(searched, 2, include_running=True) == committed | {7: ScanKey(2, 7)}
     searched.update(places((2, (8, 0)), (7, (0.5, 0)), session=2), MODEL, committed=True)
     assert scans(searched, 2, include_running=False) == committed | {2: ScanKey(2, 2), 7: ScanKey(2, 7)}
 
