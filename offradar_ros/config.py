@@ -204,6 +204,11 @@ class EncoderConfig:
         minimum=1,
         maximum=1000,
     )
+    signature: bool = parameter(
+        True,
+        'whether each embedding carries a signature of its scan, by which a match is aligned with its place (2 to 3 kB '
+        'for each scan and each place of the map)',
+    )
     ring_key: RingKeyConfig = dataclasses.field(default_factory=RingKeyConfig)
 
 

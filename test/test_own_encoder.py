@@ -47,7 +47,7 @@ def test_a_stage_encodes_with_it(own_encoder: str, street: Callable[..., RadarSe
     encoder = make_encoder(EncoderConfig(name=own_encoder))
     assert isinstance(encoder, Encoder)
     drive = street(count=2)
-    stage = EncodeStage(encoder, 1.0)
+    stage = EncodeStage(encoder, 1.0, signature=True)
     encoded = stage.encode(int(drive.stamps_ns[0]), lambda: drive.scan(0))
     assert encoded.problem is None
     assert encoded.embedding is not None

@@ -9,7 +9,7 @@ import os
 import sqlite3
 import stat
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NamedTuple, Protocol, TypeVar
 
@@ -87,7 +87,7 @@ def check_map(path: Path, *, with_log: bool = True) -> tuple[Seal | None, bool]:
             pass
         return rows.seal
 
-    _require_file(path)
+    require_file(path)
     is_with_log = with_log and file_state(path).log is not None
     return _read(path, WITH_LOG if is_with_log else ALONE, check), is_with_log
 
@@ -118,7 +118,7 @@ def consistently(path: Path, read: Callable[[MapRows], Content]) -> tuple[Conten
 
     `read` may be called again. MapError says what is wrong with the map.
     """
-    _require_file(path)
+    require_file(path)
     state = file_state(path)
     if state.log is None:
         try:
@@ -133,7 +133,7 @@ def consistently(path: Path, read: Callable[[MapRows], Content]) -> tuple[Conten
             del content
     try:
         return _read(path, WITH_LOG, read), False
-    except _DamagedError as problem:
+    except DamagedMapError as problem:
         if file_state(path).log is None:
             return _read(path, ALONE, read), False
         # A sound map beside a log with which it is none: the log is of another file, or of another state of this one.
@@ -208,7 +208,8 @@ def _state(path: Path) -> tuple[int, ...] | None:
     return (status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns) if status and status.st_size else None
 
 
-def _require_file(path: Path) -> None:
+def require_file(path: Path) -> None:
+    """MapError unless there is a file at `path` that may be a map."""
     status = status_of(path)
     if status is None:
         raise MapError(f'{path}: no map file there')
@@ -218,31 +219,44 @@ def _require_file(path: Path) -> None:
         raise MapError(f'{path}: an empty file, not a map: remove it to start a new map there')
 
 
-class _DamagedError(MapError):
+class DamagedMapError(MapError):
     """What the file and the log beside it hold together is no map."""
 
 
 def _read(path: Path, mode: str, read: Callable[[MapRows], Content]) -> Content:
+    with explained(path), contextlib.closing(open_sqlite(path, mode)) as connection:
+        content = read(begin_reading(path, connection, mode))
+        # The check reads backwards, which disks are slow at: now the pages are in memory, read forwards.
+        _refuse_damaged(connection)
+        return content
+
+
+def begin_reading(path: Path, connection: sqlite3.Connection, mode: str) -> MapRows:
+    """The rows of the map at `path`, in a transaction that begins here; `mode` is that of the connection.
+
+    Raises what `explained` explains, also for a log that does not belong to the file.
+    """
+    connection.execute('PRAGMA query_only = ON')
+    connection.execute('BEGIN')
+    rows = MapRows(connection, _require_map(path, connection))
+    if mode == WITH_LOG:
+        _require_own_log(path, rows)
+    return rows
+
+
+@contextlib.contextmanager
+def explained(path: Path) -> Iterator[None]:
+    """Whatever goes wrong while the map at `path` is read is a MapError of one line."""
     try:
-        with contextlib.closing(open_sqlite(path, mode)) as connection:
-            connection.execute('PRAGMA query_only = ON')
-            connection.execute('BEGIN')
-            version = _require_map(path, connection)
-            rows = MapRows(connection, version)
-            if mode == WITH_LOG:
-                _require_own_log(path, rows)
-            content = read(rows)
-            # The check reads backwards, which disks are slow at: now the pages are in memory, read forwards.
-            _refuse_damaged(connection)
-            return content
+        yield
     except sqlite3.OperationalError as error:
         raise MapError(f'{path}: the map cannot be read ({error}); the file is not changed') from error
     except sqlite3.DatabaseError as error:
         if 'not a database' in str(error):
-            raise _DamagedError(f'{path}: not a map: expected a SQLite file written by offradar') from error
-        raise _DamagedError(f'{path}: the map is damaged ({_line(error)}); the file is not changed') from error
+            raise DamagedMapError(f'{path}: not a map: expected a SQLite file written by offradar') from error
+        raise DamagedMapError(f'{path}: the map is damaged ({_line(error)}); the file is not changed') from error
     except (ValueError, TypeError, KeyError, OverflowError, ConfigError, RefusedInput) as error:
-        raise _DamagedError(f'{path}: the map is damaged ({_line(error)}); the file is not changed') from error
+        raise DamagedMapError(f'{path}: the map is damaged ({_line(error)}); the file is not changed') from error
     except MemoryError as error:
         raise MapError(f'{path}: the map is too large for the memory of this computer') from error
     except OSError as error:
@@ -259,13 +273,15 @@ def _require_map(path: Path, connection: sqlite3.Connection) -> int:
     application = int(connection.execute('PRAGMA application_id').fetchone()[0])
     version = int(connection.execute('PRAGMA user_version').fetchone()[0])
     if application != schema.APPLICATION_ID:
-        raise _DamagedError(f'{path}: a SQLite file, but not a map written by offradar')
+        raise DamagedMapError(f'{path}: a SQLite file, but not a map written by offradar')
     if version > schema.VERSION:
-        raise _DamagedError(
+        raise DamagedMapError(
             f'{path}: written by a newer version of offradar (map format {version}, this one reads {schema.VERSION})'
         )
     if version < 1 or schema.objects(connection) != schema.expected_objects(version):
-        raise _DamagedError(f'{path}: the map is damaged (its tables are not those of a map); the file is not changed')
+        raise DamagedMapError(
+            f'{path}: the map is damaged (its tables are not those of a map); the file is not changed'
+        )
     return version
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import math
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -35,6 +36,8 @@ COMPRESSED_SCANS = f'{SCANS}/compressed'
 B_SCANS = 'radar_data/b_scan_msg'
 PARTIAL_SCANS = 10
 """So many scans in a row that are no whole rotation are worth a word."""
+RECENT_S = 10.0
+"""A signature that could not be made at most this long ago says how things are."""
 SLOW_S = 10.0
 """A scan that takes longer than this is reported while it does."""
 
@@ -75,6 +78,7 @@ class EncoderNode(StageNode):
         self._b_scan_is_sound = False
         self._recording = self._encoded_recording = 0
         self._partial = 0
+        self._no_signature, self._no_signature_s = '', -math.inf
         self._worker: NewestWorker[Received] | None = None
         self._ledger = Ledger('scans')
         self._embeddings = self.publisher(PointCloud2, 'embedding', qos.RESULTS)
@@ -99,7 +103,11 @@ class EncoderNode(StageNode):
     def configure(self) -> None:
         """Load the encoder."""
         self.close()
-        self.stage = EncodeStage(make_encoder(self.config.encoder), self.config.radar.restart_after_s)
+        self.stage = EncodeStage(
+            make_encoder(self.config.encoder),
+            self.config.radar.restart_after_s,
+            signature=self.config.encoder.signature,
+        )
         self._worker = NewestWorker(self._answer, self._overtaken, self.config.encoder.backlog)
 
     def activated(self) -> None:
@@ -131,13 +139,19 @@ class EncoderNode(StageNode):
             self.status.warning = f'one scan has been encoded for {busy_s:.0f} s: the encoder hangs or is far too slow'
 
     def troubles(self) -> Iterator[Trouble]:
-        """All scans are smaller than a rotation."""
+        """All scans are smaller than a rotation, or of some no signature can be made."""
         if self._partial >= PARTIAL_SCANS:
             yield Trouble(
                 'partial_scans',
                 f'the last {self._partial} scans had fewer rows than radar.azimuth_samples = '
                 f'{self._radar.azimuth_samples}, and are taken for the first part of a turn: set it to the number of '
                 'rows of a rotation, or see why the driver cuts them off',
+            )
+        if time.monotonic() - self._no_signature_s < RECENT_S:
+            yield Trouble(
+                'no_signature',
+                f'scans are encoded, but go without a signature, so that no match is aligned: {self._no_signature}: '
+                'report it, and set encoder.signature to false until then',
             )
 
     def _settle(self, forgotten: list[Received]) -> None:
@@ -220,6 +234,9 @@ class EncoderNode(StageNode):
         self._partial = self._partial + 1 if 'missing' in encoded.row_faults else 0
         for fault, count in encoded.row_faults.items():
             self.status.counts[f'rows.{fault}'] += count
+        if encoded.no_signature:
+            self._no_signature, self._no_signature_s = encoded.no_signature, time.monotonic()
+            self.status.counts['signatures.failed'] += 1
         if encoded.embedding is not None:
             self._embeddings.publish(embedding_message(encoded.embedding, scan.header.frame_id))
         if encoded.problem:

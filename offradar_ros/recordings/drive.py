@@ -42,7 +42,8 @@ class DriveResult:
         localisations: where the vehicle is after each embedding; None where that is not known.
         report: of the session that the drive was mapped as; None if it was not mapped.
         refused: dropped scans and positions by cause.
-        warnings: what keeps positions out of the map, or spoils them, and scans that are repeated, one line each.
+        warnings: what keeps positions out of the map, or spoils them, scans that are repeated or go without a
+            signature, one line each.
     """
 
     outcomes: tuple[Outcome, ...]
@@ -99,7 +100,8 @@ class _Drive:
         self._bag, self._config = bag, config
         self._scans, self._positions = scans, positions
         self._fingerprint = encoder.info.fingerprint
-        self._encode = EncodeStage(encoder, config.radar.restart_after_s)
+        self._encode = EncodeStage(encoder, config.radar.restart_after_s, signature=config.encoder.signature)
+        self._no_signature = Counter[str]()
         self._query = QueryStage(config.query, config.localisation)
         self._mapping: MapStage | None = None
         self._outcomes: list[Outcome] = []
@@ -143,6 +145,9 @@ class _Drive:
             updates, report = self._mapping.end_session()
             self._apply(updates)
             warnings.append(self._mapping.problem())
+        if self._no_signature:
+            ((commonest, _),) = self._no_signature.most_common(1)
+            warnings.append(f'no signature could be made of {self._no_signature.total()} scans: {commonest}')
         told = tuple(warning for warning in warnings if warning)
         return DriveResult(tuple(self._outcomes), tuple(self._localisations), report, self._refused, told)
 
@@ -152,6 +157,8 @@ class _Drive:
         encoded = self._encode.encode(stamp, functools.partial(self._decoded, raw.msgtype, message))
         if encoded.problem:
             self._refused[encoded.problem.cause] += 1
+        if encoded.no_signature:
+            self._no_signature[encoded.no_signature] += 1
         if encoded.embedding is not None:
             self._outcomes.append(self._query.query(encoded.embedding))
             self._localisations.append(self._localised())

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from offradar_ros.errors import RefusedInput
 from offradar_ros.mapping.place_check import place_problem
 from offradar_ros.mapping.place_columns import PlaceColumns
-from offradar_ros.types import Candidate, PlaceTable, Pose
+from offradar_ros.types import Candidate, PlaceTable, Pose, ScanKey
 
 _UNIT_ROUNDOFF = 2.0**-24
 """Unit round-off of single precision: the relative error of one operation."""
@@ -122,6 +122,12 @@ class PlaceIndex:
         """(d,) a copy of the mean of a place; None if it is not in the index."""
         rows, known = self._columns.find(np.array([place_id], np.int64))
         return self._columns.table.means[rows[0]].copy() if known[0] else None
+
+    def scan_of(self, place_id: int) -> ScanKey | None:
+        """The scan that a place holds; None if it is not in the index."""
+        rows, known = self._columns.find(np.array([place_id], np.int64))
+        table = self._columns.table
+        return ScanKey(int(table.session_ids[rows[0]]), int(table.stamps_ns[rows[0]])) if known[0] else None
 
     @property
     def positions_m(self) -> NDArray[np.float64]:

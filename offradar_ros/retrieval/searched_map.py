@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import collections
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +14,12 @@ from offradar_ros.errors import RefusedInput
 from offradar_ros.mapping.map_reader import FileState, file_state, read_committed
 from offradar_ros.mapping.place_columns import take_rows
 from offradar_ros.retrieval.place_index import PlaceIndex
-from offradar_ros.types import Candidate, Embedding, Evidence, PlaceTable
+from offradar_ros.types import Candidate, Embedding, Evidence, PlaceTable, ScanKey
 
 MAX_WAITING_UPDATES = 64
 """Most updates of the running session that wait for a later scan."""
+
+FoundT = TypeVar('FoundT')
 
 _NO_IDS: NDArray[np.int64] = np.empty(0, np.int64)
 
@@ -147,10 +150,7 @@ class MapSearch:
     def evidence(self, nearest: Candidate, tolerance_m: float) -> Evidence:
         """The evidence for `nearest`, the first place; places within `tolerance_m` of it are the same answer."""
         here = _ground(nearest)
-        means = [
-            index.mean_of(nearest.place_id) for index, excluded in self._indices if nearest.place_id not in excluded
-        ]
-        mean = next(mean for mean in means if mean is not None)
+        mean = self._of(nearest, PlaceIndex.mean_of)
         of_place = [index.around(mean, excluded) for index, excluded in self._indices]
         return Evidence(
             distance=nearest.distance,
@@ -159,6 +159,16 @@ class MapSearch:
             uncertainty=self._embedding.uncertainty,
             place_uncertainty=nearest.uncertainty,
         )
+
+    def scan_of(self, candidate: Candidate) -> ScanKey:
+        """The scan that a place which was found holds."""
+        return self._of(candidate, PlaceIndex.scan_of)
+
+    def _of(self, candidate: Candidate, get: Callable[[PlaceIndex, int], FoundT | None]) -> FoundT:
+        """What the index in which a place was found has of it."""
+        place_id = candidate.place_id
+        every = (get(index, place_id) for index, excluded in self._indices if place_id not in excluded)
+        return next(found for found in every if found is not None)
 
     def near(self, nearest: Candidate, tolerance_m: float) -> tuple[NDArray[np.int64], NDArray[np.float32]]:
         """(M,) ids of the places within `tolerance_m` of the first place, itself among them, and their distances."""

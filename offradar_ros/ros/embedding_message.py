@@ -15,6 +15,7 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from numpy.typing import NDArray
 from sensor_msgs.msg import PointCloud2
 
+from offradar_ros.alignment.signature_code import unpack
 from offradar_ros.bounded_input import parse_json
 from offradar_ros.encoders.protocol import MAX_DIMENSION, ModelInfo
 from offradar_ros.errors import ModelError, RefusedInput
@@ -96,7 +97,12 @@ def _signature(rows: NDArray[np.uint8], topic: str) -> bytes:
             f'{topic}: a signature of {size} bytes in {len(rows)} points of {rows.shape[1]}: expected 1 to '
             f'{MAX_SIGNATURE_BYTES} bytes in as few columns as hold them, and zeroes after them',
         )
-    return content[_LENGTH_BYTES:end]
+    signature = content[_LENGTH_BYTES:end]
+    try:
+        unpack(signature)
+    except RefusedInput as problem:
+        raise RefusedInput(problem.cause, f'{topic}: {problem}') from None
+    return signature
 
 
 def fingerprint_of(models: NDArray[np.uint8], topic: str) -> str:

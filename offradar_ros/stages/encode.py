@@ -9,6 +9,8 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from offradar_ros.alignment.signature import SignatureMaker
+from offradar_ros.alignment.signature_code import pack
 from offradar_ros.encoders.protocol import Encoder
 from offradar_ros.errors import RefusedInput
 from offradar_ros.radar.stamps import StampGate
@@ -23,21 +25,27 @@ class Encoded:
         embedding: None only for a scan that was answered already. Invalid (d = 0) for a scan that cannot be
             encoded or is out of order, so that every scan gets exactly one answer.
         problem: why the scan was refused, or None.
+        no_signature: why the embedding has no signature though it should have one; empty otherwise.
         restarted: whether the stamps jumped back: the recording starts again.
         row_faults: those of the scan (`PolarScan.row_faults`).
     """
 
     embedding: Embedding | None
     problem: RefusedInput | None = None
+    no_signature: str = ''
     restarted: bool = False
     row_faults: Mapping[str, int] = dataclasses.field(default_factory=dict)
 
 
 class EncodeStage:
-    """Images in, embeddings out. Neither an invalid scan nor an encoder that fails stops the next one."""
+    """Images in, embeddings out. Neither an invalid scan nor an encoder that fails stops the next one.
 
-    def __init__(self, encoder: Encoder, restart_after_s: float) -> None:
+    With `signature`, each embedding carries that of its scan. Where none can be made, it goes without.
+    """
+
+    def __init__(self, encoder: Encoder, restart_after_s: float, *, signature: bool) -> None:
         self.encoder = encoder
+        self._make_signature = SignatureMaker() if signature else None
         self._gates = defaultdict[str, StampGate](lambda: StampGate(round(restart_after_s * 1e9)))
 
     def encode(self, stamp_ns: int, decode: Callable[[], PolarScan], topic: str = '') -> Encoded:
@@ -52,14 +60,17 @@ class EncodeStage:
         try:
             restarted = self._gates[topic].check(stamp_ns)
             scan = decode()
-            return Encoded(self._embedding(scan, stamp_ns), None, restarted, scan.row_faults)
+            embedding = self._embedding(scan, stamp_ns)
+            signature, no_signature = self._signature(scan)
+            embedding = dataclasses.replace(embedding, signature=signature)
+            return Encoded(embedding, None, no_signature, restarted, scan.row_faults)
         except RefusedInput as problem:
             if problem.cause == 'repeated_stamp':
                 return Encoded(None, problem)
-            return Encoded(self._invalid(stamp_ns), problem, restarted)
+            return Encoded(self._invalid(stamp_ns), problem, restarted=restarted)
         except Exception:
             defect = RefusedInput('internal_error', traceback.format_exc())
-            return Encoded(self._invalid(stamp_ns), defect, restarted)
+            return Encoded(self._invalid(stamp_ns), defect, restarted=restarted)
 
     def start_recording(self) -> None:
         """Accept any stamp for the next scan, which is the first of a recording."""
@@ -74,8 +85,7 @@ class EncodeStage:
             raise
         except (Exception, SystemExit) as error:
             # An encoder of another package may even try to exit.
-            reason = ' '.join(str(error).split())
-            raise RefusedInput('encoder_failed', f'{info.name} failed: {type(error).__name__}: {reason}') from error
+            raise RefusedInput('encoder_failed', f'{info.name} failed: {_in_one_line(error)}') from error
         if not isinstance(embedding, Embedding):
             raise RefusedInput('invalid_output', f'{info.name} returned {type(embedding).__name__}: expected Embedding')
         found = (embedding.stamp_ns, embedding.model, embedding.mean.shape, embedding.variance.shape)
@@ -90,6 +100,19 @@ class EncodeStage:
             raise RefusedInput('invalid_output', f'{info.name} returned a variance below zero')
         return embedding
 
+    def _signature(self, scan: PolarScan) -> tuple[bytes, str]:
+        """The packed signature of a scan, empty for none, and why there is none."""
+        if self._make_signature is None:
+            return b'', ''
+        try:
+            return pack(self._make_signature(scan)), ''
+        except Exception as error:
+            return b'', _in_one_line(error)
+
     def _invalid(self, stamp_ns: int) -> Embedding:
         nothing = np.empty(0, np.float32)
         return Embedding(stamp_ns, nothing, nothing, self.encoder.info.fingerprint)
+
+
+def _in_one_line(error: BaseException) -> str:
+    return f'{type(error).__name__}: {" ".join(str(error).split())}'

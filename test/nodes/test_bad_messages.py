@@ -6,7 +6,7 @@ import array
 import math
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import pytest
@@ -15,10 +15,12 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from live_nodes import Observer, StartNode, wait_until
 from nav_msgs.msg import Odometry
 from rcl_interfaces.msg import Log
+from sample_signatures import packed_signature
 from sensor_msgs.msg import Image, NavSatFix, NavSatStatus, PointCloud2
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
+from offradar_ros.alignment.signature import SignatureMaker
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.errors import MapError
 from offradar_ros.mapping.store import MapStore
@@ -27,7 +29,7 @@ from offradar_ros.nodes.map_server_node import MapServerNode
 from offradar_ros.nodes.query_node import QueryNode
 from offradar_ros.ros import qos
 from offradar_ros.ros.connections import Connections
-from offradar_ros.ros.embedding_message import embedding_message, model_message
+from offradar_ros.ros.embedding_message import embedding_message, embedding_record, model_message
 from offradar_ros.ros.place_message import PlaceRows, descriptors_message
 from offradar_ros.ros.stage_node import StageNode
 from offradar_ros.ros.stamps import header
@@ -120,6 +122,39 @@ def test_a_repeated_scan_is_answered_at_the_start_of_a_recording(observer: Obser
     assert (refused.success, refused.message) == (False, 'the encoder is not active')
 
 
+def test_a_scan_of_which_no_signature_can_be_made_is_encoded_and_said_to_have_none(
+    observer: Observer, start_node: StartNode, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    node = start_node(EncoderNode)
+    embeddings = observer.collect(PointCloud2, 'embedding')
+    send = observer.publisher(Image, 'radar_data/b_scan_image', qos.SCANS)
+
+    def fail(*_: object) -> NoReturn:
+        raise ValueError('too strange')
+
+    with monkeypatch.context() as patch:
+        patch.setattr(SignatureMaker, '__call__', fail)
+        send(image(SECOND))
+        wait_until(lambda: len(embeddings) == 1)
+    assert [trouble.cause for trouble in node.troubles()] == ['no_signature']
+    assert 'ValueError: too strange' in next(iter(node.troubles())).text
+    send(image(2 * SECOND))
+    wait_until(lambda: len(embeddings) == 2)
+    found = [embedding_record(message, 'embedding') for message in embeddings]
+    assert [(len(one.mean), bool(one.signature)) for one in found] == [(128, False), (128, True)]
+    assert node.status.counts['signatures.failed'] == 1
+    assert node.status.drops == {}
+
+
+def test_without_signatures_the_encoder_makes_none(observer: Observer, start_node: StartNode) -> None:
+    node = start_node(EncoderNode, {'encoder.signature': False})
+    embeddings = observer.collect(PointCloud2, 'embedding')
+    observer.publisher(Image, 'radar_data/b_scan_image', qos.SCANS)(image(SECOND))
+    wait_until(lambda: len(embeddings) == 1)
+    assert embedding_record(embeddings[0], 'embedding').signature == b''
+    assert not list(node.troubles())
+
+
 def test_drops_are_on_the_diagnostics_topic(observer: Observer, start_node: StartNode) -> None:
     start_node(EncoderNode)
     received = observer.collect(DiagnosticArray, '/diagnostics')
@@ -154,6 +189,7 @@ BAD_EMBEDDINGS = {
     'nan variance': (damaged('variance', math.nan), 'invalid_embedding'),
     'negative variance': (damaged('variance', -1.0), 'invalid_embedding'),
     'no numbers': ({'mean': np.empty(0, np.float32), 'variance': np.empty(0, np.float32)}, 'invalid_embedding'),
+    'damaged signature': ({'signature': packed_signature(1)[:-1]}, 'invalid_embedding'),
     'another model': ({'model': 'cd' * 32}, 'wrong_model'),
     'another dimension': ({'mean': np.ones(5, np.float32), 'variance': np.ones(5, np.float32)}, 'wrong_model'),
 }

@@ -22,7 +22,7 @@ from offradar_ros.recordings.bags.reader import TYPES, Bag
 from offradar_ros.recordings.bags.topics import ODOMETRY, ODOMETRY_TYPE, VEHICLE_ODOMETRY
 from offradar_ros.recordings.drive import drive
 from offradar_ros.retrieval.confidence import shipped_confidences
-from offradar_ros.types import Localisation, LocalisationState, Match, Outcome, PlaceTable
+from offradar_ros.types import Localisation, LocalisationState, Match, Outcome
 
 PARAMETERS = {
     'map.match_distance_m': 4.0,
@@ -113,18 +113,17 @@ def through_nodes(
     return outcomes
 
 
-def table_of(path: Path) -> PlaceTable:
-    return MapStore.open_read_only(path).places
-
-
 def assert_same_map(one: Path, other: Path) -> None:
-    a, b = table_of(one), table_of(other)
+    stored = [MapStore.open_read_only(path) for path in (one, other)]
+    a, b = (each.places for each in stored)
     assert a.place_ids.tolist() == b.place_ids.tolist()
     assert a.stamps_ns.tolist() == b.stamps_ns.tolist()
     assert a.session_ids.tolist() == b.session_ids.tolist()
     assert a.positions_m.tobytes() == b.positions_m.tobytes()
     assert a.means.tobytes() == b.means.tobytes()
     assert a.uncertainties.tobytes() == b.uncertainties.tobytes()
+    assert stored[0].signatures == stored[1].signatures
+    assert set(zip(a.session_ids.tolist(), a.stamps_ns.tolist(), strict=True)) <= stored[0].signatures.keys()
 
 
 def test_lockstep_gives_the_answers_and_map_of_the_pipeline(

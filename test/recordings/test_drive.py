@@ -8,7 +8,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 import pytest
@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from recorded_topics import header
 from rosbags.rosbag2 import StoragePlugin, Writer
 
+from offradar_ros.alignment.signature import SignatureMaker
 from offradar_ros.config import Config, RadarConfig, load_config
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.encoders.registry import make_encoder
@@ -28,7 +29,7 @@ from offradar_ros.recordings.bags.topics import FIX, IMAGE_TYPE, SCANS
 from offradar_ros.recordings.drive import drive, in_lockstep_order
 from offradar_ros.stages.encode import EncodeStage
 from offradar_ros.stages.map import MapStage, MapUpdate
-from offradar_ros.types import Embedding, Match, Outcome, Reason, Rejection
+from offradar_ros.types import Embedding, Match, Outcome, Reason, Rejection, ScanKey
 
 SECOND = 10**9
 MODEL = ModelInfo('stub', 'ab' * 32, 2, {})
@@ -325,7 +326,7 @@ def test_a_recording_played_twice_is_answered_twice_and_maps_the_same_places(
     with SessionMap(CONFIG.map) as session_map, Bag(path) as bag:
         session_map.adopt_model(encoder.info)
         session_map.start_session('twice', 0)
-        encode, mapping = EncodeStage(encoder, 1.0), MapStage(CONFIG, session_map)
+        encode, mapping = EncodeStage(encoder, 1.0, signature=True), MapStage(CONFIG, session_map)
         for _ in range(2):
             for raw in in_lockstep_order(bag, SCANS, [FIX], 1.5):
                 message = bag.decode(raw)
@@ -349,6 +350,26 @@ def test_a_recording_played_twice_is_answered_twice_and_maps_the_same_places(
     assert report.inserted + report.replaced + report.kept == 20
     assert report.inserted == once
     assert not report.dropped
+
+
+def test_scans_of_which_no_signature_can_be_made_are_mapped_and_told_of(
+    street_bag: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> NoReturn:
+        raise ValueError('too strange')
+
+    path = street_bag('drive', count=4)
+    maps, warnings = [], []
+    for breaks in (False, True):
+        with SessionMap(CONFIG.map) as session_map, monkeypatch.context() as patch:
+            if breaks:
+                patch.setattr(SignatureMaker, '__call__', fail)
+            result = driven(path, CONFIG, session_map, 'one')
+            warnings.append(result.warnings)
+            scans = [ScanKey(1, stamp) for stamp in session_map.places().stamps_ns.tolist()]
+            maps.append((session_map.places().means.tobytes(), len(session_map.signatures.read(scans)) / len(scans)))
+    assert warnings == [(), ('no signature could be made of 4 scans: ValueError: too strange',)]
+    assert maps == [(maps[0][0], 1.0), (maps[0][0], 0.0)]
 
 
 def test_a_table_of_places_answers_as_its_map(street_bag: Callable[..., Path]) -> None:

@@ -14,7 +14,7 @@ from offradar_ros.mapping.sessions import SessionMap
 from offradar_ros.retrieval import searched_map
 from offradar_ros.retrieval.place_index import PlaceIndex
 from offradar_ros.retrieval.searched_map import SearchedMap
-from offradar_ros.types import Candidate, Embedding, Place, PlaceTable, Pose
+from offradar_ros.types import Candidate, Embedding, Place, PlaceTable, Pose, ScanKey
 
 MODEL, OTHER = 'a' * 64, 'b' * 64
 
@@ -79,6 +79,24 @@ def test_a_scan_never_finds_itself(searched: SearchedMap) -> None:
     assert [place_id for place_id, _ in found(searched, 8)] == [7, 1, 2, 3]
     # The same recording again, in the same session: places that hold this scan count with their committed content.
     assert [place_id for place_id, _ in found(searched, 7)] == [1, 2, 3]
+
+
+def scans(searched: SearchedMap, stamp: int, *, include_running: bool) -> dict[int, ScanKey]:
+    """By place, the scan that a scan of this stamp is compared with."""
+    search = searched.around(scan(stamp=stamp), include_running=include_running)
+    return {candidate.place_id: search.scan_of(candidate) for candidate in search.nearest(9)}
+
+
+def test_the_scan_of_a_candidate_is_the_one_that_was_compared(searched: SearchedMap) -> None:
+    committed = {1: ScanKey(1, 1), 2: ScanKey(1, 2), 3: ScanKey(1, 3)}
+    assert scans(searched, 100, include_running=True) == committed
+    searched.update(places((2, (8, 0)), (7, (0.5, 0)), session=2), MODEL, committed=False)
+    assert scans(searched, 100, include_running=False) == committed
+    assert scans(searched, 100, include_running=True) == committed | {2: ScanKey(2, 2), 7: ScanKey(2, 7)}
+    # A place that holds this scan itself counts with its committed content.
+    assert scans(searched, 2, include_running=True) == committed | {7: ScanKey(2, 7)}
+    searched.update(places((2, (8, 0)), (7, (0.5, 0)), session=2), MODEL, committed=True)
+    assert scans(searched, 2, include_running=False) == committed | {2: ScanKey(2, 2), 7: ScanKey(2, 7)}
 
 
 def test_the_number_of_waiting_updates_is_bounded(searched: SearchedMap) -> None:
@@ -148,6 +166,7 @@ def test_a_file_and_the_table_of_its_ended_sessions_give_the_same_answers(tmp_pa
     assert from_file.model == MODEL
     for mean in ((0.0, 0.0), (-3.0, -2997.0), (59.0, 49.0), (30.2, 25.7)):
         assert from_file.nearest(scan(mean), 7) == from_table.nearest(scan(mean), 7)
+    assert scans(from_file, 7, include_running=False) == scans(from_table, 7, include_running=False)
 
 
 def test_a_file_is_read_again_only_if_it_changed_or_another_map_is_searched(

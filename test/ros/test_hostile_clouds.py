@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -11,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
+from sample_signatures import packed_signature
 from sensor_msgs.msg import PointCloud2, PointField
 
 from offradar_ros.encoders.protocol import MAX_DIMENSION
@@ -38,7 +40,7 @@ SOUND: dict[str, tuple[Callable[[], PointCloud2], Callable[[PointCloud2], Any]]]
         lambda cloud: embedding_record(cloud, 'embedding'),
     ),
     'signed embedding': (
-        lambda: embedding_message(Embedding(1, MEAN, MEAN, MODEL, bytes(range(1, 100))), 'radar'),
+        lambda: embedding_message(Embedding(1, MEAN, MEAN, MODEL, packed_signature(1)), 'radar'),
         lambda cloud: embedding_record(cloud, 'embedding'),
     ),
     'descriptors': (
@@ -57,8 +59,14 @@ NEAR_LIMITS = [2**k + d for k in (16, 20, 24, 28, 29, 30, 31) for d in (-8, -4, 
 @pytest.mark.parametrize('kind', SOUND)
 def test_sizes_near_the_limits_of_32_bits_never_end_the_process(kind: str) -> None:
     """In a process apart, which would crash: every field, with each of its sizes near a power of two."""
+    paths = [str(PROJECT), str(PROJECT / 'benchmarks'), os.environ.get('PYTHONPATH', '')]
     done = subprocess.run(
-        [sys.executable, __file__, kind], cwd=PROJECT, capture_output=True, text=True, timeout=300, check=False
+        [sys.executable, __file__, kind],
+        capture_output=True,
+        text=True,
+        timeout=300,
+        check=False,
+        env=os.environ | {'PYTHONPATH': os.pathsep.join(paths)},
     )
     assert (done.returncode, done.stderr[-2000:]) == (0, '')
     tried, refused = map(int, done.stdout.split())

@@ -25,7 +25,7 @@ ENCODER = make_encoder(EncoderConfig(name='ring_key'))
 START_NS = 10**12
 TRIED = 2400
 CAUSES = {
-    'embedding': {'wrong_fields', 'short_data', 'wrong_size', 'invalid_stamp'},
+    'embedding': {'wrong_fields', 'short_data', 'wrong_size', 'invalid_stamp', 'invalid_signature'},
     'embedding/model': {'wrong_fields', 'invalid_model'},
     'map/descriptors': {'wrong_fields', 'short_data', 'wrong_size', 'invalid_place', 'invalid_stamp'},
     'gps/fix': {'no_fix', 'invalid_position', 'invalid_stamp'},

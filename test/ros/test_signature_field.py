@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
+from sample_signatures import packed_signature
 from sensor_msgs.msg import PointCloud2
 
 from offradar_ros.errors import RefusedInput
@@ -28,8 +29,11 @@ def transmitted(message: PointCloud2) -> Any:
 
 
 @settings(max_examples=100, deadline=None)
-@given(dimension=st.integers(1, 300), signature=st.binary(max_size=600))
-def test_any_bytes_arrive_as_they_were_sent(dimension: int, signature: bytes) -> None:
+@given(
+    dimension=st.integers(1, 300),
+    signature=st.just(b'') | st.builds(packed_signature, st.integers(0, 9), st.integers(8, 60), st.integers(8, 20)),
+)
+def test_any_signature_arrives_as_it_was_sent(dimension: int, signature: bytes) -> None:
     sent = embedding(dimension, signature)
     found = embedding_record(transmitted(embedding_message(sent, 'radar')), 'embedding')
     assert found.signature == signature
@@ -39,13 +43,23 @@ def test_any_bytes_arrive_as_they_were_sent(dimension: int, signature: bytes) ->
 
 
 @pytest.mark.parametrize('dimension', [1, 2, 128, 4096, 65_536])
-@pytest.mark.parametrize('size', [1, 126, 127, MAX_SIGNATURE_BYTES])
-def test_the_message_grows_by_the_signature_and_a_column_at_most(dimension: int, size: int) -> None:
-    signature = bytes(range(1, 256)) * 33
-    message = embedding_message(embedding(dimension, signature[:size]), 'radar')
-    assert embedding_record(message, 'embedding').signature == signature[:size]
+@pytest.mark.parametrize('shape', [(8, 8), (40, 20), (200, 80)])
+def test_the_message_grows_by_the_signature_and_a_column_at_most(dimension: int, shape: tuple[int, int]) -> None:
+    signature = packed_signature(0, *shape)
+    message = embedding_message(embedding(dimension, signature), 'radar')
+    assert embedding_record(message, 'embedding').signature == signature
     without = embedding_message(embedding(dimension, b''), 'radar')
-    assert size < len(message.data) - len(without.data) <= size + 1 + dimension
+    assert len(signature) < len(message.data) - len(without.data) <= len(signature) + 1 + dimension
+
+
+@given(at=st.integers(0, 10**6), bit=st.integers(0, 7))
+def test_a_signature_of_which_one_bit_is_another_is_refused_with_its_embedding(at: int, bit: int) -> None:
+    signature = bytearray(packed_signature(3))
+    signature[at % len(signature)] ^= 1 << bit
+    with pytest.raises(RefusedInput, match='embedding: signature of a scan: ') as refusal:
+        embedding_record(embedding_message(embedding(7, bytes(signature)), 'radar'), 'embedding')
+    assert refusal.value.cause == 'invalid_signature'
+    assert '\n' not in str(refusal.value)
 
 
 def test_without_a_signature_the_message_is_as_before_there_were_any() -> None:

@@ -5,12 +5,15 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+from typing import NoReturn
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from offradar_ros.alignment.signature import SignatureMaker
+from offradar_ros.alignment.signature_code import unpack
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.errors import RefusedInput
 from offradar_ros.radar.stamps import KEPT
@@ -45,7 +48,7 @@ Sent = list[tuple[int, str]]
 @settings(max_examples=150, deadline=None)
 def test_every_scan_except_a_repeated_one_has_one_answer(sent: Sent) -> None:
     """Stamps in steps of 0.1 s; a jump back of over 1 s starts again."""
-    stage = EncodeStage(StubEncoder(), restart_after_s=1.0)
+    stage = EncodeStage(StubEncoder(), restart_after_s=1.0, signature=True)
     newest: int | None = None
     answered: set[int] = set()
     for tenths, kind in sent:
@@ -77,7 +80,7 @@ def test_every_scan_except_a_repeated_one_has_one_answer(sent: Sent) -> None:
 
 
 def test_a_scan_is_remembered_for_long_and_not_for_ever() -> None:
-    stage = EncodeStage(StubEncoder(), restart_after_s=1e6)
+    stage = EncodeStage(StubEncoder(), restart_after_s=1e6, signature=True)
     for stamp in range(KEPT + 2):
         stage.encode(stamp, functools.partial(scan_of, stamp))
     problems = [stage.encode(stamp, lambda: scan_of(0)).problem for stamp in (2, 1, KEPT)]
@@ -88,7 +91,7 @@ def test_a_scan_is_remembered_for_long_and_not_for_ever() -> None:
 
 
 def test_topics_may_be_stamped_by_clocks_that_are_apart() -> None:
-    stage = EncodeStage(StubEncoder(), 1.0)
+    stage = EncodeStage(StubEncoder(), 1.0, signature=True)
     for seconds, topic in ((10.0, 'a'), (9.9, 'b'), (10.2, 'a'), (10.1, 'b')):
         stamp = round(seconds * SECOND)
         assert stage.encode(stamp, functools.partial(scan_of, stamp), topic).problem is None
@@ -99,7 +102,7 @@ def test_topics_may_be_stamped_by_clocks_that_are_apart() -> None:
 
 def answer_of(encoder: StubEncoder, level: int = 9) -> tuple[int, str]:
     """Width of the embedding, and the cause of the problem; the next scan is encoded all the same."""
-    stage = EncodeStage(encoder, 1.0)
+    stage = EncodeStage(encoder, 1.0, signature=True)
     encoded = stage.encode(1, lambda: scan_of(1, level))
     assert encoded.embedding is not None
     assert (encoded.embedding.stamp_ns, encoded.embedding.model) == (1, MODEL.fingerprint)
@@ -114,7 +117,7 @@ def test_a_defect_of_a_decoder_is_answered_as_invalid() -> None:
     def decode() -> PolarScan:
         raise ZeroDivisionError
 
-    encoded = EncodeStage(StubEncoder(), 1.0).encode(1, decode)
+    encoded = EncodeStage(StubEncoder(), 1.0, signature=True).encode(1, decode)
     assert encoded.embedding is not None
     assert len(encoded.embedding.mean) == 0
     assert encoded.problem is not None
@@ -129,7 +132,7 @@ def test_a_scan_that_the_encoder_fails_at_is_answered_as_invalid(error: BaseExce
             raise error
 
     assert answer_of(Failing()) == (0, 'encoder_failed')
-    problem = EncodeStage(Failing(), 1.0).encode(1, lambda: scan_of(1)).problem
+    problem = EncodeStage(Failing(), 1.0, signature=True).encode(1, lambda: scan_of(1)).problem
     assert str(problem).startswith(f'stub failed: {type(error).__name__}')
     assert '\n' not in str(problem)
 
@@ -164,4 +167,58 @@ def test_what_no_embedding_can_be_is_answered_as_invalid() -> None:
 
 def test_the_faults_of_a_scan_s_rows_are_passed_on() -> None:
     scan = dataclasses.replace(scan_of(1), row_faults={'saturated': 3})
-    assert EncodeStage(StubEncoder(), 1.0).encode(1, lambda: scan).row_faults == {'saturated': 3}
+    assert EncodeStage(StubEncoder(), 1.0, signature=True).encode(1, lambda: scan).row_faults == {'saturated': 3}
+
+
+def test_each_embedding_carries_the_signature_of_its_scan() -> None:
+    """Of a scan with a wall ahead, and none at the sides."""
+    power = np.full((40, 100), 20, np.uint8)
+    power[:5, 40:43] = 200
+    scan = PolarScan(1, power, np.linspace(0.0, math.tau, 40, endpoint=False), 1.0)
+    encoded = EncodeStage(StubEncoder(), 1.0, signature=True).encode(1, lambda: scan)
+    assert encoded.embedding is not None
+    assert encoded.no_signature == ''
+    found = unpack(encoded.embedding.signature)
+    np.testing.assert_array_equal(found.image, SignatureMaker()(scan).image)
+    assert found.image[:20, 41].all() and not found.image[40:190, 41].any()
+
+
+def test_signatures_can_be_switched_off() -> None:
+    encoded = EncodeStage(StubEncoder(), 1.0, signature=False).encode(1, lambda: scan_of(1))
+    assert encoded.embedding is not None
+    assert (encoded.embedding.signature, encoded.no_signature) == (b'', '')
+
+
+def test_an_encoder_s_own_idea_of_a_signature_does_not_count() -> None:
+    class Signing(StubEncoder):
+        def encode(self, scan: PolarScan) -> Embedding:
+            return dataclasses.replace(super().encode(scan), signature=b'anything')
+
+    for signature in (True, False):
+        encoded = EncodeStage(Signing(), 1.0, signature=signature).encode(1, lambda: scan_of(1))
+        assert encoded.embedding is not None
+        assert encoded.embedding.signature != b'anything'
+
+
+def test_a_scan_without_an_embedding_has_no_signature() -> None:
+    encoded = EncodeStage(StubEncoder(), 1.0, signature=True).encode(1, lambda: scan_of(1, 0))
+    assert encoded.embedding is not None
+    assert (len(encoded.embedding.mean), encoded.embedding.signature, encoded.no_signature) == (0, b'', '')
+
+
+def test_where_no_signature_can_be_made_the_embedding_goes_without(monkeypatch: pytest.MonkeyPatch) -> None:
+    stage = EncodeStage(StubEncoder(), 1.0, signature=True)
+    expected = stage.encode(1, lambda: scan_of(1)).embedding
+
+    def fail(*_: object) -> NoReturn:
+        raise ValueError('two\nlines')
+
+    with monkeypatch.context() as patch:
+        patch.setattr(SignatureMaker, '__call__', fail)
+        encoded = stage.encode(2, lambda: scan_of(2))
+    assert encoded.embedding is not None and expected is not None
+    assert encoded.problem is None
+    assert encoded.no_signature == 'ValueError: two lines'
+    assert (encoded.embedding.mean.tolist(), encoded.embedding.signature) == (expected.mean.tolist(), b'')
+    again = stage.encode(3, lambda: scan_of(3)).embedding
+    assert again is not None and again.signature
