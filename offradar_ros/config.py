@@ -275,7 +275,10 @@ class MapConfig:
 
 @dataclasses.dataclass(frozen=True)
 class ConfidenceConfig:
-    """Log-odds that an answer is right, a sum of evidence (docs/confidence.md). No coefficient is positive."""
+    """Log-odds that an answer is right, a sum of evidence (docs/confidence.md).
+
+    No coefficient of a distance or an uncertainty is positive, and none of an alignment is negative.
+    """
 
     model: str = parameter(
         '',
@@ -320,6 +323,27 @@ class ConfidenceConfig:
     uncertainty: float = parameter(0.0, 'times the log of U of the scan', minimum=-1e6, maximum=0.0, read_only=False)
     place_uncertainty: float = parameter(
         0.0, 'times the log of U of the scan that the place holds', minimum=-1e6, maximum=0.0, read_only=False
+    )
+    verified_intercept: float = parameter(
+        0.0,
+        'log-odds where the scan was aligned with that of the place, of an answer whose other terms are 0',
+        minimum=-1e6,
+        maximum=1e6,
+        read_only=False,
+    )
+    verified_log_odds: float = parameter(
+        1.0,
+        'times the log-odds of all evidence above, where the scan was aligned',
+        minimum=0.0,
+        maximum=1e6,
+        read_only=False,
+    )
+    score: float = parameter(
+        0.0,
+        'times the score of the alignment: how well the two scans agree; 0 leaves alignments out of the probability',
+        minimum=0.0,
+        maximum=1e6,
+        read_only=False,
     )
     usual_uncertainty: float = parameter(
         1.0,
@@ -414,6 +438,15 @@ class QueryConfig:
         minimum=0.0,
         maximum=180.0,
         read_only=False,
+    )
+    verify: bool = parameter(
+        True,
+        'whether the scan is aligned with those of the nearest places, which orders them, enters the probability and '
+        'gives the pose in match_pose; it needs the signatures of the places (query.map_path)',
+        read_only=False,
+    )
+    verify_candidates: int = parameter(
+        5, 'nearest places that a scan is aligned with', minimum=1, maximum=100, read_only=False
     )
     map_path: str = parameter(
         '',

@@ -204,7 +204,7 @@ class Evidence:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Match:
-    """An accepted query and its places, nearest first.
+    """An accepted query and its places, the likeliest first: the nearest, unless alignments order them otherwise.
 
     `p_right` is the probability that the first place is within the tolerance of the vehicle, from the evidence; NaN
     where none is calibrated for the model. `threshold` is that of the paper's rule, on U.
@@ -224,6 +224,7 @@ class Reason(str, enum.Enum):
     UNCERTAIN = 'uncertain'
     UNKNOWN_PLACE = 'unknown_place'
     AMBIGUOUS = 'ambiguous'
+    UNVERIFIED = 'unverified'
     INVALID_EMBEDDING = 'invalid_embedding'
     MAP_EMPTY = 'map_empty'
     WRONG_MODEL = 'wrong_model'
