@@ -23,6 +23,7 @@ from offradar_ros.errors import DataError, MapError
 from offradar_ros.geometry import GeoPoint
 from offradar_ros.mapping.map_reader import status_of
 from offradar_ros.mapping.sessions import SessionMap
+from offradar_ros.mapping.signature_file import SignatureFile
 from offradar_ros.mapping.store import MapStore
 from offradar_ros.recordings.bags.position_topic import position_topic
 from offradar_ros.recordings.bags.positions import read_positions
@@ -63,7 +64,10 @@ def drive(
         if session is None:
             places, origin = _read_only(config.map.path, encoder.info)
             with progress_bar(f'driving {bag.name}') as progress:
-                result = drive_through(opened, config, encoder, places, topics=topics, progress=progress)
+                signatures = SignatureFile(Path(config.map.path)) if config.map.path else None
+                result = drive_through(
+                    opened, config, encoder, places, topics=topics, signatures=signatures, progress=progress
+                )
         else:
             result, origin, places = _mapped(opened, config, encoder, session, topics)
         track = _truth(opened, config, track_topic, result, origin)

@@ -97,6 +97,8 @@ class QueryNode(StageNode):
             self.status.facts['mean_uncertainty'] = f'{self.stage.mean_uncertainty:.4f}'
         # Without a map, `troubles` says why.
         self.status.warning = self.stage.warning if self.stage.places else ''
+        not_aligned = self.stage.not_aligned
+        self.status.facts['alignment'] = f'off: {not_aligned}' if not_aligned else 'on'
         if not_localised := self.stage.not_localised:
             self.status.facts['localisation'] = f'off: {not_localised}'
 

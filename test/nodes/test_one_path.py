@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from live_nodes import ROOMY, Observer, key, replay, wait_until
+from live_nodes import ROOMY, Observer, replay, wait_until
+from outcome_key import key
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from std_srvs.srv import Trigger
 
@@ -104,7 +105,8 @@ def through_nodes(
     **parameters: Any,
 ) -> list[Outcome]:
     outcomes = observer.collect_outcomes()
-    with stack(PARAMETERS | ROOMY | {'map.path': str(path)} | parameters) as nodes:
+    files = {'map.path': str(path), 'query.map_path': str(path)}
+    with stack(PARAMETERS | ROOMY | files | parameters) as nodes:
         nodes.wait_until_ready()
         observer.wait_until_connected()
         for bag, mapped in drives:
@@ -133,7 +135,8 @@ def test_lockstep_gives_the_answers_and_map_of_the_pipeline(
     found = through_nodes(drives, tmp_path / 'nodes.db', stack, observer, '--lockstep')
     assert [key(outcome) for outcome in found] == [key(outcome) for outcome in expected]
     assert_same_map(tmp_path / 'nodes.db', tmp_path / 'pipeline.db')
-    # Without matches and rejections the comparison would prove nothing.
+    # Without alignments, matches and rejections the comparison would prove nothing.
+    assert sum(o.candidates[0].alignment is not None for o in expected if isinstance(o, Match)) > SCANS
     assert sum(isinstance(outcome, Match) for outcome in expected) > SCANS
     assert {o.reason.value for o in expected if not isinstance(o, Match)} == {'map_empty', 'uncertain'}
 
