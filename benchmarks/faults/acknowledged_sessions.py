@@ -7,12 +7,13 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from sample_signatures import packed_signature
 
 from faults.result import DIFFERENT, LOST, SAME, Verdict
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.errors import OffradarError
 from offradar_ros.mapping.store import MapStore
-from offradar_ros.types import Embedding
+from offradar_ros.types import Embedding, ScanKey
 
 DIMENSION = 8
 INFO = ModelInfo('ring_key', 'ab' * 32, DIMENSION, {})
@@ -23,12 +24,17 @@ EITHER = f'{ENDED} {UNDONE}'
 
 def known_embedding(stamp: int) -> Embedding:
     """The embedding of a scan, which follows from its stamp: so what a place holds can be checked."""
-    return Embedding(stamp, mean_of(stamp), np.ones(DIMENSION, np.float32), INFO.fingerprint)
+    return Embedding(stamp, mean_of(stamp), np.ones(DIMENSION, np.float32), INFO.fingerprint, signature_of(stamp))
 
 
 def mean_of(stamp: int) -> NDArray[np.float32]:
     """Its mean."""
     return np.random.default_rng(stamp).standard_normal(DIMENSION).astype(np.float32)
+
+
+def signature_of(stamp: int) -> bytes:
+    """Its signature; that of every eighth scan is as long as any can be."""
+    return packed_signature(stamp, 200, 80) if stamp % 8 == 0 else packed_signature(stamp)
 
 
 def judge(path: Path, acknowledged: Mapping[int, str]) -> Verdict:
@@ -59,4 +65,11 @@ def judge(path: Path, acknowledged: Mapping[int, str]) -> Verdict:
     for stamp, mean in zip(table.stamps_ns.tolist(), table.means, strict=True):
         if not np.array_equal(mean, mean_of(stamp)):
             return Verdict(DIFFERENT, f'the place of stamp {stamp} holds another embedding')
+    scans = map(ScanKey, table.session_ids.tolist(), table.stamps_ns.tolist())
+    expected_signatures = {scan: signature_of(scan.stamp_ns) for scan in scans}
+    without = expected_signatures.keys() - stored.signatures.keys()
+    if without:
+        return Verdict(LOST, f'{len(without)} places have lost their signatures, the first is of {min(without)}')
+    if stored.signatures != expected_signatures:
+        return Verdict(DIFFERENT, 'a place has another signature, or a scan has one that no place holds')
     return Verdict(SAME, f'{len(sessions)} sessions')

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from sample_signatures import packed_signature
 
 import offradar_ros
 from faults.child_batches import run_in_children
@@ -28,6 +29,7 @@ from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.encoders.registry import make_encoder
 from offradar_ros.geometry import GeoPoint
 from offradar_ros.mapping.sessions import SessionMap
+from offradar_ros.mapping.signature_file import SignatureFile
 from offradar_ros.mapping.store import MapStore
 from offradar_ros.recordings.bags.sequence import BagSequence
 from offradar_ros.recordings.bags.writer import write_bag
@@ -114,7 +116,8 @@ def small_map(path: Path) -> Path:
             for k in range(30):
                 mean = rng.standard_normal(DIMENSION).astype(np.float32)
                 variance = rng.uniform(0.5, 1.5, DIMENSION).astype(np.float32)
-                embedding = Embedding(100 * session + k, mean, variance, info.fingerprint)
+                signature = packed_signature(100 * session + k, 20 + 2 * k, 20)
+                embedding = Embedding(100 * session + k, mean, variance, info.fingerprint, signature)
                 session_map.merge(embedding, Pose(12.0 * k + 30.0 * session, 1.0 * session, 0.0))
             session_map.save() if session == 2 else session_map.end_session()
     return path
@@ -132,9 +135,12 @@ def read_map(path: Path) -> str:
         stored.sessions,
         stored.before,
         stored.committed(),
+        stored.signatures,
+        SignatureFile(path).read(list(stored.signatures)),
     )
     with SessionMap(MapConfig(path=str(path))) as session_map:
-        return as_read + content_digest(session_map.model, session_map.origin, session_map.places())
+        signatures = session_map.signatures.read(list(stored.signatures))
+        return as_read + content_digest(session_map.model, session_map.origin, session_map.places(), signatures)
 
 
 def small_bag(folder: Path) -> Path:

@@ -122,7 +122,7 @@ def places(settings: Settings) -> str:
     """A digest of the map; what the model is called is of no weight, and any sender may say it."""
     stored = MapStore.open_read_only(settings.folder / 'attacked.db')
     model = (stored.model.fingerprint, stored.model.dimension) if stored.model else None
-    return content_digest(model, stored.places)
+    return content_digest(model, stored.places, stored.signatures)
 
 
 def known_attacks(model: ModelInfo) -> Iterator[Hostile]:

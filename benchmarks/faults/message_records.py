@@ -12,6 +12,7 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import Odometry
 from rclpy.serialization import deserialize_message, serialize_message
+from sample_signatures import packed_signature
 from sensor_msgs.msg import Image, NavSatFix, PointCloud2
 
 from faults.record_form import Form, Take, WrongValueTakenError
@@ -75,7 +76,8 @@ def recorded(msgtype: str, take: Callable[[Any], Any]) -> Take:
 def sample_embedding(k: int = 0) -> Embedding:
     """An embedding of the model."""
     mean = np.random.default_rng(k).standard_normal(DIMENSION).astype(np.float32)
-    return Embedding((k + 1) * SECOND, mean, np.ones(DIMENSION, np.float32), INFO.fingerprint)
+    variance, signature = np.ones(DIMENSION, np.float32), packed_signature(k, 40, 20)
+    return Embedding((k + 1) * SECOND, mean, variance, INFO.fingerprint, signature)
 
 
 def sample_table(count: int = 4) -> PlaceTable:
@@ -195,7 +197,13 @@ def message_forms() -> list[Form]:
     image.data = np.random.default_rng(0).integers(0, 40, 400 * 576, np.uint8).tobytes()
     rows = PlaceRows(sample_table(), INFO.fingerprint, committed=True)
     samples: list[tuple[str, Any, Callable[[Any], Any], int]] = [
-        ('embedding', embedding_message(sample_embedding(), 'radar'), take_embedding, 6000),
+        ('embedding', embedding_message(sample_embedding(), 'radar'), take_embedding, 3000),
+        (
+            'embedding, without a signature',
+            embedding_message(dataclasses.replace(sample_embedding(), signature=b''), 'radar'),
+            take_embedding,
+            3000,
+        ),
         ('embedding/model', model_message(INFO), take_model, 4000),
         ('map/descriptors', descriptors_message(rows, SECOND), take_places, 6000),
         ('matches', match_message(match), functools.partial(match_record, topic='matches'), 2500),

@@ -124,9 +124,9 @@ def is_map(path: Path) -> bool:
 
 
 def content_of(path: Path) -> str:
-    """A digest of the places and sessions of a map."""
+    """A digest of the places, sessions and signatures of a map."""
     stored = MapStore.open_read_only(path)
-    return content_digest(stored.places, stored.sessions)
+    return content_digest(stored.places, stored.sessions, stored.signatures)
 
 
 def write_other_map(path: Path) -> None:

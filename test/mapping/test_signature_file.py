@@ -28,7 +28,7 @@ from small_maps import (
 )
 
 from offradar_ros.errors import MapError
-from offradar_ros.mapping import signature_file
+from offradar_ros.mapping import map_reader, signature_file
 from offradar_ros.mapping.map_reader import log_of, read_map
 from offradar_ros.mapping.signature_file import SignatureFile
 from offradar_ros.types import ScanKey
@@ -52,7 +52,7 @@ def test_it_reads_those_that_the_map_has(tmp_path: Path) -> None:
 def test_beside_a_map_server_it_has_what_was_saved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = tmp_path / 'a.map'
     opened: list[str] = []
-    open_sqlite = signature_file.open_sqlite
+    open_sqlite = map_reader.open_sqlite
 
     def counted(path: Path, mode: str) -> sqlite3.Connection:
         opened.append(mode)
@@ -252,7 +252,7 @@ def test_while_another_process_writes_what_was_committed_is_always_read(tmp_path
         env=os.environ | {'PYTHONPATH': os.pathsep.join(paths)},
     )
     source = SignatureFile(path)
-    states, busy = set(), 0
+    states, busy = set[int](), 0
     with writer:
         try:
             assert writer.stdout is not None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,8 @@ from faults.result import DIFFERENT, LOST, SAME
 from offradar_ros.config import MapConfig
 from offradar_ros.mapping import map_reader
 from offradar_ros.mapping.sessions import SessionMap
-from offradar_ros.types import Pose
+from offradar_ros.mapping.store import MapStore
+from offradar_ros.types import Pose, ScanKey
 
 
 @pytest.fixture
@@ -40,6 +42,23 @@ def test_what_is_missing_is_lost(path: Path) -> None:
     assert judge(path.with_name('none.db'), {1: ENDED}).word == LOST
     path.write_bytes(b'no map')
     assert judge(path, {1: ENDED}).word == LOST
+
+
+def test_a_signature_that_is_missing_is_lost_and_another_one_is_different(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stored = map_reader.read_map(path)
+    held = dict(stored.signatures)
+    scan = min(held)
+    for signatures, word in (
+        (held, SAME),
+        ({other: content for other, content in held.items() if other != scan}, LOST),
+        (held | {scan: b'another'}, DIFFERENT),
+        (held | {ScanKey(7, 7): b'of no place'}, DIFFERENT),
+    ):
+        read = dataclasses.replace(stored, signatures=signatures)
+        monkeypatch.setattr(MapStore, 'open_read_only', lambda _, read=read: read)
+        assert judge(path, {1: ENDED, 2: ENDED}).word == word
 
 
 def test_half_of_a_session_and_other_content_are_different(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
