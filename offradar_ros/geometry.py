@@ -83,7 +83,8 @@ class LocalFrame:
         Meridians converge: 50 km east of an origin at 50° north it is half a degree.
         """
         apart_rad = np.radians(points_lla[:, 1] - self.origin.longitude_deg)
-        return np.arctan2(math.sin(math.radians(self.origin.latitude_deg)) * np.sin(apart_rad), np.cos(apart_rad))
+        sine = math.sin(math.radians(self.origin.latitude_deg))
+        return np.asarray(np.arctan2(sine * np.sin(apart_rad), np.cos(apart_rad)))
 
 
 @functools.lru_cache(maxsize=16)
