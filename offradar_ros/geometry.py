@@ -243,13 +243,7 @@ class PositionBuffer:
 
     def add(self, stamp_ns: int, pose: Pose) -> None:
         """Add a position; RefusedInput if it is not finite or not newer than the last."""
-        if not all(math.isfinite(v) for v in (pose.x_m, pose.y_m, pose.z_m)):
-            raise RefusedInput('invalid_position', f'position at {stamp_ns} ns is not finite: {pose}')
-        if self._stamps and stamp_ns <= self._stamps[-1]:
-            cause = 'repeated_position_stamp' if stamp_ns == self._stamps[-1] else 'position_stamp_backwards'
-            raise RefusedInput(
-                cause, f'position stamp {stamp_ns} ns is not after the last one, {self._stamps[-1]} ns: dropped'
-            )
+        require_next(stamp_ns, pose, self.last_stamp_ns)
         self._stamps.append(stamp_ns)
         self._poses.append(pose)
 
@@ -274,6 +268,15 @@ class PositionBuffer:
             return NoPosition.NEVER
         before_ns, after_ns = self._stamps[after - 1], self._stamps[after]
         return interpolate(self._poses[after - 1], self._poses[after], (stamp_ns - before_ns) / (after_ns - before_ns))
+
+
+def require_next(stamp_ns: int, pose: Pose, last_ns: int | None) -> None:
+    """RefusedInput unless a position is finite, and newer than the one of stamp `last_ns`; None for the first."""
+    if not all(math.isfinite(v) for v in (pose.x_m, pose.y_m, pose.z_m)):
+        raise RefusedInput('invalid_position', f'position at {stamp_ns} ns is not finite: {pose}')
+    if last_ns is not None and stamp_ns <= last_ns:
+        cause = 'repeated_position_stamp' if stamp_ns == last_ns else 'position_stamp_backwards'
+        raise RefusedInput(cause, f'position stamp {stamp_ns} ns is not after the last one, {last_ns} ns: dropped')
 
 
 def interpolate(start: Pose, end: Pose, fraction: float) -> Pose:

@@ -36,7 +36,6 @@ _LAST_NOISES = 64
 _REPEATED_M = 1e-3
 _TOGETHER_NS = 10**8
 _LEAST_DETERMINANT = 1e-6
-_HANKEL = np.add.outer(np.arange(3), np.arange(3))
 _JUMP_RAD = math.radians(120.0)
 
 
@@ -45,7 +44,7 @@ class CourseSettings:
     """What decides the course.
 
     Attributes:
-        reach_s: positions up to this long before and after one are used, so its heading is known this much later.
+        reach_s: positions up to this long before and after one are used.
         aim_rad: longer windows are used until the error by noise is at most this.
         noise_m: standard deviation of a coordinate before it can be measured.
         least_noise_m: it is taken to be at least this.
@@ -75,6 +74,10 @@ class CourseSettings:
     forward_mps: float = 4.0
     forward_m: float = 20.0
     reverse_m: float = 50.0
+
+
+LOOK_AHEAD_S = CourseSettings().reach_s + _TOGETHER_NS / 1e9
+"""The heading of a position is known from the first position on that is later by this."""
 
 
 class Heading(NamedTuple):
@@ -128,7 +131,7 @@ class _Fit(NamedTuple):
 
 
 class Course:
-    """Headings of a stream of positions; each is known when the positions up to `reach_s` after it are.
+    """Headings of a stream of positions; each is known when the positions up to `reach_s` after it are, or just later.
 
     They depend on the positions alone, not on when each arrives: of a recording and of a live stream they are the same.
     """
@@ -137,11 +140,11 @@ class Course:
         self._settings = settings or CourseSettings()
         self._max_gap_ns = max_gap_ns
         self._reach_ns = round(self._settings.reach_s * 1e9)
-        self._noises_m: list[float] = []
         self.reset()
 
     def reset(self) -> None:
-        """Forget the positions, and with them the heading; the noise of the receiver stays."""
+        """Forget the positions, and all that they have told."""
+        self._noises_m: list[float] = []
         self._positions: list[tuple[int, float, float]] = []
         self._next = 0
         self._axis_rad = self._course_rad = math.nan
@@ -304,48 +307,52 @@ def _fits(positions: list[tuple[int, float, float]], chosen: slice, reach_s: flo
     stamps_ns = np.array([stamp_ns for stamp_ns, _, _ in positions], np.int64)
     points = np.array([(x_m, y_m) for _, x_m, y_m in positions], np.float64)
     rows = np.arange(chosen.start, chosen.stop)
-    reach_ns = round(reach_s * 1e9)
-    first = np.searchsorted(stamps_ns, stamps_ns[rows] - reach_ns)
-    last = np.searchsorted(stamps_ns, stamps_ns[rows] + reach_ns, side='right') - 1
-    alone = last - first < 2
-    first = np.where(alone, np.maximum(rows - 1, 0), first)
-    last = np.where(alone, np.minimum(rows + 1, len(positions) - 1), last)
-    near = first[:, None] + np.arange(np.max(last - first) + 1)
-    inside = near <= last[:, None]
-    near = np.minimum(near, last[:, None])
-    t = (stamps_ns[near] - stamps_ns[rows, None]) * 1e-9
-    xy = points[near] - points[rows, None]
-    halves = reach_s * 2.0 ** (-0.5 * np.arange(_WINDOWS - 1, -1, -1))
-    used = inside[:, None, :] & ((np.abs(t)[:, None, :] <= halves[:, None] + 1e-9) | alone[:, None, None])
-    weights = used.astype(np.float64)
-    counts = used.sum(axis=2)
-    # One alike leaves out windows that add nothing to the one before.
+    here_ns = stamps_ns[rows, None]
+    halves_ns = np.rint(reach_s * 1e9 * 2.0 ** (-0.5 * np.arange(_WINDOWS - 1, -1, -1))).astype(np.int64)
+    starts = np.searchsorted(stamps_ns, here_ns - halves_ns)
+    ends = np.searchsorted(stamps_ns, here_ns + halves_ns, side='right')
+    alone = ends[:, -1] - starts[:, -1] < 3
+    starts[alone] = np.maximum(rows[alone, None] - 1, 0)
+    ends[alone] = np.minimum(rows[alone, None] + 2, len(positions))
+    counts = ends - starts
+    # Windows without positions of their own add nothing to the one before.
     known = (counts >= 3) & (np.diff(counts, axis=1, prepend=0) > 0)
-    t2 = t * t
-    x, y = xy[:, :, 0], xy[:, :, 1]
-    terms = np.stack(
-        [np.ones_like(t), t, t2, t2 * t, t2 * t2, x, y, t * x, t * y, t2 * x, t2 * y, x * x + y * y], axis=2
-    )
-    sums = weights @ terms
-    matrices = sums[:, :, _HANKEL]
+    near = starts[:, -1:] + np.arange(np.max(counts))
+    near = np.minimum(near, len(positions) - 1)
+    t = (stamps_ns[near] - here_ns) * 1e-9
+    x, y = np.moveaxis(points[near] - points[rows, None], 2, 0)
+    tt = t * t
+    # Sums and sub-determinants are written out: products of matrices are not the same to the last bit everywhere.
+    terms = np.stack([t, tt, tt * t, tt * tt, x, t * x, tt * x, y, t * y, tt * y, x * x + y * y])
+    totals = np.pad(np.cumsum(terms, axis=2), ((0, 0), (0, 0), (1, 0)))
+    first, last = starts - starts[:, -1:], ends - starts[:, -1:]
+    each = np.arange(len(rows))[:, None]
+    t1, t2, t3, t4, x0, x1, x2, y0, y1, y2, squares = totals[:, each, last] - totals[:, each, first]
+    a = t2 * t4 - t3**2
+    b = t2 * t3 - t1 * t4
+    c = t1 * t3 - t2**2
+    d = counts * t4 - t2**2
+    e = t1 * t2 - counts * t3
+    f = counts * t2 - t1**2
+    determinant = counts * a + t1 * b + t2 * c
     # Stamps that are all but equal decide nothing.
-    known &= np.linalg.det(matrices) > _LEAST_DETERMINANT * sums[:, :, 0] * sums[:, :, 2] * sums[:, :, 4]
-    matrices[~known] = np.eye(3)
-    inverses = np.linalg.inv(matrices)
-    moments = sums[:, :, 5:11].reshape(*counts.shape, 3, 2)
-    coefficients = inverses @ moments
-    left = sums[:, :, 11] - (coefficients * moments).sum(axis=(2, 3))
+    known &= determinant > _LEAST_DETERMINANT * counts * t2 * t4
+    determinant[~known] = 1.0
+    left = squares
+    values = []
+    for m0, m1, m2 in ((x0, x1, x2), (y0, y1, y2)):
+        start = (a * m0 + b * m1 + c * m2) / determinant
+        velocity = (b * m0 + d * m1 + e * m2) / determinant
+        half = (c * m0 + e * m1 + f * m2) / determinant
+        left = left - start * m0 - velocity * m1 - half * m2
+        values += [velocity, 2.0 * half]
     noises_m = np.sqrt(np.maximum(left, 0.0) / np.maximum(2 * counts - 6, 1))
     noises_m[counts < _FEWEST_FOR_NOISE] = 0.0
-    spreads = np.sqrt(np.maximum(inverses[:, :, 1, 1], 0.0))
-    values = np.concatenate([coefficients[:, :, 1], 2.0 * coefficients[:, :, 2]], axis=2).tolist()
+    spreads = np.sqrt(np.maximum(d / determinant, 0.0))
+    columns = np.stack([known, *values, spreads, noises_m], axis=2).tolist()
     return [
-        [
-            _Fit((vx, vy), (ax, ay), spread, noise_m)
-            for is_known, (vx, vy, ax, ay), spread, noise_m in zip(*columns, strict=True)
-            if is_known
-        ]
-        for columns in zip(known.tolist(), values, spreads.tolist(), noises_m.tolist(), strict=True)
+        [_Fit((vx, vy), (ax, ay), spread, noise_m) for is_known, vx, ax, vy, ay, spread, noise_m in windows if is_known]
+        for windows in columns
     ]
 
 

@@ -142,7 +142,7 @@ class _Drive:
         if self._mapping:
             updates, report = self._mapping.end_session()
             self._apply(updates)
-            warnings.append(self._mapping.problem())
+            warnings += [self._mapping.problem(), self._mapping.heading_problem()]
         told = tuple(warning for warning in warnings if warning)
         return DriveResult(tuple(self._outcomes), tuple(self._localisations), report, self._refused, told)
 
