@@ -134,9 +134,12 @@ def test_tum_is_a_local_frame(tmp_path: Path) -> None:
 
 
 def test_tum_zeros_for_a_quaternion_are_no_heading(tmp_path: Path) -> None:
-    trajectory = read_tum(written(tmp_path, '0.0 1 2 3 0 0 0 0', '0.1 2 2 3 0 0 0 0'))
-    assert len(trajectory) == 2
-    assert np.isnan(trajectory.yaws_rad).all()
+    tally: Counter[str] = Counter()
+    rows = [f'0.{k} {k} 2 3 0 0 0 {0 if k == 3 else 1}' for k in range(8)]
+    assert len(read_tum(written(tmp_path, *rows), tally)) == 7
+    assert tally == {'damaged': 1}
+    with pytest.raises(DataError, match=r'line 1: expected a unit quaternion that says a heading, got none'):
+        read_tum(written(tmp_path, '0.0 1 2 3 0 0 0 0', '0.1 2 2 3 0 0 0 0'))
 
 
 def test_tum_stamps_are_exact(tmp_path: Path) -> None:

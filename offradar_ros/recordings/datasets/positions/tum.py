@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from pathlib import Path
 
@@ -16,13 +17,16 @@ def read_tum(path: Path, tally: Counter[str] | None = None) -> Trajectory:
     """Positions in metres and yaw about z, both in the file's own frame; seconds may start at zero.
 
     The yaw is that of the frame whose poses these are. Of a radar that is mounted askew it is the radar's, not the
-    vehicle's. It is unknown where the quaternion is none, as zeros are.
+    vehicle's.
     """
     track = Track(path, tally, geodetic=False)
     for row in bare_rows(path, _NAMES, separator=' '):
         with track.row(row):
             x, y, z, qx, qy, qz, qw = (row.finite(at) for at in range(1, 8))
-            track.add_metric(_seconds_to_ns(row), (x, y, z), yaw_of_quaternion(qx, qy, qz, qw))
+            yaw_rad = yaw_of_quaternion(qx, qy, qz, qw)
+            if math.isnan(yaw_rad):
+                raise row.problem('expected a unit quaternion that says a heading, got none')
+            track.add_metric(_seconds_to_ns(row), (x, y, z), yaw_rad)
     return track.trajectory()
 
 
