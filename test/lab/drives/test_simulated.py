@@ -52,7 +52,9 @@ def test_the_heading_of_a_simulated_scan_is_that_of_its_way() -> None:
     apart = wrap_angle(whole.poses[1:-1, 2] - np.arctan2(moved[:, 1], moved[:, 0]))
     straight = np.abs(wrap_angle(whole.poses[2:, 2] - whole.poses[:-2, 2])) < 0.02
     assert straight.sum() > 100
-    assert np.degrees(np.abs(apart[straight])).max() < 0.5
+    # It weaves in its lane, as drivers do, without turning.
+    assert np.degrees(np.abs(apart[straight])).max() < 3.0
+    assert np.degrees(np.abs(np.median(apart[straight]))) < 0.3
     assert np.ptp(whole.poses[:, 2]) > 1.0
 
 
