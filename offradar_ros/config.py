@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 
 from offradar_ros.bounded_input import parse_yaml
 from offradar_ros.errors import ConfigError
+from offradar_ros.positions.headings import CHOICES as HEADING_CHOICES
 from offradar_ros.records import flatten, read_tree, replace, to_yaml
 from offradar_ros.whole_file import write_whole_file
 from offradar_ros.yaml_digest import digest_line
@@ -217,6 +218,12 @@ class PositionConfig:
     """Source of positions, and how long they are valid. Only the map server uses positions; queries need none."""
 
     source: str = parameter('fix', 'type of the position topic: NavSatFix or Odometry', choices=('fix', 'odometry'))
+    heading: str = parameter(
+        'auto',
+        'heading of places: auto is that of the source where it has one, else the course over ground; source, course: '
+        'that alone; none: unknown',
+        choices=HEADING_CHOICES,
+    )
     max_gap_s: float = parameter(
         1.5, 'largest time between two positions between which is interpolated', unit='s', minimum=0.01, maximum=60.0
     )

@@ -33,7 +33,7 @@ from offradar_ros.recordings.bags.topics import ChosenTopics
 from offradar_ros.recordings.datasets.check.findings import counted
 from offradar_ros.recordings.drive import POSITION_TYPES, DriveResult
 from offradar_ros.recordings.drive import drive as drive_through
-from offradar_ros.recordings.truth import errors_m, on_map, true_positions
+from offradar_ros.recordings.truth import errors_m, on_map, true_poses
 from offradar_ros.records import require_writable
 from offradar_ros.types import Match, PlaceTable, Reason, Rejection
 
@@ -173,7 +173,7 @@ def _truth(
     if topic is None:
         return np.full((len(result.outcomes), 2), np.nan)
     trajectory, _ = read_positions(opened, topic)
-    return true_positions(result.outcomes, trajectory, origin, round(config.position.max_gap_s * 1e9))
+    return true_poses(result.outcomes, trajectory, origin, config.position)[:, :2]
 
 
 def _print(result: DriveResult) -> None:

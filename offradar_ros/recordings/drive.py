@@ -150,7 +150,7 @@ class _Drive:
         if self._mapping:
             updates, report = self._mapping.end_session()
             self._apply(updates)
-            warnings.append(self._mapping.problem())
+            warnings += [self._mapping.problem(), self._mapping.heading_problem()]
         if self._no_signature:
             ((commonest, _),) = self._no_signature.most_common(1)
             warnings.append(f'no signature could be made of {self._no_signature.total()} scans: {commonest}')

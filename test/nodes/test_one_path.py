@@ -122,6 +122,8 @@ def assert_same_map(one: Path, other: Path) -> None:
     assert a.stamps_ns.tolist() == b.stamps_ns.tolist()
     assert a.session_ids.tolist() == b.session_ids.tolist()
     assert a.positions_m.tobytes() == b.positions_m.tobytes()
+    assert np.isfinite(a.yaws_rad).any()
+    assert a.yaws_rad.tobytes() == b.yaws_rad.tobytes()
     assert a.means.tobytes() == b.means.tobytes()
     assert a.uncertainties.tobytes() == b.uncertainties.tobytes()
     assert stored[0].signatures == stored[1].signatures

@@ -161,7 +161,12 @@ def brief(outcome: Outcome) -> tuple[Any, ...]:
 def test_drives_answer_and_map_as_slow_loops_do(
     street: Callable[..., Any], street_bag: Callable[..., Path], source: str, exclude: bool
 ) -> None:
-    config = load_config(overrides=VALUES | {'position.source': source, 'query.exclude_current_session': exclude})
+    # The running session has a scan once its heading is known, unless none is asked for.
+    heading = 'auto' if exclude else 'none'
+    config = load_config(
+        overrides=VALUES
+        | {'position.source': source, 'position.heading': heading, 'query.exclude_current_session': exclude}
+    )
     drives: list[tuple[dict[str, Any], bool]] = [
         ({'count': 12}, True),
         ({'count': 14, 'start_ns': 1_700_000_000 * SECOND, 'noise_seed': 1, 'degraded': (5,)}, True),
