@@ -84,19 +84,22 @@ def top_down(signature: Signature, twist: Twist = STANDING) -> TopDown:
     if not signature.seen.all():
         sectors = np.repeat(signature.seen[:, None], grid.range_bins, axis=1)
         seen = seen * (_sampled(sectors, columns, rows) > 0.99)
-    return TopDown(_smoothed(image * seen, _SMOOTH_CELLS), seen, grid.resolution_m)
+    return TopDown(_smoothed(image, seen, _SMOOTH_CELLS), seen, grid.resolution_m)
 
 
 def half(view: TopDown) -> TopDown:
     """The same at half the resolution."""
     side = view.side // 2
-    image = cv2.resize(_smoothed(view.image, 1.5 * _SMOOTH_CELLS), (side, side), interpolation=cv2.INTER_AREA)
+    smooth = _smoothed(view.image, view.seen, 1.5 * _SMOOTH_CELLS)
+    image = cv2.resize(smooth, (side, side), interpolation=cv2.INTER_AREA)
     seen = cv2.resize(view.seen, (side, side), interpolation=cv2.INTER_NEAREST)
     return TopDown(np.asarray(image, np.float32), np.asarray(seen, np.float32), 2.0 * view.cell_m)
 
 
-def _smoothed(image: Array, sigma: float) -> Array:
-    return np.asarray(cv2.GaussianBlur(image, (0, 0), sigma), np.float32)
+def _smoothed(image: Array, seen: Array, sigma: float) -> Array:
+    """The image smoothed over what is seen alone, so that its edges do not look like those of objects; 0 elsewhere."""
+    weights = cv2.GaussianBlur(seen, (0, 0), sigma)
+    return np.asarray(cv2.GaussianBlur(image * seen, (0, 0), sigma) / np.maximum(weights, 0.1) * seen, np.float32)
 
 
 def _sampled(polar: NDArray[np.uint8] | NDArray[np.bool_], columns: Array, rows: Array) -> Array:
