@@ -455,6 +455,11 @@ class QueryConfig:
     verify_candidates: int = parameter(
         5, 'nearest places that a scan is aligned with', minimum=1, maximum=100, read_only=False
     )
+    initial_pose: bool = parameter(
+        False,
+        'whether the pose is published on initialpose, for Nav2 and AMCL: once after the start, after the vehicle was '
+        'lost or off the map, and after ~/relocalise',
+    )
     map_path: str = parameter(
         '',
         'SQLite map to read at start: for maps that are too large for a message, or to query without a map server',

@@ -17,7 +17,7 @@ from offradar_ros.config import QueryConfig
 from offradar_ros.errors import RefusedInput
 from offradar_ros.mapping.place_check import MAX_PLACE_ID
 from offradar_ros.messages import stamp_ns
-from offradar_ros.retrieval.vehicle_pose import vehicle_pose
+from offradar_ros.retrieval.vehicle_pose import VehiclePose, vehicle_pose
 from offradar_ros.ros.clouds import from_cloud, to_cloud
 from offradar_ros.ros.place_message import MAP_FRAME
 from offradar_ros.ros.stamps import header
@@ -120,14 +120,22 @@ def _evidence(
 def match_pose_message(match: Match, config: QueryConfig) -> PoseWithCovarianceStamped:
     """The pose of the vehicle at the first place (`vehicle_pose`), for robot_localization or AMCL.
 
-    An unknown heading is given as that of the place, or 0, with a variance of π², as roll and pitch have. The height is
-    that of the place.
+    An unknown heading is given as that of the place, or 0.
     """
     place = match.candidates[0]
-    found = vehicle_pose(place, config)
-    guesses = (found.pose.yaw_rad, place.pose.yaw_rad, 0.0)
+    return vehicle_pose_message(match.stamp_ns, vehicle_pose(place, config), config, place.pose.yaw_rad)
+
+
+def vehicle_pose_message(
+    stamp_ns: int, found: VehiclePose, config: QueryConfig, otherwise_rad: float = 0.0
+) -> PoseWithCovarianceStamped:
+    """A pose of the vehicle; `otherwise_rad` is given where its heading is unknown, and 0 where that is NaN.
+
+    Roll and pitch have a variance of π². The height is that of the place.
+    """
+    guesses = (found.pose.yaw_rad, otherwise_rad, 0.0)
     yaw_rad = next(yaw_rad for yaw_rad in guesses if not math.isnan(yaw_rad))
-    message = PoseWithCovarianceStamped(header=header(match.stamp_ns, MAP_FRAME))
+    message = PoseWithCovarianceStamped(header=header(stamp_ns, MAP_FRAME))
     position, orientation = message.pose.pose.position, message.pose.pose.orientation
     position.x, position.y, position.z = found.pose.x_m, found.pose.y_m, found.pose.z_m
     orientation.z, orientation.w = math.sin(yaw_rad / 2), math.cos(yaw_rad / 2)

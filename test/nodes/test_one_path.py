@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from geometry_msgs.msg import PoseWithCovarianceStamped
 from live_nodes import ROOMY, Observer, replay, wait_until
 from outcome_key import key
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
@@ -23,6 +24,7 @@ from offradar_ros.recordings.bags.reader import TYPES, Bag
 from offradar_ros.recordings.bags.topics import ODOMETRY, ODOMETRY_TYPE, VEHICLE_ODOMETRY
 from offradar_ros.recordings.drive import drive
 from offradar_ros.retrieval.confidence import shipped_confidences
+from offradar_ros.ros import qos
 from offradar_ros.types import Localisation, LocalisationState, Match, Outcome
 
 PARAMETERS = {
@@ -186,9 +188,12 @@ def test_lockstep_localises_as_the_pipeline(
     known = [localisation for localisation in expected if localisation is not None]
     assert len(known) == 2 * SCANS
     found, outcomes = observer.collect_localisations(), observer.collect_outcomes()
-    with stack(PARAMETERS | ROOMY | {'map.path': str(tmp_path / 'nodes.db')} | parameters) as nodes:
+    starts = observer.collect(PoseWithCovarianceStamped, 'initialpose', qos.UPDATES)
+    path = str(tmp_path / 'nodes.db')
+    files = {'map.path': path, 'query.map_path': path, 'query.initial_pose': True}
+    with stack(PARAMETERS | ROOMY | files | parameters) as nodes:
         nodes.wait_until_ready()
-        observer.wait_until_connected(localisation=1)
+        observer.wait_until_connected(localisation=1, initialpose=1)
         for bag, mapped in drives:
             replay(nodes, bag, '--lockstep', *(['--session'] if mapped else []))
         wait_until(lambda: len(found) == len(known))
@@ -197,4 +202,8 @@ def test_lockstep_localises_as_the_pipeline(
         assert_same(one, other)
     assert LocalisationState.ON_MAP in {localisation.state for localisation in found}
     assert 'by the last 8 scans' in answer.message
+    # Not with every scan, and with the heading of the drives, eastwards.
+    assert 1 <= len(starts) <= len(drives)
+    assert abs(starts[0].pose.pose.orientation.z) < 0.1
+    assert starts[0].pose.covariance[35] < 0.1
     assert len(outcomes) == len(drives) * SCANS
