@@ -13,8 +13,10 @@ from rich.table import Column, Table
 from offradar_ros.errors import ConfigError
 from offradar_ros.mapping.map_reader import log_of
 from offradar_ros.mapping.store import MapStore
+from offradar_ros.mapping.stored_map import StoredMap
 from offradar_ros.mapping.whole_map import back_up
 from offradar_ros.mapping.writer_lock import has_writer
+from offradar_ros.types import ScanKey
 
 REPORTED = {
     'inserted': 'inserted',
@@ -56,6 +58,7 @@ def show_map(
         typer.echo(f'origin: {origin.latitude_deg:.7f}°, {origin.longitude_deg:.7f}°, {origin.altitude_m:.2f} m')
     if len(stored.places):
         typer.echo(f'mean U: {stored.places.uncertainties.mean():.4f}')
+        typer.echo(_signatures(stored))
     table = Table(
         Column('id', no_wrap=True),
         Column('session', overflow='fold'),
@@ -76,6 +79,14 @@ def show_map(
     Console().print(table)
     if 'interrupted' in states:
         typer.echo('interrupted: saved, then the process ended before the session did; it is kept and can be undone')
+
+
+def _signatures(stored: StoredMap) -> str:
+    """How many places have a signature, and the size of all, with those of scans that an undo restores."""
+    places, held = stored.places, stored.signatures
+    scans = map(ScanKey, places.session_ids.tolist(), places.stamps_ns.tolist())
+    kilobytes = sum(map(len, held.values())) / 1000.0
+    return f'signatures: {sum(scan in held for scan in scans)} of {len(places)} places, {kilobytes:.1f} kB with undo'
 
 
 def _readable(report: Mapping[str, Any], column: str) -> str:

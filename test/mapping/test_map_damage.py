@@ -34,7 +34,7 @@ from offradar_ros.mapping.place_columns import PlaceColumns
 from offradar_ros.mapping.stored_map import StoredMap
 from offradar_ros.types import Pose
 
-PAGE = 4096
+PAGE = 16384
 
 
 @pytest.fixture(scope='module')

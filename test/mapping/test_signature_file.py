@@ -33,6 +33,8 @@ from offradar_ros.mapping.map_reader import log_of, read_map
 from offradar_ros.mapping.signature_file import SignatureFile
 from offradar_ros.types import ScanKey
 
+PAGE = 16384
+
 
 def test_it_reads_those_that_the_map_has(tmp_path: Path) -> None:
     path = tmp_path / 'a.map'
@@ -183,8 +185,8 @@ def test_no_damage_gives_another_signature_or_another_error(tmp_path: Path) -> N
         if kind == 'bit':
             content[rng.randrange(len(content))] ^= 1 << rng.randrange(8)
         elif kind == 'page':
-            start = 4096 * rng.randrange(len(content) // 4096)
-            content[start : start + 4096] = rng.randbytes(4096)
+            start = PAGE * rng.randrange(len(content) // PAGE)
+            content[start : start + PAGE] = rng.randbytes(PAGE)
         else:
             del content[rng.randrange(len(content)) :]
         path.write_bytes(content)
