@@ -224,7 +224,7 @@ def in_lockstep_order(bag: Bag, scan_topic: str, others: Sequence[str], ahead_s:
     """Messages of a bag, each scan after all messages of `others` up to `ahead_s` later than it.
 
     A scan's position is interpolated, so the position after it must be known. On a vehicle the map server waits for
-    that one; a recording has it already, so it comes before the scan and nothing waits.
+    that one; a recording has it already, so it comes before the scan, which may still wait for its heading.
     """
     other = bag.messages(others) if others else iter(())
     waiting = next(other, None)
