@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import array
+import math
 import re
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -287,6 +288,20 @@ def test_a_map_of_another_model_is_an_error(observer: Observer, server: Callable
     # The right one comes back.
     observer.publisher(DiagnosticStatus, 'embedding/model', qos.LATCHED)(model_message(MODEL))
     wait_until(lambda: mapping.reports.last and 'variational' not in mapping.reports.last.message)
+
+
+def test_odometry_that_never_turns_with_the_vehicle_is_named(observer: Observer, start_node: StartNode) -> None:
+    """Its driver leaves the orientation as it is in a new message."""
+    reports = Reports(observer, 'map_server')
+    start_node(MapServerNode, {'position.source': 'odometry', 'position.heading': 'auto'})
+    send = observer.publisher(Odometry, 'ground_truth/odometry', qos.POSITIONS)
+    for tenths in range(200):
+        turned = 0.02 * tenths
+        message = Odometry(header=header(10 * SECOND + tenths * SECOND // 10, 'map'))
+        message.pose.pose.position.x, message.pose.pose.position.y = 40.0 * math.sin(turned), -40.0 * math.cos(turned)
+        send(message)
+    status = reports.wait_for(DiagnosticStatus.WARN, 'the heading that comes with positions is always 0.0°')
+    assert 'trouble.heading' in {each.key for each in status.values}
 
 
 def test_a_query_node_without_a_map_says_why(observer: Observer, start_node: StartNode, tmp_path: Path) -> None:
