@@ -256,7 +256,7 @@ def truncated(path: Path) -> None:
 def overwritten_inside(path: Path) -> None:
     make_map(path, 1.0)
     content = bytearray(path.read_bytes())
-    content[4096:12288] = os.urandom(8192)
+    content[16384:49152] = os.urandom(32768)
     path.write_bytes(content)
 
 
