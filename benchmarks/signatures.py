@@ -90,7 +90,7 @@ def packed_turns(signatures: Sequence[Signature]) -> list[bytes]:
     for number in range(PLACES):
         turns, index = divmod(number, len(signatures))
         signature = signatures[index]
-        image, seen = (np.roll(part, turns, axis=0) for part in (signature.image, signature.seen))
+        image, seen = np.roll(signature.image, turns, axis=0), np.roll(signature.seen, turns)
         turned.append(pack(dataclasses.replace(signature, image=image, seen=seen)))
     return turned
 

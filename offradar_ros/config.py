@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 
 from offradar_ros.bounded_input import parse_yaml
 from offradar_ros.errors import ConfigError
+from offradar_ros.positions.headings import CHOICES as HEADING_CHOICES
 from offradar_ros.records import flatten, read_tree, replace, to_yaml
 from offradar_ros.whole_file import write_whole_file
 from offradar_ros.yaml_digest import digest_line
@@ -217,6 +218,12 @@ class PositionConfig:
     """Source of positions, and how long they are valid. Only the map server uses positions; queries need none."""
 
     source: str = parameter('fix', 'type of the position topic: NavSatFix or Odometry', choices=('fix', 'odometry'))
+    heading: str = parameter(
+        'auto',
+        'heading of places: auto is that of the source where it has one, else the course over ground; source, course: '
+        'that alone; none: unknown',
+        choices=HEADING_CHOICES,
+    )
     max_gap_s: float = parameter(
         1.5, 'largest time between two positions between which is interpolated', unit='s', minimum=0.01, maximum=60.0
     )
@@ -275,7 +282,10 @@ class MapConfig:
 
 @dataclasses.dataclass(frozen=True)
 class ConfidenceConfig:
-    """Log-odds that an answer is right, a sum of evidence (docs/confidence.md). No coefficient is positive."""
+    """Log-odds that an answer is right, a sum of evidence (docs/confidence.md).
+
+    No coefficient of a distance or an uncertainty is positive, and none of an alignment is negative.
+    """
 
     model: str = parameter(
         '',
@@ -320,6 +330,27 @@ class ConfidenceConfig:
     uncertainty: float = parameter(0.0, 'times the log of U of the scan', minimum=-1e6, maximum=0.0, read_only=False)
     place_uncertainty: float = parameter(
         0.0, 'times the log of U of the scan that the place holds', minimum=-1e6, maximum=0.0, read_only=False
+    )
+    verified_intercept: float = parameter(
+        0.0,
+        'log-odds where the scan was aligned with that of the place, of an answer whose other terms are 0',
+        minimum=-1e6,
+        maximum=1e6,
+        read_only=False,
+    )
+    verified_log_odds: float = parameter(
+        1.0,
+        'times the log-odds of all evidence above, where the scan was aligned',
+        minimum=0.0,
+        maximum=1e6,
+        read_only=False,
+    )
+    score: float = parameter(
+        0.0,
+        'times the score of the alignment: how well the two scans agree; 0 leaves alignments out of the probability',
+        minimum=0.0,
+        maximum=1e6,
+        read_only=False,
     )
     usual_uncertainty: float = parameter(
         1.0,
@@ -392,11 +423,42 @@ class QueryConfig:
     )
     position_sigma_m: float = parameter(
         10.0,
-        'standard deviation of the position in match_pose',
+        'standard deviation of the position in match_pose where the scan could not be aligned with that of the place',
         unit='m',
         minimum=0.0,
         maximum=1000.0,
         read_only=False,
+    )
+    place_sigma_m: float = parameter(
+        1.0,
+        'standard deviation of the position of a place on each axis, by the receiver that it was mapped with; it and '
+        'that of the alignment make the covariance of match_pose',
+        unit='m',
+        minimum=0.0,
+        maximum=1000.0,
+        read_only=False,
+    )
+    place_sigma_deg: float = parameter(
+        1.0,
+        'standard deviation of the heading of a place',
+        unit='°',
+        minimum=0.0,
+        maximum=180.0,
+        read_only=False,
+    )
+    verify: bool = parameter(
+        True,
+        'whether the scan is aligned with those of the nearest places, which orders them, enters the probability and '
+        'gives the pose in match_pose; it needs the signatures of the places (query.map_path)',
+        read_only=False,
+    )
+    verify_candidates: int = parameter(
+        5, 'nearest places that a scan is aligned with', minimum=1, maximum=100, read_only=False
+    )
+    initial_pose: bool = parameter(
+        False,
+        'whether the pose is published on initialpose, for Nav2 and AMCL: once after the start, after the vehicle was '
+        'lost or off the map, and after ~/relocalise',
     )
     map_path: str = parameter(
         '',

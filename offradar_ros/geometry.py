@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 
 MAX_ALTITUDE_M = 1e5
 """Higher than any aircraft: a larger altitude is none."""
+_UNIT_TOLERANCE = 0.1
+_LEAST_LEVEL = 0.1
 
 
 @dataclasses.dataclass(frozen=True)
@@ -75,6 +77,15 @@ class LocalFrame:
         longitude, latitude, altitude = self._pipeline.transform(east, north, up, direction='INVERSE')
         return np.stack([latitude, longitude, altitude], axis=1)
 
+    def east_rad(self, points_lla: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(N,) angle of true east at (N, 3) geodetic points, counter-clockwise from the frame's x axis.
+
+        Meridians converge: 50 km east of an origin at 50° north it is half a degree.
+        """
+        apart_rad = np.radians(points_lla[:, 1] - self.origin.longitude_deg)
+        sine = math.sin(math.radians(self.origin.latitude_deg))
+        return np.asarray(np.arctan2(sine * np.sin(apart_rad), np.cos(apart_rad)))
+
 
 @functools.lru_cache(maxsize=16)
 def _from_utm(epsg: int) -> pyproj.Transformer:
@@ -105,6 +116,20 @@ def wrap_angle(angle_rad: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.asarray(np.pi - np.mod(np.pi - angle_rad, 2 * np.pi))
 
 
+def yaw_of_quaternion(x: float, y: float, z: float, w: float) -> float:
+    """Heading of the x axis of a frame that is turned by this quaternion, radians counter-clockwise from x about z.
+
+    NaN where there is none: a quaternion that is not of unit length, as the zeros that drivers send which know no
+    orientation, or an x axis that is all but vertical.
+    """
+    length = math.hypot(x, y, z, w)
+    if not abs(length - 1.0) <= _UNIT_TOLERANCE:
+        return math.nan
+    along_x, along_y = w * w + x * x - y * y - z * z, 2.0 * (w * z + x * y)
+    is_level = math.hypot(along_x, along_y) > _LEAST_LEVEL * length * length
+    return math.atan2(along_y, along_x) if is_level else math.nan
+
+
 @dataclasses.dataclass(frozen=True)
 class LeftOut:
     """Positions of a recording that are not used.
@@ -127,7 +152,8 @@ class Trajectory:
     Attributes:
         stamps_ns: (N,) int64, strictly increasing.
         positions: (N, 3) float64: latitude°, longitude°, altitude m if `geodetic`, else metres in a local frame.
-        yaws_rad: (N,) float64, counter-clockwise from east (or the x axis of the local frame); NaN where unknown.
+        yaws_rad: (N,) float64, heading as the source measured it, counter-clockwise from true east at each position
+            (or from the x axis of the local frame); NaN where unknown.
         geodetic: whether `positions` are WGS-84.
         left_out: positions of the source that are not among these, by cause.
         clock_offset_s: seconds to add to `stamps_ns` for the clock of the scans, as far as the recording's log times
@@ -151,10 +177,14 @@ class Trajectory:
         return GeoPoint(*(float(v) for v in self.positions[0]))
 
     def in_frame(self, frame: LocalFrame | None) -> Trajectory:
-        """The same trajectory in metres of `frame`; one that is in metres already is returned unchanged."""
+        """The same trajectory in metres of `frame`; one that is in metres already is returned unchanged.
+
+        Headings are then from the frame's x axis, which is east at its origin only.
+        """
         if not self.geodetic or frame is None:
             return self
-        return dataclasses.replace(self, positions=frame.to_enu(self.positions), geodetic=False)
+        yaws_rad = wrap_angle(self.yaws_rad + frame.east_rad(self.positions))
+        return dataclasses.replace(self, positions=frame.to_enu(self.positions), yaws_rad=yaws_rad, geodetic=False)
 
     def covers(self, stamps_ns: NDArray[np.int64], max_gap_ns: int) -> NDArray[np.bool_]:
         """(N,) bool: which of (N,) stamps equal that of a position, or lie between two at most `max_gap_ns` apart."""
@@ -213,13 +243,7 @@ class PositionBuffer:
 
     def add(self, stamp_ns: int, pose: Pose) -> None:
         """Add a position; RefusedInput if it is not finite or not newer than the last."""
-        if not all(math.isfinite(v) for v in (pose.x_m, pose.y_m, pose.z_m)):
-            raise RefusedInput('invalid_position', f'position at {stamp_ns} ns is not finite: {pose}')
-        if self._stamps and stamp_ns <= self._stamps[-1]:
-            cause = 'repeated_position_stamp' if stamp_ns == self._stamps[-1] else 'position_stamp_backwards'
-            raise RefusedInput(
-                cause, f'position stamp {stamp_ns} ns is not after the last one, {self._stamps[-1]} ns: dropped'
-            )
+        require_next(stamp_ns, pose, self.last_stamp_ns)
         self._stamps.append(stamp_ns)
         self._poses.append(pose)
 
@@ -244,6 +268,15 @@ class PositionBuffer:
             return NoPosition.NEVER
         before_ns, after_ns = self._stamps[after - 1], self._stamps[after]
         return interpolate(self._poses[after - 1], self._poses[after], (stamp_ns - before_ns) / (after_ns - before_ns))
+
+
+def require_next(stamp_ns: int, pose: Pose, last_ns: int | None) -> None:
+    """RefusedInput unless a position is finite, and newer than the one of stamp `last_ns`; None for the first."""
+    if not all(math.isfinite(v) for v in (pose.x_m, pose.y_m, pose.z_m)):
+        raise RefusedInput('invalid_position', f'position at {stamp_ns} ns is not finite: {pose}')
+    if last_ns is not None and stamp_ns <= last_ns:
+        cause = 'repeated_position_stamp' if stamp_ns == last_ns else 'position_stamp_backwards'
+        raise RefusedInput(cause, f'position stamp {stamp_ns} ns is not after the last one, {last_ns} ns: dropped')
 
 
 def interpolate(start: Pose, end: Pose, fraction: float) -> Pose:

@@ -5,13 +5,12 @@ Only attributes are read, so that both give the same record for the same bytes.
 
 from __future__ import annotations
 
-import math
 import struct
 from typing import Any, Protocol
 
 from offradar_ros.config import RadarConfig
 from offradar_ros.errors import DataError, RefusedInput
-from offradar_ros.geometry import GeoPoint
+from offradar_ros.geometry import GeoPoint, yaw_of_quaternion
 from offradar_ros.positions.rules import geo_point, require_accurate, require_pose
 from offradar_ros.radar.image import decode_polar_image
 from offradar_ros.radar.png import decode_png
@@ -87,13 +86,12 @@ def point_from_fix(message: Any) -> GeoPoint:
 
 
 def pose_from_odometry(message: Any) -> Pose:
-    """The pose in a nav_msgs/Odometry, yaw about z; RefusedInput('invalid_position') if it is none."""
+    """The pose in a nav_msgs/Odometry; RefusedInput('invalid_position') if its position is none.
+
+    The yaw is about z, and NaN where the orientation is none (`yaw_of_quaternion`).
+    """
     position, q = message.pose.pose.position, message.pose.pose.orientation
-    yaw_rad = math.atan2(2.0 * (q.w * q.z + q.x * q.y), 1.0 - 2.0 * (q.y * q.y + q.z * q.z))
-    pose = Pose(position.x, position.y, position.z, yaw_rad)
-    if not math.isfinite(pose.yaw_rad):
-        raise RefusedInput('invalid_position', f'Odometry pose is not finite: {pose}')
-    return require_pose(pose)
+    return require_pose(Pose(position.x, position.y, position.z, yaw_of_quaternion(q.x, q.y, q.z, q.w)))
 
 
 def header_stamp_ns(cdr: bytes) -> int:

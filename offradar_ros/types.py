@@ -148,14 +148,38 @@ class PlaceTable:
         )
 
 
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
+class Alignment:
+    """Where a query was taken, seen from the scan of a place.
+
+    Attributes:
+        pose: (3,) float64: x forward and y to the left in metres, yaw counter-clockwise in radians, of the query's
+            vehicle in the frame of the place's vehicle, each at its stamp.
+        covariance: (3, 3) float64 of the pose.
+        score: correlation of the two scans there, −1 to 1.
+    """
+
+    pose: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    score: float
+
+
 @dataclasses.dataclass(frozen=True, slots=True)
 class Candidate:
-    """A place that a query resembles; `distance` is Euclidean, in embedding space."""
+    """A place that a query resembles.
+
+    Attributes:
+        distance: Euclidean, in embedding space.
+        uncertainty: U of the scan that the place holds.
+        pose: of the vehicle when that scan was taken.
+        alignment: of the query with that scan; None where they were not aligned.
+    """
 
     place_id: int
     distance: float
     uncertainty: float
     pose: Pose
+    alignment: Alignment | None = None
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -180,7 +204,7 @@ class Evidence:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Match:
-    """An accepted query and its places, nearest first.
+    """An accepted query and its places, the likeliest first: the nearest, unless alignments order them otherwise.
 
     `p_right` is the probability that the first place is within the tolerance of the vehicle, from the evidence; NaN
     where none is calibrated for the model. `threshold` is that of the paper's rule, on U.
@@ -200,6 +224,7 @@ class Reason(str, enum.Enum):
     UNCERTAIN = 'uncertain'
     UNKNOWN_PLACE = 'unknown_place'
     AMBIGUOUS = 'ambiguous'
+    UNVERIFIED = 'unverified'
     INVALID_EMBEDDING = 'invalid_embedding'
     MAP_EMPTY = 'map_empty'
     WRONG_MODEL = 'wrong_model'

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from offradar_ros.errors import RefusedInput
 from offradar_ros.geometry import (
@@ -21,6 +22,7 @@ from offradar_ros.geometry import (
     interpolate,
     utm_to_geodetic,
     wrap_angle,
+    yaw_of_quaternion,
 )
 from offradar_ros.types import Pose
 
@@ -121,6 +123,40 @@ def test_wrapped_angles_have_the_same_direction(angle: float) -> None:
 
 def test_half_a_turn_wraps_to_plus_pi() -> None:
     np.testing.assert_array_equal(wrap_angle(np.array([math.pi, -math.pi, 0.0])), [math.pi, math.pi, 0.0])
+
+
+@given(st.floats(-3.1, 3.1), st.floats(-1.4, 1.4), st.floats(-3.1, 3.1), st.floats(0.95, 1.05))
+def test_yaw_of_a_quaternion_is_where_its_x_axis_points(yaw: float, pitch: float, roll: float, length: float) -> None:
+    x, y, z, w = Rotation.from_euler('ZYX', [yaw, pitch, roll]).as_quat() * length
+    assert math.remainder(yaw_of_quaternion(x, y, z, w) - yaw, math.tau) == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    'quaternion',
+    [
+        (0.0, 0.0, 0.0, 0.0),
+        (0.0, 0.0, 0.0, math.nan),
+        (math.inf, 0.0, 0.0, 1.0),
+        (0.0, 0.0, 1e300, 1e300),
+        (0.0, 0.0, 0.0, 2.0),
+        (0.0, math.sqrt(0.5), 0.0, math.sqrt(0.5)),
+    ],
+    ids=['zeros', 'nan', 'inf', 'huge', 'too long', 'straight down'],
+)
+def test_a_quaternion_that_is_none_has_no_yaw(quaternion: tuple[float, float, float, float]) -> None:
+    assert math.isnan(yaw_of_quaternion(*quaternion))
+
+
+@pytest.mark.parametrize('latitude', [-34.0, 0.0, 51.75])
+@pytest.mark.parametrize('east_m', [-60_000.0, 0.0, 60_000.0])
+def test_headings_of_a_trajectory_turn_with_the_meridians(latitude: float, east_m: float) -> None:
+    frame = LocalFrame(GeoPoint(latitude, 7.0, 50.0))
+    start = frame.to_geodetic(np.array([[east_m, 20_000.0, 0.0]]))
+    # A vehicle that goes north-east by the meridian where it is.
+    metres = LocalFrame(GeoPoint(*start[0].tolist())).to_geodetic(np.array([[0.0, 0.0, 0.0], [10.0, 10.0, 0.0]]))
+    there = Trajectory(np.array([0, 10]), metres, np.full(2, math.pi / 4), geodetic=True).in_frame(frame)
+    east, north, _ = (there.positions[1] - there.positions[0]).tolist()
+    np.testing.assert_allclose(there.yaws_rad, math.atan2(north, east), atol=1e-4)
 
 
 def test_yaw_is_interpolated_along_the_shorter_arc_or_unknown() -> None:

@@ -3,36 +3,18 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from offradar_ros.alignment.coarse import Spectra, rough_poses, spectra
-from offradar_ros.alignment.refine import Edges, Slopes, edges, refine, slopes
+from offradar_ros.alignment.refine import Edges, Surface, edges, refine, surface
 from offradar_ros.alignment.signature import Signature
 from offradar_ros.alignment.top_down import STANDING, Twist, half, top_down
+from offradar_ros.types import Alignment
 
-MOST_YAWS = 8
-REACH_M = 20.0
-"""Farther away than this, a place is not aligned with."""
 _COARSE_PIXELS, _FINE_PIXELS = 1200, 3000
-_COARSE_STEPS, _FINE_STEPS = 8, 15
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class Alignment:
-    """Where a query was taken, seen from the scan of a place.
-
-    Attributes:
-        pose: (3,) float64: x forward and y to the left in metres, yaw counter-clockwise in radians, of the query's
-            vehicle in the frame of the place's vehicle, each at its stamp.
-        covariance: (3, 3) float64 of the pose.
-        score: correlation of the two scans there, −1 to 1.
-    """
-
-    pose: NDArray[np.float64]
-    covariance: NDArray[np.float64]
-    score: float
+_COARSE_STEPS, _FINE_STEPS = 2, 5
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -40,8 +22,8 @@ class PreparedPlace:
     """The scan of a place, ready for queries to be aligned with it."""
 
     spectra: Spectra
-    coarse: Slopes
-    fine: Slopes
+    coarse: Surface
+    fine: Surface
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -57,7 +39,7 @@ def prepare_place(signature: Signature, twist: Twist = STANDING) -> PreparedPlac
     """What an alignment needs of a place; `twist` is the velocity of its vehicle at the stamp."""
     fine = top_down(signature, twist)
     coarse = half(fine)
-    return PreparedPlace(spectra(signature, coarse), slopes(coarse), slopes(fine))
+    return PreparedPlace(spectra(signature, coarse), surface(coarse), surface(fine))
 
 
 def prepare_query(signature: Signature, twist: Twist = STANDING) -> PreparedQuery:
@@ -69,9 +51,12 @@ def prepare_query(signature: Signature, twist: Twist = STANDING) -> PreparedQuer
 
 def align(place: PreparedPlace, query: PreparedQuery) -> Alignment:
     """The best pose of the query in the frame of the place: rough poses, each refined, and the best one again."""
-    rough = rough_poses(place.spectra, query.spectra, MOST_YAWS, REACH_M)
-    coarse = [refine(place.coarse, query.coarse, pose, _COARSE_STEPS) for pose in rough]
-    best = max(coarse, key=lambda refined: refined.correlation)
-    fine = refine(place.fine, query.fine, best.pose, _FINE_STEPS)
-    covariance = np.asarray(np.linalg.pinv(fine.information), np.float64)
-    return Alignment(fine.pose, covariance, fine.correlation)
+    rough = refine(place.coarse, query.coarse, rough_poses(place.spectra, query.spectra), _COARSE_STEPS)
+    best = int(np.argmax(rough.correlations))
+    fine = refine(place.fine, query.fine, rough.poses[best : best + 1], _FINE_STEPS)
+    x_m, y_m, yaw_rad = fine.poses[0].tolist()
+    cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
+    turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
+    covariance = turn @ fine.covariances[0] @ turn.T
+    pose = np.array([x_m, y_m, math.remainder(yaw_rad, 2.0 * math.pi)])
+    return Alignment(pose, covariance, float(fine.correlations[0]))

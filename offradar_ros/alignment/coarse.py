@@ -9,6 +9,7 @@ correlation of the images from above with the query turned by each of the likely
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 
 import cv2
@@ -16,18 +17,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros.alignment.signature import Signature
-from offradar_ros.alignment.top_down import TopDown
+from offradar_ros.alignment.top_down import TopDown, across_m
 
+REACH_M = 20.0
+"""Farther away than this, a place is not aligned with."""
 _NEAR_SHARE = 0.65
 """Share of the ranges whose rotation counts: the near ones have more to say, and move more with the vehicle ..."""
 _SMOOTH_SECTORS, _SMOOTH_CELLS = 1.2, 1.5
 """... so they are compared smoothly."""
-_APART = 6
+_PEAKS_BY_AZIMUTH, _PEAKS_BY_DIRECTION = 3, 1
+_APART_RAD = math.radians(5.0)
+"""Yaws nearer to one another are the same."""
 _WHITENED = 0.7
 """0 is plain correlation and 1 phase correlation, which gives noise as much weight as returns."""
 _EDGE_CELLS = 4.0
 _DIRECTIONS = 180
-_LOWEST, _HIGHEST = 4, 0.8
+_LOWEST, _HIGHEST = 3, 0.8
 """First frequency in cycles of the padded image, and the last one as a share of the largest."""
 
 
@@ -38,14 +43,14 @@ class Spectra:
     Attributes:
         azimuths: (A/2 + 1, C) complex64, of the polar image along azimuth.
         directions: (B/2 + 1, F) complex64, of the magnitude of the spectrum along direction, over half a turn.
-        image: (S, S) float32, from above, with mean 0 and soft edges.
+        whitened: (S, S) float32, from above, with all frequencies about equally strong and a margin around it.
         cell_m: metres of its pixels.
         sectors: A.
     """
 
     azimuths: NDArray[np.complex64]
     directions: NDArray[np.complex64]
-    image: NDArray[np.float32]
+    whitened: NDArray[np.float32]
     cell_m: float
     sectors: int
 
@@ -57,63 +62,82 @@ def spectra(signature: Signature, view: TopDown) -> Spectra:
     around = np.concatenate([near[-8:], near, near[:8]])
     smooth = cv2.GaussianBlur(around, (0, 0), sigmaX=_SMOOTH_CELLS, sigmaY=_SMOOTH_SECTORS)[8:-8]
     azimuths = np.fft.rfft(smooth - smooth.mean(axis=0), axis=0).astype(np.complex64)
-    across = np.arange(view.side) + 0.5 - view.side / 2.0
-    inside = view.side / 2.0 - np.hypot(across[None, :], across[:, None])
-    taper = np.clip(inside / _EDGE_CELLS, 0.0, 1.0).astype(np.float32)
+    taper = _taper(view.side)
     mean = float((view.image * taper).sum() / taper.sum())
-    image = (view.image - mean) * taper
-    return Spectra(azimuths, _directions(image), image, view.cell_m, sectors)
+    # A shift within reach must not bring the far edge of the image back in.
+    margin = (cv2.getOptimalDFTSize(view.side + math.ceil(REACH_M / view.cell_m)) - view.side + 1) // 2
+    padded = cv2.copyMakeBorder((view.image - mean) * taper, margin, margin, margin, margin, cv2.BORDER_CONSTANT)
+    real, imaginary = cv2.split(cv2.dft(padded, flags=cv2.DFT_COMPLEX_OUTPUT))
+    strength = np.asarray(cv2.log(cv2.magnitude(real, imaginary) + 1.0), np.float32)
+    weaker = cv2.exp(-_WHITENED * strength)
+    spectrum = cv2.merge([real * weaker, imaginary * weaker])
+    whitened = np.asarray(cv2.idft(spectrum, flags=cv2.DFT_REAL_OUTPUT | cv2.DFT_SCALE), np.float32)
+    return Spectra(azimuths, _directions(strength), whitened, view.cell_m, sectors)
 
 
-def _directions(image: NDArray[np.float32]) -> NDArray[np.complex64]:
+def _directions(strength: NDArray[np.float32]) -> NDArray[np.complex64]:
     """Of the magnitude of the image's spectrum, sampled by direction over half a turn and by frequency."""
-    side = 2 * len(image)
-    magnitude = np.log1p(np.abs(np.fft.fftshift(np.fft.fft2(image, (side, side))))).astype(np.float32)
+    zero = len(strength) // 2
+    shifted = cv2.GaussianBlur(np.roll(strength, (zero, zero), (0, 1)), (0, 0), 1.0)
+    polar = cv2.remap(shifted, *_frequencies(len(strength)), cv2.INTER_LINEAR)
+    return np.fft.rfft(polar - polar.mean(axis=0), axis=0).astype(np.complex64)
+
+
+@functools.lru_cache(maxsize=4)
+def _taper(side: int) -> NDArray[np.float32]:
+    """(S, S) 1 but for soft edges of the disc."""
+    middle = across_m(side, 1.0)
+    inside = side / 2.0 - np.hypot(middle[None, :], middle[:, None])
+    return np.clip(inside / _EDGE_CELLS, 0.0, 1.0).astype(np.float32)
+
+
+@functools.lru_cache(maxsize=4)
+def _frequencies(side: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Columns and rows, (B, F) each, of a spectrum by direction and frequency, with frequency 0 at side // 2."""
     angles = (np.arange(_DIRECTIONS) * (math.pi / _DIRECTIONS))[:, None]
     frequencies = np.arange(_LOWEST, _HIGHEST * side / 2)[None, :]
-    columns = (side / 2 + frequencies * np.cos(angles)).astype(np.float32)
-    rows = (side / 2 + frequencies * np.sin(angles)).astype(np.float32)
-    polar = cv2.remap(cv2.GaussianBlur(magnitude, (0, 0), 1.0), columns, rows, cv2.INTER_LINEAR)
-    polar -= polar.mean(axis=0)
-    return np.fft.rfft(polar, axis=0).astype(np.complex64)
+    columns, rows = side // 2 + frequencies * np.cos(angles), side // 2 + frequencies * np.sin(angles)
+    return columns.astype(np.float32), rows.astype(np.float32)
 
 
-def rough_poses(place: Spectra, query: Spectra, most: int, reach_m: float) -> list[NDArray[np.float64]]:
-    """Up to `most` poses (x, y, yaw) of the query, the likeliest first, within `reach_m` of the place."""
-    side = 2 * len(place.image)
-    before = np.fft.rfft2(place.image, (side, side))
-    limit = min(round(reach_m / place.cell_m), len(place.image) - 1)
-    found: list[tuple[float, NDArray[np.float64]]] = []
-    for yaw in _yaws(place, query, most):
-        turned = np.fft.rfft2(_turned(query.image, yaw), (side, side))
-        cross = before * np.conj(turned)
-        surface = np.fft.irfft2(cross / (np.abs(cross) ** _WHITENED + 1e-6), (side, side))
-        # Shifts around zero, in both directions.
-        around = np.roll(surface, (limit, limit), (0, 1))[: 2 * limit + 1, : 2 * limit + 1]
+def rough_poses(place: Spectra, query: Spectra) -> NDArray[np.float64]:
+    """(K, 3) poses (x, y, yaw) of the query, the likeliest first, within `REACH_M` of the place."""
+    before = cv2.dft(place.whitened)
+    limit = math.floor(REACH_M / place.cell_m)
+    shifts = np.arange(-limit, limit + 1)
+    heights, poses = [], []
+    for yaw in _yaws(place, query):
+        turned = cv2.dft(_turned(query.whitened, yaw))
+        surface = cv2.idft(cv2.mulSpectrums(before, turned, 0, conjB=True), flags=cv2.DFT_REAL_OUTPUT)
+        around = surface[shifts[:, None], shifts[None, :]]
         row, column = np.unravel_index(int(np.argmax(around)), around.shape)
-        height = float(around[row, column] / max(float(surface.std()), 1e-9))
-        shift = (column - limit) * place.cell_m, (row - limit) * place.cell_m
-        found.append((height, np.array([*shift, yaw])))
-    return [pose for _, pose in sorted(found, key=lambda item: -item[0])]
+        heights.append(float(around[row, column]))
+        poses.append((shifts[column] * place.cell_m, shifts[row] * place.cell_m, yaw))
+    return np.array(poses)[np.argsort(heights)[::-1]]
 
 
-def _yaws(place: Spectra, query: Spectra, most: int) -> list[float]:
-    """About `most` likely yaws of the query, in radians: half of them by azimuth, half by direction."""
+def _yaws(place: Spectra, query: Spectra) -> list[float]:
+    """Likely yaws of the query, in radians."""
     by_azimuth = np.fft.irfft(np.sum(place.azimuths * np.conj(query.azimuths), axis=1), n=place.sectors)
     by_direction = np.fft.irfft(np.sum(place.directions * np.conj(query.directions), axis=1), n=_DIRECTIONS)
     # Azimuths are clockwise, directions from x to y. A row of the query is so many rows later in the place.
-    yaws = [-2.0 * math.pi * peak / place.sectors for peak in _peaks(by_azimuth, most // 2)]
-    for peak in _peaks(by_direction, most // 4 or 1):
+    yaws = [-2.0 * math.pi * peak / place.sectors for peak in _peaks(by_azimuth, _PEAKS_BY_AZIMUTH)]
+    for peak in _peaks(by_direction, _PEAKS_BY_DIRECTION):
         yaws += [math.pi * peak / _DIRECTIONS, math.pi * peak / _DIRECTIONS + math.pi]
-    return [math.remainder(yaw, 2.0 * math.pi) for yaw in yaws]
+    chosen: list[float] = []
+    for yaw in yaws:
+        if all(abs(math.remainder(yaw - other, 2.0 * math.pi)) > _APART_RAD for other in chosen):
+            chosen.append(math.remainder(yaw, 2.0 * math.pi))
+    return chosen
 
 
 def _peaks(likeness: NDArray[np.float64], most: int) -> list[int]:
     """Indices of the highest values, apart from one another."""
+    apart = 6
     likeness, peaks = likeness.copy(), []
     for _ in range(most):
         peaks.append(int(np.argmax(likeness)))
-        likeness[np.arange(peaks[-1] - _APART, peaks[-1] + _APART + 1) % len(likeness)] = -np.inf
+        likeness[np.arange(peaks[-1] - apart, peaks[-1] + apart + 1) % len(likeness)] = -np.inf
     return peaks
 
 

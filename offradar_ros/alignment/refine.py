@@ -1,26 +1,32 @@
-"""From a rough pose to the pose of the largest correlation.
+"""From rough poses to poses of the largest correlation nearby.
 
-Enhanced correlation coefficient (Evangelidis and Psarakis, TPAMI 2008) with three unknowns, over the pixels of the
-query where its image changes most. Brightness and contrast of the two scans may differ: the coefficient knows neither.
+Enhanced correlation coefficient (Evangelidis and Psarakis, TPAMI 2008) in its inverse compositional form, with three
+unknowns, over the pixels of the query where its image changes most. Brightness and contrast of the two scans may
+differ: the coefficient knows neither. What belongs to the query alone is computed once, and several poses are refined
+at the same time.
 """
 
 from __future__ import annotations
 
 import dataclasses
-import math
+from typing import NamedTuple
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from offradar_ros.alignment.top_down import TopDown
+from offradar_ros.alignment.top_down import TopDown, across_m
 
 Array = NDArray[np.float64]
+Image = NDArray[np.float32]
 
-_LONGEST_STEP_M, _LARGEST_TURN_RAD = 1.0, 0.03
-_SMALL_M, _SMALL_RAD = 0.005, 1e-4
+_LARGEST_STEP = np.array([1.0, 1.0, 0.03])
+_SMALL_STEP = np.array([0.01, 0.01, 2e-4])
+"""Metres, metres and radians."""
 _FEWEST = 64
 """Pixels that must be seen by both scans."""
+_LEAST_COSINE, _LEAST_POWER = 0.1, 1e-6
+_REGULAR = 1e-6 * np.eye(4)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -28,105 +34,136 @@ class Edges:
     """The pixels of a query where its image changes most.
 
     Attributes:
-        points_m: (N, 2) float64, x and y.
-        values: (N,) float64.
+        points_m: (3, N) float32, x, y and 1.
+        terms: (5, N) float32: 1, derivatives of the value as the query moves along x and y and turns, and the value.
+        products: (25, N) float32, of each two terms.
     """
 
-    points_m: Array
-    values: Array
+    points_m: Image
+    terms: Image
+    products: Image
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Slopes:
-    """The image of a map scan and its derivatives.
+class Surface:
+    """The image of a map scan.
 
     Attributes:
-        layers: (S, S, 4) float32: value, its derivatives by x and by y in 1/m, and 1 where it is seen.
+        layers: (S, S, 2) float32: value, and 1 where it is seen.
         cell_m: metres of a pixel.
     """
 
-    layers: NDArray[np.float32]
+    layers: Image
     cell_m: float
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Refined:
-    """A pose and how well the scans agree there.
+    """Poses and how well the scans agree there.
 
     Attributes:
-        pose: (3,) x, y in metres and yaw in radians of the query in the frame of the map scan.
-        correlation: of the values that both scans have, −1 to 1.
-        information: (3, 3) of the pose, the inverse of its covariance if the differences of pixels were independent.
+        poses: (K, 3) x, y in metres and yaw in radians of the query in the frame of the map scan.
+        correlations: (K,) of the values that both scans have, −1 to 1.
+        covariances: (K, 3, 3) of each pose in the frame of the query, as if the differences of pixels were independent.
     """
 
-    pose: Array
-    correlation: float
-    information: Array
+    poses: Array
+    correlations: Array
+    covariances: Array
 
 
 def edges(view: TopDown, most: int) -> Edges:
     """The `most` pixels of a query with the largest slope."""
-    across_m = (np.arange(view.side) + 0.5 - view.side / 2.0) * view.cell_m
-    # A slope at the edge of what is seen is that of the scan's reach.
-    inside = cv2.erode(view.seen, np.ones((3, 3), np.uint8))
-    slope = np.hypot(cv2.Sobel(view.image, -1, 1, 0), cv2.Sobel(view.image, -1, 0, 1)) * inside
-    chosen = np.argpartition(-slope.ravel(), min(most, slope.size - 1))[:most]
-    chosen = chosen[slope.ravel()[chosen] > 0.0]
-    rows, columns = np.divmod(chosen, view.side)
-    return Edges(np.column_stack([across_m[columns], across_m[rows]]), view.image.ravel()[chosen].astype(np.float64))
-
-
-def slopes(view: TopDown) -> Slopes:
-    """The image of a map scan with its derivatives."""
     scale = 1.0 / (8.0 * view.cell_m)
     dx, dy = cv2.Sobel(view.image, -1, 1, 0, scale=scale), cv2.Sobel(view.image, -1, 0, 1, scale=scale)
-    return Slopes(np.dstack([view.image, dx, dy, view.seen]), view.cell_m)
+    # A slope at the edge of what is seen is that of the scan's reach.
+    slope = ((dx * dx + dy * dy) * cv2.erode(view.seen, np.ones((3, 3), np.uint8))).ravel()
+    chosen = np.flatnonzero(slope)
+    if len(chosen) > most:
+        chosen = chosen[np.argpartition(-slope[chosen], most)[:most]]
+    middle_m = across_m(view.side, view.cell_m)
+    y_m, x_m = middle_m[chosen // view.side], middle_m[chosen % view.side]
+    value, dx, dy = (image.ravel()[chosen] for image in (view.image, dx, dy))
+    ones = np.ones_like(value)
+    terms = np.stack([ones, dx, dy, dy * x_m - dx * y_m, value])
+    products = (terms[:, None, :] * terms[None, :, :]).reshape(25, -1)
+    return Edges(np.stack([x_m, y_m, ones]), terms, products)
 
 
-def refine(place: Slopes, query: Edges, pose: Array, most_steps: int) -> Refined:
-    """Climb from a pose to the largest correlation nearby."""
-    found = Refined(pose, -1.0, np.zeros((3, 3)))
-    if len(query.values) < _FEWEST:
-        return found
+def surface(view: TopDown) -> Surface:
+    """The image of a map scan, ready to be sampled."""
+    return Surface(np.dstack([view.image, view.seen]), view.cell_m)
+
+
+def refine(place: Surface, query: Edges, poses: Array, most_steps: int) -> Refined:
+    """Climb from (K, 3) poses to the largest correlations nearby."""
+    if query.terms.shape[1] < _FEWEST:
+        return Refined(poses, np.full(len(poses), -1.0), np.zeros((len(poses), 3, 3)))
+    found = _compared(place, query, poses)
     for _ in range(most_steps):
-        value, jacobian, expected = _compared(place, query, pose)
-        if len(value) < _FEWEST:
-            return found
-        normal = jacobian.T @ jacobian + 1e-9 * np.eye(3)
-        inner, outer = jacobian.T @ value, jacobian.T @ expected
-        solved = np.linalg.solve(normal, np.column_stack([inner, outer]))
-        # Eq. 25: the contrast at which the linearised images agree best.
-        contrast = (value @ value - inner @ solved[:, 0]) / max(value @ expected - inner @ solved[:, 1], 1e-9)
-        residual = contrast * expected - value
-        correlation = float(value @ expected) / max(float(np.linalg.norm(value)), 1e-9)
-        found = Refined(pose, correlation, normal * (len(value) / max(float(residual @ residual), 1e-9)))
-        step = contrast * solved[:, 1] - solved[:, 0]
-        step[:2] = np.clip(step[:2], -_LONGEST_STEP_M, _LONGEST_STEP_M)
-        step[2] = np.clip(step[2], -_LARGEST_TURN_RAD, _LARGEST_TURN_RAD)
-        pose = pose + step
-        if np.abs(step[:2]).max() < _SMALL_M and abs(step[2]) < _SMALL_RAD:
+        if np.all(np.abs(found.steps) < _SMALL_STEP):
             break
-    return dataclasses.replace(found, pose=pose)
+        poses = _moved(poses, found.steps)
+        found = _compared(place, query, poses)
+    covariances = np.asarray(np.linalg.inv(found.information), np.float64)
+    return Refined(poses, found.correlations, covariances[:, 1:, 1:])
 
 
-def _compared(place: Slopes, query: Edges, pose: Array) -> tuple[Array, Array, Array]:
-    """Values of the map scan where the query's pixels fall, their derivatives by the pose, and the query's values.
+class _Compared(NamedTuple):
+    """How well the query's pixels agree with the map scan where they fall.
 
-    All have mean 0; the query's have norm 1.
+    Attributes:
+        correlations: (K,)
+        steps: (K, 3) of the query in its own frame, after which it would agree best.
+        information: (K, 4, 4) of brightness and step.
     """
-    cos, sin = math.cos(pose[2]), math.sin(pose[2])
-    x, y = query.points_m.T
-    x_m, y_m = cos * x - sin * y, sin * x + cos * y
-    middle = len(place.layers) / 2.0 - 0.5
-    columns = ((x_m + pose[0]) / place.cell_m + middle).astype(np.float32)[None]
-    rows = ((y_m + pose[1]) / place.cell_m + middle).astype(np.float32)[None]
-    value, dx, dy, seen = cv2.remap(place.layers, columns, rows, cv2.INTER_LINEAR)[0].T.astype(np.float64)
-    by_yaw = dy * x_m - dx * y_m
-    both = seen > 0.99
-    jacobian, expected = np.column_stack([dx, dy, by_yaw])[both], query.values[both]
-    value = value[both]
-    if not len(value):
-        return value, jacobian, expected
-    expected = expected - expected.mean()
-    norm = float(np.linalg.norm(expected))
-    return value - value.mean(), jacobian - jacobian.mean(axis=0), expected / max(norm, 1e-9)
+
+    correlations: Array
+    steps: Array
+    information: Array
+
+
+def _compared(place: Surface, query: Edges, poses: Array) -> _Compared:
+    """Least squares over brightness and step, once for the query's values t and once for the map scan's values i."""
+    value, both = _sampled(place, query.points_m, poses)
+    sums = (both @ query.products.T).reshape(-1, 5, 5).astype(np.float64)
+    across = (value @ query.terms.T).astype(np.float64)
+    normal = sums[:, :4, :4] + _REGULAR
+    sides = np.stack([sums[:, :4, 4], across[:, :4]], axis=-1)
+    solved = np.linalg.solve(normal, sides)
+    count, t_sum, i_sum = np.maximum(sums[:, 0, 0], 1.0), sums[:, 0, 4], across[:, 0]
+    tt = np.maximum(sums[:, 4, 4] - t_sum * t_sum / count, _LEAST_POWER)
+    ii = np.maximum(np.einsum('kn,kn->k', value, value) - i_sum * i_sum / count, _LEAST_POWER)
+    ti = across[:, 4] - t_sum * i_sum / count
+    # Eq. 25: the contrast at which the linearised images agree best.
+    explained = np.einsum('kn,knm->km', sides[..., 0], solved)
+    agreeing = np.maximum(across[:, 4] - explained[:, 1], _LEAST_COSINE * np.sqrt(tt * ii))
+    contrast = (sums[:, 4, 4] - explained[:, 0]) / agreeing
+    step = contrast[:, None] * solved[:, 1:, 1] - solved[:, 1:, 0]
+    step = np.minimum(np.maximum(step, -_LARGEST_STEP), _LARGEST_STEP)
+    variance = np.maximum(contrast * (contrast * ii - 2.0 * ti) + tt, _LEAST_POWER) / count
+    correlation = ti / np.sqrt(tt * ii)
+    if count.min() < _FEWEST:
+        step[count < _FEWEST], correlation[count < _FEWEST] = 0.0, -1.0
+    return _Compared(correlation, step, normal / variance[:, None, None])
+
+
+def _sampled(place: Surface, points_m: Image, poses: Array) -> tuple[Image, Image]:
+    """(K, N) the map scan where the query's pixels fall, and whether it has a value there; 0 where it has none."""
+    cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    middle_m = (len(place.layers) / 2.0 - 0.5) * place.cell_m
+    to_column = np.stack([cos, -sin, poses[:, 0] + middle_m], axis=1) / place.cell_m
+    to_row = np.stack([sin, cos, poses[:, 1] + middle_m], axis=1) / place.cell_m
+    columns, rows = to_column.astype(np.float32) @ points_m, to_row.astype(np.float32) @ points_m
+    layers = cv2.remap(place.layers, columns, rows, cv2.INTER_LINEAR).reshape(*columns.shape, 2)
+    both = (layers[..., 1] > 0.99).astype(np.float32)
+    return layers[..., 0] * both, both
+
+
+def _moved(poses: Array, steps: Array) -> Array:
+    """The poses, each moved so that the query's image at `steps` falls where it was."""
+    yaws = poses[:, 2] - steps[:, 2]
+    cos, sin = np.cos(yaws), np.sin(yaws)
+    x_m = poses[:, 0] - cos * steps[:, 0] + sin * steps[:, 1]
+    y_m = poses[:, 1] - sin * steps[:, 0] - cos * steps[:, 1]
+    return np.stack([x_m, y_m, yaws], axis=1)

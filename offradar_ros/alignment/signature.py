@@ -18,6 +18,8 @@ BRIGHTEST = 15
 LONGEST_TURN_S = 10.0
 """When the rows of a slower turn were measured counts as unknown."""
 _GRID = PolarGridConfig(azimuths=200, range_bins=80, resolution_m=1.0, min_range_m=4.0)
+_FEWEST_ROWS = 8
+"""With fewer, how far apart rows are measured is unknown."""
 _MOST_CELLS, _MOST_ROWS, _LONGEST_ROW = 16_000, 800, 160
 
 
@@ -89,13 +91,23 @@ class SignatureMaker:
         self._grid = PolarToGrid(config.grid)
 
     def __call__(self, scan: PolarScan) -> Signature:
-        """The signature of a scan."""
-        power = self._grid(scan).astype(np.float32)
+        """The signature of a scan; rows without any power were not measured."""
+        power = self._grid(_measured(scan)).astype(np.float32)
         blank = math.ceil(self.config.grid.min_range_m / self.config.grid.resolution_m)
         noise = np.median(power[:, blank:], axis=1, keepdims=True)
         above = np.clip((power - noise - self.config.above_noise) * (BRIGHTEST / self.config.span), 0.0, BRIGHTEST)
         start_s, turn_s = _sweep(scan)
         return Signature(np.rint(above).astype(np.uint8), np.any(power, axis=1), start_s, turn_s, self.config)
+
+
+def _measured(scan: PolarScan) -> PolarScan:
+    """The scan without its rows of zeros, which would darken the sectors that they share with others."""
+    rows = scan.power.any(axis=1)
+    if rows.all() or np.count_nonzero(rows) < _FEWEST_ROWS:
+        return scan
+    return dataclasses.replace(
+        scan, power=scan.power[rows], azimuths_rad=scan.azimuths_rad[rows], azimuth_stamps_ns=None
+    )
 
 
 def _sweep(scan: PolarScan) -> tuple[float, float]:

@@ -9,11 +9,14 @@ from numpy.typing import NDArray
 
 from offradar_ros.config import ConfidenceConfig
 from offradar_ros.errors import DataError
-from offradar_ros.retrieval.confidence import TERMS
+from offradar_ros.retrieval.confidence import TERMS, verified
 from offradar_ros.retrieval.evidence import EvidenceTable
 
 RIDGE = 1.0
 """Weight of the squares of the standardised coefficients, in queries: it matters where hardly an answer is wrong."""
+
+_ROUNDS = 4
+"""After so many the first places do not change any more."""
 
 PRIOR_QUERIES = 10.0
 """The same of their differences from known coefficients. A compromise on the worlds of the protocol `confidence`: fewer
@@ -90,6 +93,54 @@ def fit_confidence(
     values = dict(zip(TERMS, coefficients.tolist(), strict=True))
     intercept = float(found.x[0] - coefficients @ mean)
     return dataclasses.replace(scales, base_rate=_base_rate(right, weights, prior), intercept=intercept, **values)
+
+
+def fit_verified(
+    odds: NDArray[np.float64],
+    scores: NDArray[np.float64],
+    right: NDArray[np.bool_],
+    nearest_odds: NDArray[np.float64],
+    weights: NDArray[np.float64],
+    found: ConfidenceConfig,
+) -> ConfidenceConfig:
+    """`found`, with the coefficients of highest likelihood of answers whose places were aligned with the query.
+
+    Which place comes first depends on the coefficients, so they are fitted to the first places by the ones before,
+    a few times. Their likelihood is that of `fit_confidence`, with bounds at 0 from below.
+
+    Args:
+        odds: (Q, k) float64 log-odds of `found` for each of the nearest places, as if it were the answer.
+        scores: (Q, k) float64 of the alignments.
+        right: (Q, k) whether the place is within the tolerance of the query.
+        nearest_odds: (Q, k) float64 log-odds by which the places are ordered: those of the nearest place, with the
+            distances of each (`similar_places`).
+        weights: (Q,) float64, how much each query counts; their sum is scaled to Q.
+        found: all other coefficients.
+
+    DataError if no answer is right, or none is wrong.
+    """
+    from scipy.optimize import minimize  # noqa: PLC0415
+
+    if right.all() or not right.any():
+        raise DataError('expected right and wrong answers to learn from: leave out a part of the map')
+    weights = weights * (len(weights) / weights.sum())
+    every = np.arange(len(odds))
+    for _ in range(_ROUNDS):
+        first = np.argmax(verified(nearest_odds, scores, found), axis=1)
+        design = np.column_stack([np.ones(len(odds)), odds[every, first], scores[every, first]])
+        signs = np.where(right[every, first], 1.0, -1.0)
+
+        def loss(
+            vector: NDArray[np.float64], design: NDArray[np.float64] = design, signs: NDArray[np.float64] = signs
+        ) -> tuple[float, NDArray[np.float64]]:
+            margins = signs * (design @ vector)
+            slopes = -weights * signs * 0.5 * (1.0 - np.tanh(0.5 * margins))
+            return float(weights @ np.logaddexp(0.0, -margins)), design.T @ slopes
+
+        bounds = [(None, None), (0.0, None), (0.0, None)]
+        intercept, by_odds, score = minimize(loss, np.array([0.0, 1.0, 0.0]), jac=True, bounds=bounds).x.tolist()
+        found = dataclasses.replace(found, verified_intercept=intercept, verified_log_odds=by_odds, score=score)
+    return found
 
 
 def _base_rate(right: NDArray[np.bool_], weights: NDArray[np.float64], prior: ConfidenceConfig | None) -> float:

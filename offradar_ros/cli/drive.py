@@ -23,6 +23,7 @@ from offradar_ros.errors import DataError, MapError
 from offradar_ros.geometry import GeoPoint
 from offradar_ros.mapping.map_reader import status_of
 from offradar_ros.mapping.sessions import SessionMap
+from offradar_ros.mapping.signature_file import SignatureFile
 from offradar_ros.mapping.store import MapStore
 from offradar_ros.recordings.bags.position_topic import position_topic
 from offradar_ros.recordings.bags.positions import read_positions
@@ -32,7 +33,7 @@ from offradar_ros.recordings.bags.topics import ChosenTopics
 from offradar_ros.recordings.datasets.check.findings import counted
 from offradar_ros.recordings.drive import POSITION_TYPES, DriveResult
 from offradar_ros.recordings.drive import drive as drive_through
-from offradar_ros.recordings.truth import errors_m, on_map, true_positions
+from offradar_ros.recordings.truth import errors_m, on_map, true_poses
 from offradar_ros.records import require_writable
 from offradar_ros.types import Match, PlaceTable, Reason, Rejection
 
@@ -63,7 +64,10 @@ def drive(
         if session is None:
             places, origin = _read_only(config.map.path, encoder.info)
             with progress_bar(f'driving {bag.name}') as progress:
-                result = drive_through(opened, config, encoder, places, topics=topics, progress=progress)
+                signatures = SignatureFile(Path(config.map.path)) if config.map.path else None
+                result = drive_through(
+                    opened, config, encoder, places, topics=topics, signatures=signatures, progress=progress
+                )
         else:
             result, origin, places = _mapped(opened, config, encoder, session, topics)
         track = _truth(opened, config, track_topic, result, origin)
@@ -169,7 +173,7 @@ def _truth(
     if topic is None:
         return np.full((len(result.outcomes), 2), np.nan)
     trajectory, _ = read_positions(opened, topic)
-    return true_positions(result.outcomes, trajectory, origin, round(config.position.max_gap_s * 1e9))
+    return true_poses(result.outcomes, trajectory, origin, config.position)[:, :2]
 
 
 def _print(result: DriveResult) -> None:

@@ -1,4 +1,4 @@
-"""Embeddings that wait for the position at their stamp."""
+"""Embeddings that wait for the pose at their stamp."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import dataclasses
 
 from offradar_ros.config import PositionConfig
 from offradar_ros.geometry import NoPosition, PositionBuffer
+from offradar_ros.positions.headings import Headings
 from offradar_ros.types import Embedding, Pose
 
 MAX_WAITING = 16_384
@@ -30,7 +31,9 @@ class PendingEmbeddings:
 
     def __init__(self, config: PositionConfig) -> None:
         self._wait_ns = round(config.wait_s * 1e9)
-        self._positions = PositionBuffer(round(config.max_gap_s * 1e9))
+        max_gap_ns = round(config.max_gap_s * 1e9)
+        self._headings = Headings(config.heading, max_gap_ns)
+        self._positions = PositionBuffer(max_gap_ns)
         self._waiting: collections.deque[Embedding] = collections.deque()
         self._waiting_bytes = 0
         self._newest_ns = 0
@@ -47,14 +50,19 @@ class PendingEmbeddings:
     @property
     def last_position_ns(self) -> int | None:
         """Stamp of the newest position."""
-        return self._positions.last_stamp_ns
+        return self._headings.last_ns
+
+    @property
+    def heading_problem(self) -> str:
+        """What is wrong with the headings that come with positions; empty if nothing is."""
+        return self._headings.problem
 
     def add_position(self, stamp_ns: int, pose: Pose) -> list[Resolved]:
-        """Add a position; returns the embeddings that it resolves.
+        """Add a position; returns the embeddings that it resolves, by the heading that it decides of those before it.
 
         RefusedInput if it is not finite or not newer than the last.
         """
-        self._positions.add(stamp_ns, pose)
+        self._take_positions(self._headings.add(stamp_ns, pose))
         return self._resolve()
 
     def add_embedding(self, embedding: Embedding) -> list[Resolved]:
@@ -71,6 +79,11 @@ class PendingEmbeddings:
             resolved.append(Resolved(self._take(), None, 'too_many_waiting'))
         return resolved
 
+    def settle(self) -> list[Resolved]:
+        """Resolve the embeddings between the positions so far, whose headings no later position will decide."""
+        self._take_positions(self._headings.settle())
+        return self._resolve()
+
     def flush(self) -> list[Resolved]:
         """Resolve every waiting embedding: those without a position are dropped, as at the end of a recording."""
         return self._resolve(final=True)
@@ -82,7 +95,12 @@ class PendingEmbeddings:
 
     def forget_positions(self) -> None:
         """Remove the positions, as when they belong to an earlier run; embeddings still wait."""
+        self._headings.reset()
         self._positions.clear()
+
+    def _take_positions(self, positions: list[tuple[int, Pose]]) -> None:
+        for stamp_ns, pose in positions:
+            self._positions.add(stamp_ns, pose)
 
     def _take(self) -> Embedding:
         embedding = self._waiting.popleft()
@@ -94,8 +112,12 @@ class PendingEmbeddings:
         while self._waiting:
             pose = self._positions.at(self._waiting[0].stamp_ns)
             overdue = final or self._newest_ns - self._waiting[0].stamp_ns > self._wait_ns
-            if pose is NoPosition.NOT_YET and not overdue:
-                break
+            if pose is NoPosition.NOT_YET:
+                if not overdue:
+                    break
+                # A position whose heading is not known for sure is one all the same.
+                self._take_positions(self._headings.settle())
+                pose = self._positions.at(self._waiting[0].stamp_ns)
             embedding = self._take()
             if isinstance(pose, Pose):
                 resolved.append(Resolved(embedding, pose))

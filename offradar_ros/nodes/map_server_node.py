@@ -177,6 +177,8 @@ class MapServerNode(StageNode):
             yield trouble
         if problem := self.stage.problem():
             yield Trouble('origin', problem, is_error=True)
+        if problem := self.stage.heading_problem():
+            yield Trouble('heading', problem)
         # An embedding arrives later than its scan by what the encoder takes.
         if clocks := clock_problem(self._clocks.offset_s(), CLOCK_OFFSET_S):
             yield Trouble('clocks_apart', clocks)

@@ -6,6 +6,7 @@ import math
 import sys
 import traceback
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,10 +29,16 @@ from offradar_ros.ros.diagnostics import Trouble
 from offradar_ros.ros.embedding_message import embedding_record
 from offradar_ros.ros.ledger import Ledger
 from offradar_ros.ros.localisation_message import localisation_message, localisation_pose_message
-from offradar_ros.ros.outcome_message import match_message, match_pose_message, rejection_message
+from offradar_ros.ros.outcome_message import (
+    match_message,
+    match_pose_message,
+    rejection_message,
+    vehicle_pose_message,
+)
 from offradar_ros.ros.place_message import descriptors_record, is_read_the_file
 from offradar_ros.ros.run import run
 from offradar_ros.ros.stage_node import StageNode
+from offradar_ros.stages.initial_pose import InitialPose
 from offradar_ros.stages.query import QueryStage
 from offradar_ros.types import Embedding, LocalisationState, Match, Outcome, Reason, Rejection
 
@@ -55,6 +62,9 @@ class QueryNode(StageNode):
         self._localisations = self.publisher(DiagnosticArray, 'localisation', qos.RESULTS)
         self._localisation_poses = self.publisher(PoseWithCovarianceStamped, 'localisation_pose', qos.RESULTS)
         self._p_on_map = self.publisher(Float64, 'p_on_map', qos.RESULTS)
+        self._initial, self._initial_poses = InitialPose(), None
+        if self.config.query.initial_pose:
+            self._initial_poses = self.publisher(PoseWithCovarianceStamped, 'initialpose', qos.RESULTS)
         self.create_service(Trigger, '~/relocalise', self._relocalise)
         self.create_service(Trigger, '~/start_recording', self._start_recording)
         self._seen = SeenStamps(round(self.config.radar.restart_after_s * 1e9))
@@ -97,6 +107,8 @@ class QueryNode(StageNode):
             self.status.facts['mean_uncertainty'] = f'{self.stage.mean_uncertainty:.4f}'
         # Without a map, `troubles` says why.
         self.status.warning = self.stage.warning if self.stage.places else ''
+        not_aligned = self.stage.not_aligned
+        self.status.facts['alignment'] = f'off: {not_aligned}' if not_aligned else 'on'
         if not_localised := self.stage.not_localised:
             self.status.facts['localisation'] = f'off: {not_localised}'
 
@@ -169,13 +181,13 @@ class QueryNode(StageNode):
         if isinstance(outcome, Match):
             self.status.counts['matched'] += 1
             self._matches.publish(match_message(outcome))
-            self._poses.publish(match_pose_message(outcome, self.config.query.position_sigma_m))
+            self._poses.publish(match_pose_message(outcome, self.config.query))
             self._ledger.settle('matched')
         else:
             self.status.counts[f'rejected.{outcome.reason.value}'] += 1
             self._rejections.publish(rejection_message(outcome))
             self._ledger.settle('rejected')
-        self.guarded('localisation', self._localise)
+        self.guarded('localisation', partial(self._localise, outcome))
 
     def _outcome(self, embedding: Embedding) -> Outcome:
         """The answer; also where the search fails, so that no scan waits for one."""
@@ -186,10 +198,13 @@ class QueryNode(StageNode):
             detail = f'the search failed: {type(error).__name__}'
             return Rejection(embedding.stamp_ns, Reason.INVALID_EMBEDDING, math.nan, self.stage.threshold, (), detail)
 
-    def _localise(self) -> None:
+    def _localise(self, outcome: Outcome) -> None:
         found = self.stage.localise()
         if found is None:
             return
+        config = self.config.query
+        if self._initial_poses and (pose := self._initial.pose(outcome, found, config)):
+            self._initial_poses.publish(vehicle_pose_message(outcome.stamp_ns, pose, config))
         self.status.facts['localisation'] = found.state.value
         self._localisations.publish(localisation_message(found))
         self._p_on_map.publish(Float64(data=found.p_on_map))
@@ -208,6 +223,7 @@ class QueryNode(StageNode):
     def _relocalise(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if self.active:
             answer = self.stage.relocalise()
+            self._initial.ask()
             response.success, response.message = answer.found, answer.detail
         else:
             response.success, response.message = False, 'the node is not active'

@@ -24,6 +24,7 @@ from offradar_ros.recordings.bags.scan_topic import DECODERS, scan_topic
 from offradar_ros.recordings.bags.topics import FIX_TYPE, ODOMETRY_TYPE, VEHICLE_ODOMETRY, ChosenTopics
 from offradar_ros.recordings.datasets.check.clocks import ScanClock
 from offradar_ros.recordings.datasets.check.repeats import Repeats
+from offradar_ros.retrieval.signature_source import SignatureSource
 from offradar_ros.stages.encode import EncodeStage
 from offradar_ros.stages.map import MapStage, MapUpdate
 from offradar_ros.stages.query import QueryStage
@@ -61,6 +62,7 @@ def drive(
     *,
     session: str | None = None,
     topics: ChosenTopics | None = None,
+    signatures: SignatureSource | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> DriveResult:
     """Encode, map (if `session` names one) and query every scan of a bag, as the nodes do on the vehicle.
@@ -69,7 +71,8 @@ def drive(
     meant and `topics` does not say so. Where `topics` chooses the positions, their type decides, not position.source.
 
     Queries search the map as of the last ended session; without query.exclude_current_session, the running one too.
-    A drive that maps nothing may search a table of places instead, made with the encoder's model.
+    A drive that maps nothing may search a table of places instead, made with the encoder's model, with `signatures` of
+    their scans.
     """
     chosen = topics or ChosenTopics()
     scans = scan_topic(bag, config.radar, chosen.scans)
@@ -80,7 +83,9 @@ def drive(
         # Who maps nothing needs none; they only tell whether the clocks agree.
         if session is not None:
             raise
-    whole = _Drive(bag, config, encoder, session_map, session, scans, positions)
+    if isinstance(session_map, SessionMap):
+        signatures = session_map.signatures
+    whole = _Drive(bag, config, encoder, session_map, session, scans, positions, signatures)
     return whole.run(progress or (lambda _done, _total: None))
 
 
@@ -96,13 +101,14 @@ class _Drive:
         session: str | None,
         scans: str,
         positions: str | None,
+        signatures: SignatureSource | None,
     ) -> None:
         self._bag, self._config = bag, config
         self._scans, self._positions = scans, positions
         self._fingerprint = encoder.info.fingerprint
         self._encode = EncodeStage(encoder, config.radar.restart_after_s, signature=config.encoder.signature)
         self._no_signature = Counter[str]()
-        self._query = QueryStage(config.query, config.localisation)
+        self._query = QueryStage(config.query, config.localisation, signatures)
         self._mapping: MapStage | None = None
         self._outcomes: list[Outcome] = []
         self._localisations: list[Localisation | None] = []
@@ -144,7 +150,7 @@ class _Drive:
         if self._mapping:
             updates, report = self._mapping.end_session()
             self._apply(updates)
-            warnings.append(self._mapping.problem())
+            warnings += [self._mapping.problem(), self._mapping.heading_problem()]
         if self._no_signature:
             ((commonest, _),) = self._no_signature.most_common(1)
             warnings.append(f'no signature could be made of {self._no_signature.total()} scans: {commonest}')
@@ -218,7 +224,7 @@ def in_lockstep_order(bag: Bag, scan_topic: str, others: Sequence[str], ahead_s:
     """Messages of a bag, each scan after all messages of `others` up to `ahead_s` later than it.
 
     A scan's position is interpolated, so the position after it must be known. On a vehicle the map server waits for
-    that one; a recording has it already, so it comes before the scan and nothing waits.
+    that one; a recording has it already, so it comes before the scan, which may still wait for its heading.
     """
     other = bag.messages(others) if others else iter(())
     waiting = next(other, None)

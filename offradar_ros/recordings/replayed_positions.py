@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 from collections.abc import Iterable
 
 import numpy as np
@@ -29,6 +30,8 @@ def count_positioned(
     The same objects decide as on the vehicle: a scan waits for `position.wait_s`, by the stamps of the others, and
     their stamps may go back by more than the radar's `restart_after_s`.
     """
+    # No heading is asked for, and none changes what gets a position.
+    config = dataclasses.replace(config, heading='none')
     positioning: Positioning[Pose] = Positioning(config, lambda stamp_ns, pose: [(stamp_ns, pose)])
     gate = StampGate(round(restart_after_s * 1e9))
     resolved: list[Resolved] = []

@@ -14,6 +14,7 @@ from offradar_ros.config import PositionConfig, RadarConfig
 from offradar_ros.errors import DataError, RefusedInput
 from offradar_ros.geometry import GeoPoint, LocalFrame, Trajectory
 from offradar_ros.positions.clocks import clock_problem
+from offradar_ros.positions.headings import with_headings
 from offradar_ros.recordings.bags.topics import ChosenTopics
 from offradar_ros.recordings.left_out import left_out_text
 from offradar_ros.recordings.source import open_source
@@ -109,7 +110,7 @@ def open_road(
     positions, with positions of another kind than the first one's, or that starts over 50 km from it.
     """
     opened = [(path, open_source(path, layout, radar, topics)) for path in paths]
-    max_gap_s = (position or PositionConfig()).max_gap_s
+    position = position or PositionConfig()
     drives: list[PositionedDrive] = []
     notes: list[str] = []
     frame: LocalFrame | None = None
@@ -121,7 +122,7 @@ def open_road(
             raise DataError(
                 f'{path}: expected positions as those of {paths[0]}, in degrees or in metres: they cannot be compared'
             )
-        drive = positioned(sequence, path, frame, max_gap_s)
+        drive = positioned(sequence, path, frame, position)
         trajectory = trajectory_of(sequence, path)
         notes += [left_out_text(sequence.name, left_out) for left_out in trajectory.left_out]
         clocks = clock_problem(trajectory.clock_offset_s)
@@ -137,18 +138,22 @@ def open_road(
     return Road(drives, notes)
 
 
-def positioned(sequence: RadarSequence, path: Path, frame: LocalFrame | None, max_gap_s: float) -> PositionedDrive:
+def positioned(
+    sequence: RadarSequence, path: Path, frame: LocalFrame | None, position: PositionConfig
+) -> PositionedDrive:
     """The scans that have a position, in metres of `frame`; None takes metric positions as they are.
 
-    Positions are interpolated between neighbours at most `max_gap_s` apart. DataError where no scan has one.
+    Positions are interpolated between neighbours at most `position.max_gap_s` apart; `position.heading` chooses the
+    headings. DataError where no scan has a position.
     """
     trajectory = trajectory_of(sequence, path)
-    max_gap_ns = round(max_gap_s * 1e9)
+    max_gap_ns = round(position.max_gap_s * 1e9)
     rows = np.flatnonzero(trajectory.covers(sequence.stamps_ns, max_gap_ns))
     if not len(rows):
         raise DataError(f'{path}: no scan has a position: offradar check says why')
     stamps_ns = sequence.stamps_ns[rows]
-    poses = trajectory.in_frame(frame).poses_at(stamps_ns, max_gap_ns)[:, [0, 1, 3]]
+    headed = with_headings(trajectory.in_frame(frame), position.heading, max_gap_ns)
+    poses = headed.poses_at(stamps_ns, max_gap_ns)[:, [0, 1, 3]]
     points_lla = trajectory.poses_at(stamps_ns, max_gap_ns)[:, :3] if trajectory.geodetic else None
     return PositionedDrive(path, sequence.name, sequence, rows, poses, path_length_m(poses[:, :2]), points_lla)
 

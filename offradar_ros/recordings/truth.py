@@ -1,4 +1,4 @@
-"""Answers compared with the recorded positions of the vehicle."""
+"""Answers compared with the recorded poses of the vehicle."""
 
 from __future__ import annotations
 
@@ -8,24 +8,29 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from offradar_ros.config import PositionConfig
 from offradar_ros.geometry import GeoPoint, LocalFrame, Trajectory
+from offradar_ros.positions.headings import with_headings
 from offradar_ros.types import Outcome
 
 TOLERANCE_M = 25.0
 """A place within this of the scan is the right one (Sec. IV-C of the paper)."""
 
 
-def true_positions(
-    outcomes: Sequence[Outcome], trajectory: Trajectory, origin: GeoPoint | None, max_gap_ns: int
+def true_poses(
+    outcomes: Sequence[Outcome], trajectory: Trajectory, origin: GeoPoint | None, position: PositionConfig
 ) -> NDArray[np.float64]:
-    """(N, 2) recorded east and north at each outcome's stamp, metres in the ``map`` frame; NaN where unknown.
+    """(N, 3) recorded east and north in metres and heading in rad, in the ``map`` frame, at each outcome's stamp.
 
-    `origin` is where that frame starts; a trajectory in metres is taken to be in it already.
+    NaN where unknown. `origin` is where that frame starts; a trajectory in metres is taken to be in it already.
+    `position` says between which positions is interpolated, and whose heading is taken.
     """
     if trajectory.geodetic and origin is None:
-        return np.full((len(outcomes), 2), np.nan)
+        return np.full((len(outcomes), 3), np.nan)
+    max_gap_ns = round(position.max_gap_s * 1e9)
     metric = trajectory.in_frame(LocalFrame(origin) if origin else None)
-    return metric.poses_at(np.array([outcome.stamp_ns for outcome in outcomes], np.int64), max_gap_ns)[:, :2]
+    stamps_ns = np.array([outcome.stamp_ns for outcome in outcomes], np.int64)
+    return with_headings(metric, position.heading, max_gap_ns).poses_at(stamps_ns, max_gap_ns)[:, [0, 1, 3]]
 
 
 def errors_m(outcomes: Sequence[Outcome], positions: NDArray[np.float64]) -> NDArray[np.float64]:

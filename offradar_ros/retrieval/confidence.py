@@ -61,11 +61,29 @@ def log_odds(evidence: Evidence | EvidenceTable, coefficients: ConfidenceConfig)
     return total
 
 
+def verified(
+    odds: NDArray[np.float64], scores: NDArray[np.float64] | float, coefficients: ConfidenceConfig
+) -> NDArray[np.float64]:
+    """The log-odds with the score of an alignment, too, in the shape of `odds`; unchanged where the score is NaN.
+
+    They are ``a + b · odds + c · score``, with `verified_intercept`, `verified_log_odds` and `score`; c = 0 leaves all
+    alignments out.
+    """
+    if not coefficients.score:
+        return odds
+    with_score = coefficients.verified_intercept + coefficients.verified_log_odds * odds + coefficients.score * scores
+    return np.where(np.isnan(scores), odds, with_score)
+
+
+def logistic(odds: NDArray[np.float64] | float) -> NDArray[np.float64]:
+    """The probability of log-odds, in a form that does not overflow."""
+    p_right: NDArray[np.float64] = 0.5 * (1.0 + np.tanh(0.5 * np.asarray(odds)))
+    return p_right
+
+
 def probability(evidence: Evidence | EvidenceTable, coefficients: ConfidenceConfig) -> NDArray[np.float64]:
     """() or (Q,) float64 in [0, 1]: the probability that the nearest place is within the tolerance of the vehicle."""
-    # The logistic function, in a form that does not overflow.
-    p_right: NDArray[np.float64] = 0.5 * (1.0 + np.tanh(0.5 * log_odds(evidence, coefficients)))
-    return p_right
+    return logistic(log_odds(evidence, coefficients))
 
 
 class SimilarPlaces(NamedTuple):

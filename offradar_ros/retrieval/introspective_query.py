@@ -1,4 +1,8 @@
-"""Introspective query rejection: the nearest places, or a reason for the rejection (Sec. III-C, and a probability)."""
+"""Introspective query rejection: the likeliest places, or a reason for the rejection (Sec. III-C, and a probability).
+
+Where the scan can be aligned with those of the nearest places, these are ordered by both, and the score of the
+alignment enters the probability.
+"""
 
 from __future__ import annotations
 
@@ -11,12 +15,14 @@ from offradar_ros.mapping.embedding_check import embedding_problem
 from offradar_ros.retrieval.confidence import (
     SimilarPlaces,
     confidence_for,
-    probability,
+    log_odds,
+    logistic,
     similar_places,
     without_rival,
 )
-from offradar_ros.retrieval.searched_map import SearchedMap
+from offradar_ros.retrieval.searched_map import MapSearch, SearchedMap
 from offradar_ros.retrieval.thresholds import threshold_at
+from offradar_ros.retrieval.verification import Verifier, ranked, verified_log_odds
 from offradar_ros.types import Candidate, Embedding, Evidence, Match, Outcome, Reason, Rejection
 
 
@@ -28,16 +34,20 @@ class Answer(NamedTuple):
 
 
 class IntrospectiveQuery:
-    """Answers each embedding with a match or a rejection, from one map and with one threshold on U."""
+    """Answers each embedding with a match or a rejection, from one map and with one threshold on U.
 
-    def __init__(self, config: QueryConfig, searched: SearchedMap) -> None:
+    Without a `verifier`, or with `query.verify` off, no place is aligned, and the nearest is the first.
+    """
+
+    def __init__(self, config: QueryConfig, searched: SearchedMap, verifier: Verifier | None = None) -> None:
         self.config = config
         self.map = searched
+        self.verifier = verifier
         # T = {(1 − Δ) + n·2Δ/N | n ∈ [0, N]}: the threshold of level n.
         self.threshold = threshold_at(config)
 
     def query(self, embedding: Embedding) -> Outcome:
-        """A match with the `top_k` nearest places, or a rejection with the places that a match would have had.
+        """A match with the `top_k` likeliest places, or a rejection with the places that a match would have had.
 
         The gate is `query.gate`: the probability that the first place is right, or the paper's rule on U, which is also
         used where no coefficients are known for the model.
@@ -57,19 +67,59 @@ class IntrospectiveQuery:
             return Answer(self._rejection(embedding, Reason.WRONG_MODEL, problem))
         # Similarity is Euclidean distance; the prediction is the k nearest places.
         search = self.map.around(embedding, include_running=not self.config.exclude_current_session)
-        candidates = search.nearest(self.config.top_k)
+        candidates = search.nearest(max(self.config.top_k, self._verified))
         if not candidates:
             return Answer(self._rejection(embedding, Reason.MAP_EMPTY, 'the map holds no places to search'))
-        tolerance_m = self.config.tolerance_m
-        evidence = search.evidence(candidates[0], tolerance_m)
+        evidence = search.evidence(candidates[0], self.config.tolerance_m)
+        aligned = self._aligned(embedding, search, candidates)
         coefficients = confidence_for(embedding.model, self.config.confidence)
         if coefficients is None:
-            return Answer(self._decided(embedding, candidates, evidence, math.nan, self._paper_rule(evidence)))
-        p_right = float(probability(evidence, coefficients))
-        by_probability = self.config.gate == 'probability'
-        found = self._improbable(evidence, p_right, coefficients) if by_probability else self._paper_rule(evidence)
-        similar = similar_places(*search.near(candidates[0], tolerance_m), evidence, coefficients)
-        return Answer(self._decided(embedding, candidates, evidence, p_right, found), similar)
+            aligned = aligned[: self.config.top_k]
+            return Answer(self._decided(embedding, aligned, evidence, math.nan, self._paper_rule(evidence)))
+        return self._judged(embedding, search, aligned, evidence, coefficients)
+
+    def _judged(
+        self,
+        embedding: Embedding,
+        search: MapSearch,
+        candidates: tuple[Candidate, ...],
+        evidence: Evidence,
+        coefficients: ConfidenceConfig,
+    ) -> Answer:
+        """The answer with the probability that it is right; `evidence` is for the first candidate, the nearest."""
+        by_probability, tolerance_m = self.config.gate == 'probability', self.config.tolerance_m
+        nearest = candidates[0]
+        if by_probability:
+            candidates = ranked(candidates, evidence, coefficients)
+        if candidates[0] is not nearest:
+            evidence = search.evidence(candidates[0], tolerance_m)
+        first, candidates = candidates[0], candidates[: self.config.top_k]
+        by_distance, odds = float(log_odds(evidence, coefficients)), verified_log_odds(evidence, first, coefficients)
+        p_right = float(logistic(odds))
+        if by_probability:
+            rejected = self._improbable(evidence, first, p_right, coefficients)
+        else:
+            rejected = self._paper_rule(evidence)
+        similar = similar_places(*search.near(first, tolerance_m), evidence, coefficients)
+        # What the alignment tells is told of the place and those around it.
+        similar = similar._replace(log_odds=similar.log_odds + (odds - by_distance))
+        return Answer(self._decided(embedding, candidates, evidence, p_right, rejected), similar)
+
+    @property
+    def _verified(self) -> int:
+        """Number of places that a scan is aligned with."""
+        return self.config.verify_candidates if self.config.verify and self.verifier is not None else 0
+
+    def _aligned(
+        self, embedding: Embedding, search: MapSearch, candidates: tuple[Candidate, ...]
+    ) -> tuple[Candidate, ...]:
+        """The candidates, with the alignments that can be made."""
+        if self.verifier is None or not self._verified:
+            return candidates
+        scans = [search.scan_of(candidate) for candidate in candidates[: self._verified]]
+        found = self.verifier.align(embedding.signature, scans)
+        first = [dataclasses.replace(c, alignment=found.get(s)) for c, s in zip(candidates, scans, strict=False)]
+        return (*first, *candidates[len(first) :])
 
     def _decided(
         self,
@@ -98,12 +148,13 @@ class IntrospectiveQuery:
         return None
 
     def _improbable(
-        self, evidence: Evidence, p_right: float, coefficients: ConfidenceConfig
+        self, evidence: Evidence, first: Candidate, p_right: float, coefficients: ConfidenceConfig
     ) -> tuple[Reason, str] | None:
         """Why the gate on the probability rejects, or None.
 
-        The reason is the first that applies: a scan of high U, by the paper's rule; another place that resembles it,
-        without which the answer would be probable enough; or that it resembles no place.
+        The reason is the first that applies: a scan of high U, by the paper's rule; an alignment without which the
+        answer would be probable enough; another place that resembles the scan, without which it would be; or that it
+        resembles no place.
         """
         least = self.config.min_probability
         if p_right >= least:
@@ -111,7 +162,10 @@ class IntrospectiveQuery:
         low = f'right with probability {p_right:.3g}, below {least:g}'
         if evidence.uncertainty > self.threshold:
             return Reason.UNCERTAIN, f'{low}: U {evidence.uncertainty:.4g} is above {self.threshold:.4g}'
-        if probability(without_rival(evidence), coefficients) >= least:
+        if first.alignment is not None and logistic(log_odds(evidence, coefficients)) >= least:
+            score = first.alignment.score
+            return Reason.UNVERIFIED, f'{low}: the scan does not agree with that of the place (score {score:.3g})'
+        if logistic(verified_log_odds(without_rival(evidence), first, coefficients)) >= least:
             rival = f'at {evidence.distance_apart:.4g}, elsewhere, after the nearest at {evidence.distance:.4g}'
             return Reason.AMBIGUOUS, f'{low}: another place resembles the scan nearly as well ({rival})'
         return Reason.UNKNOWN_PLACE, f'{low}: the scan resembles no place (the nearest is at {evidence.distance:.4g})'

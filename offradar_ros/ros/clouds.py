@@ -29,7 +29,7 @@ _DATATYPES = {
 _SIZES = {datatype: int(code[1:]) for code, datatype in _DATATYPES.items()}
 
 MAX_FIELDS = 64
-"""Most fields of a point: ours have at most twelve."""
+"""Most fields of a point: ours have at most fifteen."""
 
 MAX_POINT_BYTES = 2**20
 """Largest point: a place with the largest embedding has a quarter of it."""

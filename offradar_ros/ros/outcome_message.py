@@ -13,19 +13,26 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from sensor_msgs.msg import PointCloud2
 
 from offradar_ros.bounded_input import parse_json
+from offradar_ros.config import QueryConfig
 from offradar_ros.errors import RefusedInput
 from offradar_ros.mapping.place_check import MAX_PLACE_ID
 from offradar_ros.messages import stamp_ns
+from offradar_ros.retrieval.vehicle_pose import VehiclePose, vehicle_pose
 from offradar_ros.ros.clouds import from_cloud, to_cloud
 from offradar_ros.ros.place_message import MAP_FRAME
 from offradar_ros.ros.stamps import header
-from offradar_ros.types import Candidate, Evidence, Match, Pose, Reason, Rejection
+from offradar_ros.types import Alignment, Candidate, Evidence, Match, Pose, Reason, Rejection
 
 MAX_CANDIDATES = 1000
 """Most places of an answer: the largest `query.top_k`."""
 
 MAX_CANDIDATES_BYTES = 2**20
 """Longest JSON of the places of a rejection: each takes some 200 bytes."""
+
+_PLANAR = (0, 1, 5)
+"""Rows of x, y and yaw in a covariance of ROS."""
+
+_UPPER = np.triu_indices(3)
 
 MAX_VALUES = 64
 """Most key-value pairs in a rejection."""
@@ -44,14 +51,18 @@ CANDIDATE = np.dtype(
         ('p_right', '<f8'),
         ('distance_apart', '<f8'),
         ('place_distance_apart', '<f8'),
+        ('score', '<f8'),
+        ('relative_pose', '<f8', (3,)),
+        ('relative_covariance', '<f8', (6,)),
     ]
 )
 
 
 def match_message(match: Match) -> PointCloud2:
-    """The top k places, nearest first; `uncertainty` is the place's, `query_uncertainty` the scan's.
+    """The top k places, the best first; `uncertainty` is the place's, `query_uncertainty` the scan's.
 
-    `p_right` and both distances are of the first place, in each point.
+    `p_right` and both distances are of the first place, in each point. `score`, `relative_pose` (x, y, yaw) and
+    `relative_covariance` (its upper triangle, row by row) are the alignment with the scan of the place, NaN for none.
     """
     points = np.empty(len(match.candidates), CANDIDATE)
     for point, candidate in zip(points, match.candidates, strict=True):
@@ -59,6 +70,9 @@ def match_message(match: Match) -> PointCloud2:
         point['x'], point['y'], point['z'], point['yaw'] = pose.x_m, pose.y_m, pose.z_m, pose.yaw_rad
         point['distance'], point['uncertainty'] = candidate.distance, candidate.uncertainty
         point['place_id'] = candidate.place_id
+        score, relative_pose, relative_covariance = _alignment_values(candidate.alignment)
+        point['score'] = score
+        point['relative_pose'], point['relative_covariance'] = relative_pose, relative_covariance
     points['query_uncertainty'], points['threshold'] = match.uncertainty, match.threshold
     points['p_right'] = match.p_right
     points['distance_apart'], points['place_distance_apart'] = _distances_apart(match.evidence)
@@ -75,7 +89,7 @@ def match_record(message: PointCloud2, topic: str) -> Match:
             f'{topic}: {len(points)} places in a match: expected 1 to {MAX_CANDIDATES}',
         )
     try:
-        candidates = tuple(_candidate(dict(zip(CANDIDATE.names or (), p.tolist(), strict=True))) for p in points)
+        candidates = tuple(_candidate(_named(point)) for point in points)
     except ValueError as error:
         raise RefusedInput('invalid_place', f'{topic}: a place of a match has {error}') from None
     first = points[0]
@@ -103,22 +117,30 @@ def _evidence(
     return Evidence(candidates[0].distance, *distances_apart, uncertainty, candidates[0].uncertainty)
 
 
-def match_pose_message(match: Match, position_sigma_m: float) -> PoseWithCovarianceStamped:
-    """The best place as a pose for robot_localization or AMCL.
+def match_pose_message(match: Match, config: QueryConfig) -> PoseWithCovarianceStamped:
+    """The pose of the vehicle at the first place (`vehicle_pose`), for robot_localization or AMCL.
 
-    The descriptor does not change when the vehicle turns on the spot, so the heading is unknown: it is given as the
-    mapped scan's, with a variance of π².
+    An unknown heading is given as that of the place, or 0.
     """
-    pose = match.candidates[0].pose
-    yaw_rad = 0.0 if math.isnan(pose.yaw_rad) else pose.yaw_rad
-    message = PoseWithCovarianceStamped(header=header(match.stamp_ns, MAP_FRAME))
-    message.pose.pose.position.x, message.pose.pose.position.y = pose.x_m, pose.y_m
-    message.pose.pose.position.z = pose.z_m
-    message.pose.pose.orientation.z = math.sin(yaw_rad / 2)
-    message.pose.pose.orientation.w = math.cos(yaw_rad / 2)
-    covariance = np.zeros((6, 6))
-    covariance[range(3), range(3)] = position_sigma_m**2
-    covariance[range(3, 6), range(3, 6)] = np.pi**2
+    place = match.candidates[0]
+    return vehicle_pose_message(match.stamp_ns, vehicle_pose(place, config), config, place.pose.yaw_rad)
+
+
+def vehicle_pose_message(
+    stamp_ns: int, found: VehiclePose, config: QueryConfig, otherwise_rad: float = 0.0
+) -> PoseWithCovarianceStamped:
+    """A pose of the vehicle; `otherwise_rad` is given where its heading is unknown, and 0 where that is NaN.
+
+    Roll and pitch have a variance of π². The height is that of the place.
+    """
+    guesses = (found.pose.yaw_rad, otherwise_rad, 0.0)
+    yaw_rad = next(yaw_rad for yaw_rad in guesses if not math.isnan(yaw_rad))
+    message = PoseWithCovarianceStamped(header=header(stamp_ns, MAP_FRAME))
+    position, orientation = message.pose.pose.position, message.pose.pose.orientation
+    position.x, position.y, position.z = found.pose.x_m, found.pose.y_m, found.pose.z_m
+    orientation.z, orientation.w = math.sin(yaw_rad / 2), math.cos(yaw_rad / 2)
+    covariance = np.diag([0.0, 0.0, config.position_sigma_m**2, np.pi**2, np.pi**2, 0.0])
+    covariance[np.ix_(_PLANAR, _PLANAR)] = found.covariance
     message.pose.covariance = covariance.reshape(-1)
     return message
 
@@ -134,6 +156,7 @@ def rejection_message(rejection: Rejection) -> DiagnosticArray:
             'y': c.pose.y_m,
             'z': c.pose.z_m,
             'yaw': None if math.isnan(c.pose.yaw_rad) else c.pose.yaw_rad,
+            'alignment': None if c.alignment is None else _alignment_values(c.alignment),
         }
         for c in rejection.candidates
     ]
@@ -194,7 +217,37 @@ def _candidate(values: Mapping[str, Any]) -> Candidate:
     if not all(map(math.isfinite, finite)) or math.isinf(yaw_rad):
         raise ValueError('a value that is not finite')
     distance, uncertainty, x_m, y_m, z_m = finite
-    return Candidate(place_id, distance, uncertainty, Pose(x_m, y_m, z_m, yaw_rad))
+    return Candidate(place_id, distance, uncertainty, Pose(x_m, y_m, z_m, yaw_rad), _alignment(values['alignment']))
+
+
+def _named(point: np.void) -> dict[str, Any]:
+    """The values of a point of a match by their names."""
+    names = CANDIDATE.names or ()
+    values = dict(zip(names, point.tolist(), strict=True))
+    parts = [values.pop(name) for name in names[-3:]]
+    return values | {'alignment': None if math.isnan(parts[0]) else [parts[0], *(part.tolist() for part in parts[1:])]}
+
+
+def _alignment_values(found: Alignment | None) -> tuple[float, list[float], list[float]]:
+    """Score, pose, and the upper triangle of the covariance."""
+    if found is None:
+        return math.nan, [math.nan] * 3, [math.nan] * 6
+    return found.score, found.pose.tolist(), found.covariance[_UPPER].tolist()
+
+
+def _alignment(values: Any) -> Alignment | None:
+    """An alignment of these values; ValueError for one that is not finite, or has a covariance that is none."""
+    if values is None:
+        return None
+    score, pose, upper = values
+    if len(pose) != 3 or len(upper) != 6:
+        raise ValueError('an alignment that is none')
+    numbers = [_number(value) for value in (score, *pose, *upper)]
+    covariance = np.empty((3, 3))
+    covariance[_UPPER] = covariance.T[_UPPER] = numbers[4:]
+    if not all(map(math.isfinite, numbers)) or (np.diag(covariance) < 0.0).any():
+        raise ValueError('an alignment that is none')
+    return Alignment(np.array(numbers[1:4]), covariance, numbers[0])
 
 
 def _number(value: Any) -> float:

@@ -19,6 +19,7 @@ from std_srvs.srv import Trigger
 from offradar_ros.config import PositionConfig
 from offradar_ros.errors import OffradarError
 from offradar_ros.messages import SHORTEST, header_stamp_ns, with_header_stamp
+from offradar_ros.positions.course import LOOK_AHEAD_S
 from offradar_ros.recordings.bags.position_topic import position_topic
 from offradar_ros.recordings.bags.positions import position_topics
 from offradar_ros.recordings.bags.reader import Bag, RawMessage
@@ -55,6 +56,8 @@ SILENT_SCANS = 3
 BURST = 400
 """Messages in a row, without an answer, that the queues of a busy process have room for."""
 AHEAD_S = PositionConfig().max_gap_s
+AFTER_S = 2 * AHEAD_S + LOOK_AHEAD_S
+"""Positions up to this long after the last scan may decide its pose: the one after it, and the heading there."""
 STATIC_TRANSFORMS = '/tf_static'
 LATCHED_DEPTH = 100
 """Messages of a latched topic kept for late subscribers: of static transforms, each message may be of another node."""
@@ -224,7 +227,7 @@ class Player:
             if not self._is_cut(message):
                 self._publish(message)
             if message.topic == self._scan_topic:
-                left, end_ns = left - 1, message.log_ns + round(AHEAD_S * 1e9)
+                left, end_ns = left - 1, message.log_ns + round(AFTER_S * 1e9)
 
     def _publish(self, message: RawMessage) -> None:
         cdr = message.cdr

@@ -120,7 +120,9 @@ class MapStage:
         return self._merged(self._positioning.add_position(stamp_ns, point))
 
     def add_pose(self, stamp_ns: int, pose: Pose) -> list[MapUpdate]:
-        """Add a pose in the map frame; RefusedInput if it is invalid or not newer than the last."""
+        """Add a pose in the map frame, with its heading or without; RefusedInput if it is invalid or not newer than the
+        last. `position.heading` says whether the heading is used.
+        """
         self._note_arrival()
         return self._merged(self._positioning.add_position(stamp_ns, require_pose(pose)))
 
@@ -165,6 +167,10 @@ class MapStage:
     def problem(self) -> str:
         """What keeps positions out of the map, and what to do; empty if nothing does."""
         return self._not_moved or self._frame.problem()
+
+    def heading_problem(self) -> str:
+        """What is wrong with the headings that come with positions, and what is done; empty if nothing is."""
+        return self._positioning.heading_problem
 
     def add_embedding(self, embedding: Embedding) -> list[MapUpdate]:
         """Add an embedding of the running session; it is merged as soon as its model and position are known.

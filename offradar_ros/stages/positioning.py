@@ -42,6 +42,11 @@ class Positioning(Generic[T]):
         """Number of scans that were ever added."""
         return self._pending.added
 
+    @property
+    def heading_problem(self) -> str:
+        """What is wrong with the headings that come with positions; empty if nothing is."""
+        return self._pending.heading_problem
+
     def waits(self, scan: int) -> bool:
         """Whether any of the first `scan` scans that were added still waits."""
         return self.scans - len(self) < scan and len(self) > 0
@@ -98,10 +103,13 @@ class Positioning(Generic[T]):
             self._refuse(refusal)
         last_ns = self._pending.last_position_ns
         starts_anew = admitted.forgotten or admitted.elsewhere
-        if admitted.jumped and last_ns is not None and (starts_anew or admitted.positions[0][0] <= last_ns):
-            # Scans that wait may still get a position of the new stretch.
-            self._pending.forget_positions()
         resolved: list[Resolved] = []
+        if admitted.jumped and last_ns is not None and (starts_anew or admitted.positions[0][0] <= last_ns):
+            if not admitted.forgotten:
+                # They wait for headings only.
+                resolved = self._pending.settle()
+            # Other scans that wait may still get a position of the new stretch.
+            self._pending.forget_positions()
         for stamp_ns, position in admitted.positions:
             try:
                 for placed_ns, pose in self._place(stamp_ns, position):

@@ -9,11 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from offradar_ros.config import LocalisationConfig, QueryConfig
-from offradar_ros.errors import RefusedInput
+from offradar_ros.errors import OffradarError, RefusedInput
 from offradar_ros.mapping.map_reader import status_of
+from offradar_ros.mapping.signature_file import SignatureFile
 from offradar_ros.retrieval.confidence import confidence_for
 from offradar_ros.retrieval.introspective_query import Answer, IntrospectiveQuery
 from offradar_ros.retrieval.searched_map import SearchedMap
+from offradar_ros.retrieval.signature_source import SignatureSource
+from offradar_ros.retrieval.verification import Verifier
 from offradar_ros.stages.localise import LocaliseStage, Relocalisation
 from offradar_ros.types import Embedding, Localisation, Outcome, PlaceTable, Pose, Reason, Rejection
 
@@ -22,10 +25,25 @@ WINDOW = 256
 
 
 class QueryStage:
-    """One map, its updates, and answers from it with thresholds that may change. Not thread-safe."""
+    """One map, its updates, and answers from it with thresholds that may change. Not thread-safe.
 
-    def __init__(self, config: QueryConfig, localisation: LocalisationConfig | None = None) -> None:
-        self._query = IntrospectiveQuery(config, SearchedMap())
+    Args:
+        config: of the answers.
+        localisation: of the belief over many scans; the default one if left out.
+        signatures: of the scans that the places hold; by default those in the file of `query.map_path`, if set.
+    """
+
+    def __init__(
+        self,
+        config: QueryConfig,
+        localisation: LocalisationConfig | None = None,
+        signatures: SignatureSource | None = None,
+    ) -> None:
+        if signatures is None and config.map_path:
+            signatures = SignatureFile(Path(config.map_path))
+        self._has_signatures = signatures is not None
+        self._query = IntrospectiveQuery(config, SearchedMap(), Verifier(signatures, self._note))
+        self._not_aligned = ''
         self._localisation = localisation or LocalisationConfig()
         self._localise = LocaliseStage(self._localisation, config.tolerance_m)
         self._localised_map = 0
@@ -68,7 +86,7 @@ class QueryStage:
         if config.tolerance_m != self.config.tolerance_m:
             self._localise = LocaliseStage(self._localisation, config.tolerance_m)
             self._localised_map, self._unusable = 0, None
-        self._query = IntrospectiveQuery(config, self._query.map)
+        self._query = IntrospectiveQuery(config, self._query.map, self._query.verifier)
 
     def open_file(self) -> bool:
         """Read the file of `query.map_path`, if set; MapError if it cannot be read.
@@ -107,11 +125,28 @@ class QueryStage:
 
     def query(self, embedding: Embedding) -> Outcome:
         """As `IntrospectiveQuery.query`: exactly one answer for each embedding."""
+        self._not_aligned = '' if embedding.signature else 'the scan has no signature (encoder.signature)'
         answer = self._query.answer(embedding)
+        if not self._not_aligned and not any(each.alignment for each in answer.outcome.candidates):
+            self._not_aligned = 'the map has no signatures of the places found: it gains them with the next drives'
         self._last = embedding.stamp_ns, answer
         if math.isfinite(answer.outcome.uncertainty):
             self._uncertainties.append(answer.outcome.uncertainty)
         return answer.outcome
+
+    @property
+    def not_aligned(self) -> str:
+        """Why the last scan was aligned with no place, or none can be, in one line; empty if it was, or had none."""
+        if not self.config.verify:
+            return 'query.verify is false'
+        if not self._has_signatures:
+            return 'query.map_path is not set: set it to the file of the map server'
+        if self._last is None or not self._last[1].outcome.candidates:
+            return ''
+        return self._not_aligned
+
+    def _note(self, problem: OffradarError) -> None:
+        self._not_aligned = str(problem)
 
     @property
     def not_localised(self) -> str:

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from plane import Plane, make_plane
 
-from offradar_ros.alignment.align import Alignment, align, prepare_place, prepare_query
+from offradar_ros.alignment.align import align, prepare_place, prepare_query
 from offradar_ros.alignment.signature import SignatureMaker
 from offradar_ros.alignment.top_down import STANDING, Twist
-from offradar_ros.types import PolarScan
+from offradar_ros.types import Alignment, PolarScan
 
 PLANE = make_plane(1)
 MAKE = SignatureMaker()

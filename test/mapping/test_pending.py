@@ -14,7 +14,7 @@ from offradar_ros.mapping.pending import PendingEmbeddings, Resolved
 from offradar_ros.types import Embedding, Pose
 
 SECOND = 10**9
-CONFIG = PositionConfig(max_gap_s=1.5, wait_s=10.0)
+CONFIG = PositionConfig(max_gap_s=1.5, wait_s=10.0, heading='none')
 
 Outcome = tuple[float, float | None, str]
 """Stamp in seconds, x in metres where the position is known, and the cause where it is not."""

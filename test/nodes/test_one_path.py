@@ -9,7 +9,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from live_nodes import ROOMY, Observer, key, replay, wait_until
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from live_nodes import ROOMY, Observer, replay, wait_until
+from outcome_key import key
 from rosbags.rosbag2 import Reader, StoragePlugin, Writer
 from std_srvs.srv import Trigger
 
@@ -22,6 +24,7 @@ from offradar_ros.recordings.bags.reader import TYPES, Bag
 from offradar_ros.recordings.bags.topics import ODOMETRY, ODOMETRY_TYPE, VEHICLE_ODOMETRY
 from offradar_ros.recordings.drive import drive
 from offradar_ros.retrieval.confidence import shipped_confidences
+from offradar_ros.ros import qos
 from offradar_ros.types import Localisation, LocalisationState, Match, Outcome
 
 PARAMETERS = {
@@ -104,7 +107,8 @@ def through_nodes(
     **parameters: Any,
 ) -> list[Outcome]:
     outcomes = observer.collect_outcomes()
-    with stack(PARAMETERS | ROOMY | {'map.path': str(path)} | parameters) as nodes:
+    files = {'map.path': str(path), 'query.map_path': str(path)}
+    with stack(PARAMETERS | ROOMY | files | parameters) as nodes:
         nodes.wait_until_ready()
         observer.wait_until_connected()
         for bag, mapped in drives:
@@ -120,6 +124,8 @@ def assert_same_map(one: Path, other: Path) -> None:
     assert a.stamps_ns.tolist() == b.stamps_ns.tolist()
     assert a.session_ids.tolist() == b.session_ids.tolist()
     assert a.positions_m.tobytes() == b.positions_m.tobytes()
+    assert np.isfinite(a.yaws_rad).any()
+    assert a.yaws_rad.tobytes() == b.yaws_rad.tobytes()
     assert a.means.tobytes() == b.means.tobytes()
     assert a.uncertainties.tobytes() == b.uncertainties.tobytes()
     assert stored[0].signatures == stored[1].signatures
@@ -133,7 +139,8 @@ def test_lockstep_gives_the_answers_and_map_of_the_pipeline(
     found = through_nodes(drives, tmp_path / 'nodes.db', stack, observer, '--lockstep')
     assert [key(outcome) for outcome in found] == [key(outcome) for outcome in expected]
     assert_same_map(tmp_path / 'nodes.db', tmp_path / 'pipeline.db')
-    # Without matches and rejections the comparison would prove nothing.
+    # Without alignments, matches and rejections the comparison would prove nothing.
+    assert sum(o.candidates[0].alignment is not None for o in expected if isinstance(o, Match)) > SCANS
     assert sum(isinstance(outcome, Match) for outcome in expected) > SCANS
     assert {o.reason.value for o in expected if not isinstance(o, Match)} == {'map_empty', 'uncertain'}
 
@@ -181,9 +188,12 @@ def test_lockstep_localises_as_the_pipeline(
     known = [localisation for localisation in expected if localisation is not None]
     assert len(known) == 2 * SCANS
     found, outcomes = observer.collect_localisations(), observer.collect_outcomes()
-    with stack(PARAMETERS | ROOMY | {'map.path': str(tmp_path / 'nodes.db')} | parameters) as nodes:
+    starts = observer.collect(PoseWithCovarianceStamped, 'initialpose', qos.UPDATES)
+    path = str(tmp_path / 'nodes.db')
+    files = {'map.path': path, 'query.map_path': path, 'query.initial_pose': True}
+    with stack(PARAMETERS | ROOMY | files | parameters) as nodes:
         nodes.wait_until_ready()
-        observer.wait_until_connected(localisation=1)
+        observer.wait_until_connected(localisation=1, initialpose=1)
         for bag, mapped in drives:
             replay(nodes, bag, '--lockstep', *(['--session'] if mapped else []))
         wait_until(lambda: len(found) == len(known))
@@ -192,4 +202,8 @@ def test_lockstep_localises_as_the_pipeline(
         assert_same(one, other)
     assert LocalisationState.ON_MAP in {localisation.state for localisation in found}
     assert 'by the last 8 scans' in answer.message
+    # Not with every scan, and with the heading of the drives, eastwards.
+    assert 1 <= len(starts) <= len(drives)
+    assert abs(starts[0].pose.pose.orientation.z) < 0.1
+    assert starts[0].pose.covariance[35] < 0.1
     assert len(outcomes) == len(drives) * SCANS

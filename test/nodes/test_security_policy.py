@@ -124,10 +124,14 @@ def test_each_node_uses_what_it_is_granted_and_nothing_else(
             parameters['position.source'] = source
         if kind is EncoderNode:
             parameters['radar.transport'] = transport
+        if kind is QueryNode:
+            parameters['query.initial_pose'] = source == 'fix'
         start_node(functools.partial(kind, namespace=namespace), parameters)
         expected = grants(name, name, namespace)
         expected['subscribe'] -= {topic for key, topic in positions.items() if key != source}
         expected['subscribe'] -= {namespace + topic for key, topic in TRANSPORTS.items() if key != transport}
+        if source != 'fix':
+            expected['publish'] -= {f'{namespace}/initialpose'}
         if navtech.message_types() is None:
             expected['subscribe'] -= {namespace + topic for topic in NAVTECH}
         assert differences(observer, name, expected, namespace) == {}

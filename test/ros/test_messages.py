@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2, PointField
 
+from offradar_ros.config import QueryConfig
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.errors import RefusedInput
 from offradar_ros.ros.clouds import from_cloud
@@ -47,6 +48,7 @@ from offradar_ros.ros.place_message import (
     map_message,
 )
 from offradar_ros.types import (
+    Alignment,
     Candidate,
     Embedding,
     Evidence,
@@ -146,15 +148,29 @@ def test_the_map_view_shows_uncertainty_as_intensity() -> None:
 
 CANDIDATES = (
     Candidate(7, 0.5, 0.25, Pose(1.0, 2.0, 3.0, 0.5)),
+    Candidate(
+        8, 0.75, 0.5, Pose(7.0, 8.0, 9.0, -0.5), Alignment(np.array([1.1, -2.2, 3.1]), np.diag([0.1, 0.2, 0.3]), 0.7)
+    ),
     Candidate(4_000_000_000, 1.5, 1.25, Pose(-4.0, 5.0, 0.0, math.nan)),
 )
 
 
 def same_candidates(found: tuple[Candidate, ...], expected: tuple[Candidate, ...]) -> None:
-    np.testing.assert_array_equal(
-        [(c.place_id, c.distance, c.uncertainty, c.pose.x_m, c.pose.y_m, c.pose.z_m, c.pose.yaw_rad) for c in found],
-        [(c.place_id, c.distance, c.uncertainty, c.pose.x_m, c.pose.y_m, c.pose.z_m, c.pose.yaw_rad) for c in expected],
-    )
+    def columns(candidates: tuple[Candidate, ...]) -> list[tuple[float, ...]]:
+        poses = [c.pose for c in candidates]
+        ends = [alignment_numbers(c.alignment) for c in candidates]
+        return [
+            (c.place_id, c.distance, c.uncertainty, pose.x_m, pose.y_m, pose.z_m, pose.yaw_rad, *end)
+            for c, pose, end in zip(candidates, poses, ends, strict=True)
+        ]
+
+    np.testing.assert_array_equal(columns(found), columns(expected))
+
+
+def alignment_numbers(alignment: Alignment | None) -> list[float]:
+    if alignment is None:
+        return [math.nan] * 13
+    return [alignment.score, *alignment.pose.tolist(), *alignment.covariance.ravel().tolist()]
 
 
 def test_a_match_is_unchanged() -> None:
@@ -173,13 +189,29 @@ def test_a_match_without_a_probability_is_unchanged() -> None:
 
 
 def test_a_match_is_a_pose_of_unknown_heading() -> None:
-    message = transmitted(match_pose_message(Match(STAMP_NS, 0.5, 1.0, CANDIDATES), 10.0))
+    config = QueryConfig(position_sigma_m=10.0)
+    message = transmitted(match_pose_message(Match(STAMP_NS, 0.5, 1.0, CANDIDATES), config))
     covariance = np.array(message.pose.covariance).reshape(6, 6)
     assert (message.header.frame_id, message.pose.pose.position.x) == ('map', 1.0)
     assert 2 * math.atan2(message.pose.pose.orientation.z, message.pose.pose.orientation.w) == pytest.approx(0.5)
     assert covariance[0, 0] == 100.0
     assert covariance[5, 5] == pytest.approx(math.pi**2)
     np.testing.assert_array_equal(covariance, np.diag(np.diag(covariance)))
+
+
+def test_an_aligned_match_is_the_pose_of_the_vehicle() -> None:
+    place = Pose(10.0, 20.0, 3.0, math.pi / 2)
+    alignment = Alignment(np.array([4.0, 1.0, 0.2]), np.array([[0.04, 0, 0], [0, 0.09, 0], [0, 0, 0.01]]), 0.8)
+    match = Match(STAMP_NS, 0.5, 1.0, (Candidate(7, 0.5, 0.25, place, alignment),))
+    config = QueryConfig(place_sigma_m=0.5, place_sigma_deg=0.0, position_sigma_m=10.0)
+    message = transmitted(match_pose_message(match, config))
+    position, orientation = message.pose.pose.position, message.pose.pose.orientation
+    assert (position.x, position.y, position.z) == pytest.approx((9.0, 24.0, 3.0))
+    assert 2 * math.atan2(orientation.z, orientation.w) == pytest.approx(math.pi / 2 + 0.2)
+    covariance = np.array(message.pose.covariance).reshape(6, 6)
+    # The place looks to the north: forward is y.
+    expected = np.diag([0.25 + 0.09, 0.25 + 0.04, 100.0, math.pi**2, math.pi**2, 0.01])
+    np.testing.assert_allclose(covariance, expected, atol=1e-12)
 
 
 @pytest.mark.parametrize('reason', list(Reason))

@@ -15,10 +15,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from offradar_ros.config import Config, MapConfig
+from offradar_ros.config import Config, MapConfig, PositionConfig
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.errors import MapError, RefusedInput
-from offradar_ros.geometry import GeoPoint, LocalFrame
+from offradar_ros.geometry import GeoPoint, LocalFrame, wrap_angle
 from offradar_ros.mapping.sealed_rows import SealedRows
 from offradar_ros.mapping.session_report import SessionReport
 from offradar_ros.mapping.sessions import SessionMap
@@ -29,6 +29,8 @@ from offradar_ros.types import Embedding, Pose
 
 SECOND = 10**9
 MODEL = ModelInfo('stub', 'ab' * 32, 2, {})
+# A course over ground is known only after some more positions.
+CONFIG = Config(position=PositionConfig(heading='none'))
 
 
 @pytest.fixture
@@ -41,7 +43,7 @@ def session_map() -> Iterator[SessionMap]:
 
 @pytest.fixture
 def stage(session_map: SessionMap) -> MapStage:
-    return MapStage(Config(), session_map)
+    return MapStage(CONFIG, session_map)
 
 
 def embedding(seconds: float, model: str = MODEL.fingerprint, dimension: int = 2) -> Embedding:
@@ -76,7 +78,7 @@ def test_each_scan_is_resolved_once_and_in_order(tenths: list[int], random: Any)
     with SessionMap(MapConfig(match_distance_m=0.01)) as session_map:
         session_map.adopt_model(MODEL)
         session_map.start_session('test', 0)
-        stage = MapStage(Config(), session_map)
+        stage = MapStage(CONFIG, session_map)
         scans = [('scan', t / 10) for t in sorted(tenths)]
         positions = [('position', t / 4) for t in range(30)]
         updates: list[MapUpdate] = []
@@ -151,14 +153,14 @@ def test_a_scan_without_a_position_is_dropped_after_the_wait(stage: MapStage) ->
 def test_the_origin_is_the_first_geodetic_position(session_map: SessionMap) -> None:
     origin = GeoPoint(51.75, -1.25, 70.0)
     east = LocalFrame(origin).to_geodetic(np.array([[0.0, 0.0, 0.0], [50.0, 0.0, 0.0]]))
-    stage = MapStage(Config(), session_map)
+    stage = MapStage(CONFIG, session_map)
     stage.add_point(0, GeoPoint(*east[0]))
     stage.add_point(SECOND, GeoPoint(*east[1]))
     ((stamp_s, x_m),) = brief(stage.add_embedding(embedding(1.0)))
     assert stamp_s == 1.0
     assert x_m == pytest.approx(50.0, abs=1e-6)
     # A later drive starts elsewhere, in the same frame.
-    later = MapStage(Config(), session_map)
+    later = MapStage(CONFIG, session_map)
     later.add_point(5 * SECOND, GeoPoint(*east[1]))
     more_certain = dataclasses.replace(embedding(5.0), variance=np.full(2, 0.5, np.float32))
     ((stamp_s, x_m),) = brief(later.add_embedding(more_certain))
@@ -193,7 +195,7 @@ def test_a_report_counts_every_embedding(stage: MapStage, session_map: SessionMa
 def test_without_a_session_nothing_is_mapped() -> None:
     with SessionMap(MapConfig()) as session_map:
         session_map.adopt_model(MODEL)
-        stage = MapStage(Config(), session_map)
+        stage = MapStage(CONFIG, session_map)
         stage.add_pose(*at(1.0))
         assert stage.add_embedding(embedding(1.0)) == []
         assert stage.add_embedding(embedding(2.0, dimension=0)) == []
@@ -204,7 +206,7 @@ def test_without_a_session_nothing_is_mapped() -> None:
 
 def test_the_origin_is_that_of_the_first_mapped_drive() -> None:
     """A first position at 0°, 0°, which some receivers report, becomes neither the origin nor a place."""
-    stage = MapStage(Config(), SessionMap(MapConfig()))
+    stage = MapStage(CONFIG, SessionMap(MapConfig()))
     stage.map.adopt_model(MODEL)
     here = GeoPoint(51.75, -1.25, 70.0)
     with pytest.raises(RefusedInput, match='stands for no fix') as refusal:
@@ -251,7 +253,9 @@ def clock() -> Clock:
 @pytest.fixture
 def stored(tmp_path: Path, clock: Clock) -> Iterator[MapStage]:
     """A stage on a map in a file, without a model yet and with a running session."""
-    config = Config(map=MapConfig(path=str(tmp_path / 'map.db'), match_distance_m=1.0, autosave_s=10.0))
+    config = Config(
+        position=CONFIG.position, map=MapConfig(path=str(tmp_path / 'map.db'), match_distance_m=1.0, autosave_s=10.0)
+    )
     with SessionMap(config.map) as session_map:
         session_map.start_session('test', 0)
         yield MapStage(config, session_map, clock)
@@ -303,7 +307,7 @@ def test_positions_are_expected_while_they_arrive_and_a_scan_waits(
     session_map: SessionMap, clock: Clock, pause_s: float, gap_s: float
 ) -> None:
     """Of a slow receiver the next one takes longer."""
-    stage = MapStage(Config(), session_map, clock)
+    stage = MapStage(CONFIG, session_map, clock)
     stage.add_pose(*at(1.0))
     assert not stage.expects_positions(stage.scans)
     stage.add_embedding(embedding(1.5))
@@ -460,7 +464,7 @@ def handled(report: SessionReport) -> int:
 @pytest.mark.parametrize('wrong', [range(1), range(2), range(15), range(10, 12), range(20, 39)])
 def test_the_origin_is_one_that_most_positions_agree_with(session_map: SessionMap, wrong: range) -> None:
     """Whatever comes first, and though scans were mapped around a wrong fix meanwhile."""
-    stage = MapStage(Config(), session_map)
+    stage = MapStage(CONFIG, session_map)
     first_drive(stage, wrong)
     _, report = stage.end_session()
     assert session_map.origin is not None
@@ -473,7 +477,7 @@ def test_the_origin_is_one_that_most_positions_agree_with(session_map: SessionMa
 
 
 def test_what_was_mapped_around_a_wrong_fix_is_told_of_once(session_map: SessionMap) -> None:
-    stage = MapStage(Config(), session_map)
+    stage = MapStage(CONFIG, session_map)
     first_drive(stage, range(10), 19)
     assert not stage.take_discarded()
     assert len(session_map) == 1
@@ -487,7 +491,7 @@ def test_what_was_mapped_around_a_wrong_fix_is_told_of_once(session_map: Session
 
 
 def test_an_origin_that_a_session_ended_with_stays(session_map: SessionMap) -> None:
-    stage = MapStage(Config(), session_map)
+    stage = MapStage(CONFIG, session_map)
     first_drive(stage, ())
     stage.end_session()
     origin = session_map.origin
@@ -501,7 +505,7 @@ def test_an_origin_that_a_session_ended_with_stays(session_map: SessionMap) -> N
 
 
 def test_a_spoilt_origin_is_told_of_with_the_remedy(tmp_path: Path) -> None:
-    config = Config(map=MapConfig(path=str(tmp_path / 'a.map')))
+    config = Config(position=CONFIG.position, map=MapConfig(path=str(tmp_path / 'a.map')))
     with SessionMap(config.map) as session_map:
         session_map.adopt_model(MODEL)
         stage = MapStage(config, session_map)
@@ -533,7 +537,7 @@ def test_a_wrong_origin_stays_until_what_lies_around_it_is_discarded(
 ) -> None:
     """Or else scans would be mapped in a frame that is not theirs."""
     path = tmp_path / 'town.db'
-    config = Config(map=MapConfig(path=str(path)))
+    config = Config(position=CONFIG.position, map=MapConfig(path=str(path)))
 
     def fail(*_: object) -> None:
         raise MapError('database or disk is full')
@@ -581,7 +585,7 @@ def north_of_the_edge(second: int) -> GeoPoint:
 
 def test_a_long_drive_keeps_its_map(session_map: SessionMap) -> None:
     """Though most of it is beyond the frame: that the vehicle has driven there shows that the origin is right."""
-    stage = MapStage(Config(), session_map)
+    stage = MapStage(CONFIG, session_map)
     for second in range(3000):
         stage.add_point(second * SECOND, north_of_the_edge(second))
         stage.add_embedding(embedding(float(second)))
@@ -590,7 +594,7 @@ def test_a_long_drive_keeps_its_map(session_map: SessionMap) -> None:
 
 
 def test_a_drive_out_of_the_frame_is_told_of_as_it_goes(session_map: SessionMap) -> None:
-    stage = MapStage(Config(), session_map)
+    stage = MapStage(CONFIG, session_map)
     for second in range(1200):
         stage.add_point(second * SECOND, north_of_the_edge(second))
     far = left_out(stage)['far_position']
@@ -605,7 +609,7 @@ def test_a_drive_out_of_the_frame_is_told_of_as_it_goes(session_map: SessionMap)
 
 def test_scans_that_one_position_resolves_are_answered_though_the_next_is_refused(session_map: SessionMap) -> None:
     """Positions after a gap are held; one of them is far from the map."""
-    stage = MapStage(Config(), session_map)
+    stage = MapStage(CONFIG, session_map)
     first_drive(stage, ())
     stage.end_session()
     stage.start_session(0)
@@ -623,7 +627,7 @@ def test_every_position_is_counted_however_many_are_far(
     session_map: SessionMap, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr('offradar_ros.stages.map_frame._MOST_HELD', 50)
-    stage = MapStage(Config(), session_map)
+    stage = MapStage(CONFIG, session_map)
     told = 0
     for k in range(201):
         stage.add_point(k * SECOND // 10, FAR if k < 100 else drive_point(k / 10))
@@ -635,7 +639,7 @@ def test_every_position_is_counted_however_many_are_far(
 
 def test_far_positions_of_an_earlier_run_do_not_contradict_those_of_the_next(session_map: SessionMap) -> None:
     """A recording is played again before it is known which positions are right."""
-    stage = MapStage(Config(), session_map)
+    stage = MapStage(CONFIG, session_map)
     sent = 0
     for second in range(100, 106):
         stage.add_point(second * SECOND, FAR)
@@ -663,7 +667,7 @@ def test_positions_that_are_held_when_the_scans_start_again_are_counted(stage: M
 
 
 def test_an_undo_that_cannot_be_written_changes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    config = Config(map=MapConfig(path=str(tmp_path / 'a.map')))
+    config = Config(position=CONFIG.position, map=MapConfig(path=str(tmp_path / 'a.map')))
     with SessionMap(config.map) as session_map:
         session_map.adopt_model(MODEL)
         stage = MapStage(config, session_map)
@@ -690,7 +694,7 @@ def test_an_undo_that_cannot_be_written_changes_nothing(tmp_path: Path, monkeypa
 
 def test_a_model_that_cannot_be_written_is_not_another_model(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """It is sent once, so the map server tries it again, and only where there is no space."""
-    config = Config(map=MapConfig(path=str(tmp_path / 'a.map')))
+    config = Config(position=CONFIG.position, map=MapConfig(path=str(tmp_path / 'a.map')))
 
     def fail(*_: object, **__: object) -> None:
         raise MapError('database or disk is full')
@@ -714,7 +718,7 @@ def test_an_origin_at_zero_is_told_of_at_once() -> None:
         session_map.adopt_model(MODEL)
         session_map.start_session('of an earlier version', 0)
         session_map.set_origin(GeoPoint(0.0, 0.0, 0.0))
-        stage = MapStage(Config(), session_map)
+        stage = MapStage(CONFIG, session_map)
         assert "the map's origin is 0°, 0°" in stage.problem()
 
 
@@ -723,7 +727,7 @@ def test_an_origin_at_zero_is_told_of_at_once() -> None:
 def test_a_map_without_places_has_no_origin(
     tmp_path: Path, forget: Callable[[MapStage], object], in_file: bool
 ) -> None:
-    config = Config(map=MapConfig(path=str(tmp_path / 'a.map') if in_file else ''))
+    config = Config(position=CONFIG.position, map=MapConfig(path=str(tmp_path / 'a.map') if in_file else ''))
     with SessionMap(config.map) as session_map:
         session_map.adopt_model(MODEL)
         stage = MapStage(config, session_map)
@@ -739,7 +743,7 @@ def test_a_map_without_places_has_no_origin(
 
 
 def test_an_origin_stays_while_a_session_can_be_undone_that_has_places(session_map: SessionMap) -> None:
-    stage = MapStage(Config(), session_map)
+    stage = MapStage(CONFIG, session_map)
     first_drive(stage, ())
     stage.end_session()
     origin = session_map.origin
@@ -826,7 +830,7 @@ def test_nothing_is_mapped_between_both_sides_of_a_jump_that_lasts(stage: MapSta
 
 def test_scans_that_come_later_do_not_keep_a_session_from_its_end(session_map: SessionMap, clock: Clock) -> None:
     """Where positions arrive later than the next scan, one always waits."""
-    stage = MapStage(Config(), session_map, clock)
+    stage = MapStage(CONFIG, session_map, clock)
     stage.add_pose(*at(1.0))
     stage.add_embedding(embedding(1.5))
     asked = stage.scans
@@ -841,7 +845,7 @@ def test_a_first_drive_is_mapped_though_the_disk_is_full(tmp_path: Path, monkeyp
     path = tmp_path / 'town.db'
     with SessionMap(MapConfig(path=str(path))) as session_map:
         session_map.adopt_model(MODEL)
-        stage = MapStage(Config(), session_map)
+        stage = MapStage(CONFIG, session_map)
         session_map.start_session('first', 0)
 
         def fail(*_: object, **__: object) -> None:
@@ -859,3 +863,110 @@ def test_a_first_drive_is_mapped_though_the_disk_is_full(tmp_path: Path, monkeyp
     stored = MapStore.open_read_only(path)
     assert stored.origin == GeoPoint(51.75, -1.25, 70.0)
     assert len(stored.places) == 1
+
+
+# Headings
+
+
+def curve(seconds: float, yaw_rad: float = math.nan) -> tuple[int, Pose]:
+    """A vehicle that goes round a circle of 50 m at 10 m/s, and heads east at 0 s."""
+    turned = 0.2 * seconds
+    where = 50.0 * math.sin(turned), 50.0 * (1.0 - math.cos(turned))
+    return round(seconds * SECOND), Pose(*where, 0.0, yaw_rad)
+
+
+def headings_deg(stage: MapStage) -> list[float]:
+    """Error of the heading of each place on the circle."""
+    places = stage.map.places()
+    errors: list[float] = np.abs(np.degrees(wrap_angle(places.yaws_rad - 0.2 * places.stamps_ns / SECOND))).tolist()
+    return errors
+
+
+def drive_round(stage: MapStage, *, late_s: float = 0.0, yaw_rad: float | None = math.nan) -> list[MapUpdate]:
+    """Scans at 4 Hz and positions at 5 Hz, later than their scans by `late_s`, for 20 s."""
+    scans = [(0.25 * k + 0.05, 'scan') for k in range(80)]
+    positions = [(0.2 * k, 'position') for k in range(101)]
+    updates: list[MapUpdate] = []
+    for seconds, kind in sorted([*scans, *positions], key=lambda item: item[0] + (item[1] == 'position') * late_s):
+        if kind == 'scan':
+            updates += stage.add_embedding(embedding(seconds))
+        else:
+            measured = math.remainder(0.2 * seconds, math.tau) if yaw_rad is None else yaw_rad
+            updates += stage.add_pose(*curve(seconds, measured))
+    return updates + stage.flush()
+
+
+def of_headings(choice: str, wait_s: float = 10.0) -> Config:
+    return Config(position=PositionConfig(heading=choice, wait_s=wait_s))
+
+
+@pytest.mark.parametrize('late_s', [0.0, 0.3, 3.0])
+@pytest.mark.parametrize('yaw_rad', [math.nan, 0.0, None], ids=['unknown', 'identity', 'measured'])
+def test_places_have_a_heading(session_map: SessionMap, late_s: float, yaw_rad: float | None) -> None:
+    stage = MapStage(of_headings('auto'), session_map)
+    updates = drive_round(stage, late_s=late_s, yaw_rad=yaw_rad)
+    assert [update.stamp_ns for update in updates] == [embedding(0.25 * k + 0.05).stamp_ns for k in range(80)]
+    assert not [update for update in updates if update.problem]
+    assert len(session_map) == 80
+    assert max(headings_deg(stage)) < 1.0
+    assert bool(stage.heading_problem()) == (yaw_rad == 0.0)
+
+
+@pytest.mark.parametrize('wait_s', [0.0, 1.0, 2.5])
+def test_a_heading_that_is_not_known_yet_costs_no_scan(session_map: SessionMap, wait_s: float) -> None:
+    waits, stays = (
+        MapStage(of_headings('auto', wait_s), session_map),
+        MapStage(of_headings('none', wait_s), session_map),
+    )
+    counts = []
+    for stage in (stays, waits):
+        counts.append(sum(update.problem is None for update in drive_round(stage)))
+        session_map.restart_session('again')
+    assert counts[0] == counts[1]
+
+
+@pytest.mark.parametrize(('choice', 'expected'), [('none', math.nan), ('source', 0.7), ('course', None)])
+def test_the_choice_of_headings_is_kept_to(session_map: SessionMap, choice: str, expected: float | None) -> None:
+    stage = MapStage(of_headings(choice), session_map)
+    drive_round(stage, yaw_rad=0.7)
+    yaws = session_map.places().yaws_rad
+    assert stage.heading_problem() == ''
+    if expected is None:
+        assert max(headings_deg(stage)) < 1.0
+    else:
+        np.testing.assert_allclose(yaws, expected, atol=1e-12)
+
+
+def test_headings_do_not_depend_on_when_positions_come(session_map: SessionMap) -> None:
+    found = []
+    for late_s in (-4.0, 0.0, 0.7, 5.0):
+        drive_round(MapStage(of_headings('auto'), session_map), late_s=late_s)
+        found.append(session_map.places().yaws_rad.tobytes())
+        session_map.restart_session('again')
+    assert len(set(found)) == 1
+
+
+def test_scans_that_wait_for_a_heading_are_mapped_where_the_recording_starts_again(session_map: SessionMap) -> None:
+    stage = MapStage(of_headings('auto'), session_map)
+    updates: list[MapUpdate] = []
+    for start_s in (100.0, 50.0):
+        for k in range(30):
+            updates += stage.add_pose(*at(start_s + 0.1 * k))
+        updates += stage.add_embedding(embedding(start_s + 2.55))
+    updates += stage.flush()
+    assert np.array(brief(updates)) == pytest.approx(np.array([(102.55, 1025.5), (52.55, 525.5)]))
+
+
+def test_a_session_waits_for_the_positions_that_tell_a_heading(session_map: SessionMap, clock: Clock) -> None:
+    stage = MapStage(of_headings('auto'), session_map, clock)
+    for k in range(60):
+        clock.seconds = 0.1 * k
+        stage.add_pose(*at(0.1 * k))
+    stage.add_embedding(embedding(5.75))
+    assert stage.expects_positions(stage.scans)
+    for k in range(60, 79):
+        clock.seconds = 0.1 * k
+        stage.add_pose(*at(0.1 * k))
+    assert stage.expects_positions(stage.scans)
+    assert np.array(brief(stage.add_pose(*at(8.0)))) == pytest.approx(np.array([(5.75, 57.5)]))
+    assert not stage.expects_positions(stage.scans)

@@ -23,7 +23,7 @@ from offradar_ros.ros.connections import UNKNOWN, Connections, Introduction
 from offradar_ros.ros.localisation_message import localisation_record
 from offradar_ros.ros.outcome_message import match_record, rejection_record
 from offradar_ros.ros.stage_node import StageNode
-from offradar_ros.types import Localisation, Match, Outcome
+from offradar_ros.types import Localisation, Outcome
 
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 WAIT_S = 60.0
@@ -152,18 +152,3 @@ def replay(nodes: Stack, bag: Path, *arguments: str, timeout_s: float = 3 * WAIT
         return printed
     finally:
         process.stop()
-
-
-def key(outcome: Outcome) -> tuple[Any, ...]:
-    """The part of an outcome that must be equal to the last bit, whether nodes or `drive` made it."""
-    kind = 'match' if isinstance(outcome, Match) else outcome.reason.value
-    found = tuple((c.place_id, c.distance, c.uncertainty) for c in outcome.candidates)
-    return (
-        outcome.stamp_ns,
-        kind,
-        outcome.uncertainty,
-        outcome.threshold,
-        found,
-        repr(outcome.p_right),
-        outcome.evidence,
-    )

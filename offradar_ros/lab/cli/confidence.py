@@ -7,12 +7,15 @@ import typer
 
 from offradar_ros.cli.interrupt import resumable
 from offradar_ros.cli.progress import progress_bar
-from offradar_ros.config import load_config
+from offradar_ros.config import QueryConfig, load_config
 from offradar_ros.lab.cli.evaluation_options import Params, Processes, Streets, Threads, print_note
-from offradar_ros.lab.evaluation.confidence import fit, write_confidence
+from offradar_ros.lab.evaluation.confidence import fit, fit_alignments, write_confidence
 from offradar_ros.lab.evaluation.evaluate import Options
 from offradar_ros.lab.evaluation.protocol_file import read_protocol
 from offradar_ros.records import require_writable
+
+QUERIES = 24
+"""Scans of each drive that are aligned with places of each map."""
 
 
 def confidence(
@@ -45,6 +48,8 @@ def confidence(
         threads=threads,
     )
     with resumable():
-        found = fit(read_protocol(protocol), method, options)
+        read = read_protocol(protocol)
+        found = fit(read, method, options)
+        found = fit_alignments(read, method, options, found, places=QueryConfig().verify_candidates, queries=QUERIES)
     write_confidence(out, found, f'For {method}, fitted to the protocol {protocol} by offradar confidence.')
     typer.echo(f'{out}: written, for model {found.model[:12]}')

@@ -14,7 +14,7 @@ from offradar_ros.geometry import GeoPoint
 from offradar_ros.lab.demo.live import ReplayedDrive
 from offradar_ros.recordings.road import trajectory_of
 from offradar_ros.recordings.source import open_source
-from offradar_ros.recordings.truth import TOLERANCE_M, errors_m, true_positions
+from offradar_ros.recordings.truth import TOLERANCE_M, errors_m, true_poses
 from offradar_ros.types import Match
 
 
@@ -68,7 +68,7 @@ def compare(replayed: ReplayedDrive, origin: GeoPoint) -> ComparedDrive:
     """Compare every outcome with the recorded position at its stamp; `origin` is that of the map."""
     outcomes = replayed.outcomes
     trajectory = trajectory_of(open_source(replayed.drive.bag), replayed.drive.bag)
-    positions_m = true_positions(outcomes, trajectory, origin, round(PositionConfig().max_gap_s * 1e9))
+    positions_m = true_poses(outcomes, trajectory, origin, PositionConfig())[:, :2]
     localisations = [replayed.localisations.get(outcome.stamp_ns) for outcome in outcomes]
     to_places_m = cdist(positions_m, replayed.places.positions_m[:, :2])
     return ComparedDrive(

@@ -48,7 +48,7 @@ class RecordedDrive:
         """The scans with a position on which training is allowed; DataError if there is none."""
         path = Path(self.path)
         frame = LocalFrame(GeoPoint(*self.origin)) if self.origin else None
-        drive = positioned(open_source(path), path, frame, PositionConfig().max_gap_s)
+        drive = positioned(open_source(path), path, frame, PositionConfig())
         if self.split:
             drive = part_of_split(drive, self.split, tested=False)
         if not len(drive):

@@ -11,18 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros.bounded_input import parse_yaml
-from offradar_ros.calibration.confidence_fit import fit_confidence, scales_of
+from offradar_ros.calibration.confidence_fit import fit_confidence, fit_verified, scales_of
 from offradar_ros.calibration.open_set import joined_evidence
 from offradar_ros.config import ConfidenceConfig
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.errors import ConfigError
+from offradar_ros.lab.evaluation.aligned import AlignedAnswers, aligned_answers, joined_answers
 from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive
 from offradar_ros.lab.evaluation.evaluate import Options, open_worlds
 from offradar_ros.lab.evaluation.methods import open_method
 from offradar_ros.lab.evaluation.open_set import OpenSet, open_sets, other_roads
 from offradar_ros.lab.evaluation.protocol import VALIDATION, Protocol
 from offradar_ros.lab.evaluation.runner import embedded_worlds
-from offradar_ros.retrieval.confidence import terms_of
+from offradar_ros.retrieval.confidence import log_odds, terms_of
 from offradar_ros.retrieval.evidence import EvidenceTable
 from offradar_ros.whole_file import write_whole_file
 from offradar_ros.yaml_digest import digest_line
@@ -105,6 +106,39 @@ def fit(protocol: Protocol, method: str, options: Options) -> ConfidenceConfig:
     right = np.concatenate([right for _, right in made])
     weights = np.concatenate([np.full(len(right), 1.0 / len(right)) for _, right in made])
     return fit_confidence(terms, right, weights, scales)
+
+
+def fit_alignments(
+    protocol: Protocol, method: str, options: Options, found: ConfidenceConfig, places: int, queries: int
+) -> ConfidenceConfig:
+    """`found` with the coefficients of alignments, of maps of every spacing with equal weight.
+
+    `queries` of each drive, drawn by the seed of the protocol, are aligned with the nearest `places` of each map.
+    """
+    _, worlds = embed(protocol, method, options)
+    made: list[AlignedAnswers] = []
+    with options.bar('aligning') as progress:
+        for number, drives in enumerate(worlds.values()):
+            for spacing_m in protocol.map_spacings_m:
+                made += aligned_answers(
+                    drives, spacing_m, protocol.tolerance_m, places=places, queries=queries, seed=protocol.seed
+                )
+            progress(number + 1, len(worlds))
+    answers = joined_answers(made)
+    kept = np.isfinite(answers.scores).all(axis=1)
+    shape = answers.scores.shape
+    odds = log_odds(answers.evidence, found).reshape(shape)
+    by_distance = nearest_odds(answers.evidence, shape, found)
+    weights = np.concatenate([np.full(len(one), 1.0 / len(one)) for one in made])
+    right = answers.away_m <= protocol.tolerance_m
+    return fit_verified(odds[kept], answers.scores[kept], right[kept], by_distance[kept], weights[kept], found)
+
+
+def nearest_odds(evidence: EvidenceTable, shape: tuple[int, ...], found: ConfidenceConfig) -> NDArray[np.float64]:
+    """(Q, k) float64 log-odds with the distance of each of k places, and all other evidence of the nearest."""
+    columns = [getattr(evidence, field.name).reshape(shape) for field in dataclasses.fields(evidence)[2:]]
+    of_nearest = [np.repeat(column[:, :1], shape[1], axis=1).ravel() for column in columns]
+    return log_odds(EvidenceTable(evidence.nearest, evidence.distance, *of_nearest), found).reshape(shape)
 
 
 def write_confidence(path: Path, found: ConfidenceConfig, comment: str) -> None:

@@ -17,8 +17,10 @@ from typing import Any
 import numpy as np
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
+from offradar_ros.config import PositionConfig
 from offradar_ros.errors import DataError, RefusedInput
 from offradar_ros.geometry import LocalFrame, Trajectory
+from offradar_ros.positions.headings import with_headings
 from offradar_ros.positions.rules import END_NS, require_stamp
 from offradar_ros.radar.navtech_rows import join_rows
 from offradar_ros.recordings.bags.mcap_checksums import write_checksums
@@ -196,7 +198,14 @@ def _odometry(trajectory: Trajectory) -> Iterator[_Stamped]:
 
 
 def _headings(trajectory: Trajectory) -> list[float]:
-    """Known yaws; elsewhere the direction of travel, so that an odometry message is always a valid pose."""
-    step = np.gradient(trajectory.positions[:, :2], axis=0) if len(trajectory) > 1 else np.zeros((len(trajectory), 2))
-    course = np.arctan2(step[:, 1], step[:, 0])
-    return [float(c if math.isnan(y) else y) for y, c in zip(trajectory.yaws_rad, course, strict=True)]
+    """Those that are measured, or else of the way that is driven. An odometry message is always a valid pose.
+
+    Where neither is known, as where the vehicle never moves, it is the last one before, or 0.
+    """
+    position = PositionConfig()
+    yaws_rad = with_headings(trajectory, position.heading, round(position.max_gap_s * 1e9)).yaws_rad.tolist()
+    last_rad, headings = 0.0, []
+    for yaw_rad in yaws_rad:
+        last_rad = last_rad if math.isnan(yaw_rad) else yaw_rad
+        headings.append(last_rad)
+    return headings

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 
 from offradar_ros.errors import DataError, RefusedInput
-from offradar_ros.geometry import LocalFrame
+from offradar_ros.geometry import LocalFrame, wrap_angle
 from offradar_ros.lab.drives.cache import cached_drives
 from offradar_ros.lab.drives.recorded import RecordedDrive
 from offradar_ros.recordings.bags.writer import write_bag
@@ -38,6 +39,26 @@ def test_a_bag_and_a_folder_give_the_same_drive(street: Street, tmp_path: Path) 
     kept = cached_drives(sources, tmp_path / 'cache', processes=1)
     np.testing.assert_array_equal(kept[1].scan(3).power, bag.scan(3).power)
     np.testing.assert_array_equal(kept[1].poses[:, :2], bag.poses[:, :2])
+
+
+@pytest.mark.parametrize('form', ['folder', 'bag'])
+def test_scans_of_a_recorded_drive_have_a_heading(street: Street, tmp_path: Path, form: str) -> None:
+    (write_oxford if form == 'folder' else write_bag)(street(count=24), tmp_path / 'drive')
+    drive = RecordedDrive('drive', str(tmp_path / 'drive'), 'w', ORIGIN, 0.0).open()
+    # Eastwards, as fixes only tell.
+    np.testing.assert_allclose(drive.poses[:, 2], 0.0, atol=1e-3)
+
+
+def test_a_recorded_heading_is_that_of_the_scan(street: Street, tmp_path: Path) -> None:
+    plain = street(count=24)
+    track = plain.trajectory
+    since_s = (track.stamps_ns - plain.stamps_ns[0]) / 1e9
+    askew = plain.with_trajectory(dataclasses.replace(track, yaws_rad=wrap_angle(3.0 + 0.1 * since_s)))
+    write_oxford(askew, tmp_path / 'folder')
+    drive = RecordedDrive('folder', str(tmp_path / 'folder'), 'w', ORIGIN, 0.0).open()
+    expected = 3.0 + 0.1 * (drive.stamps_ns - plain.stamps_ns[0]) / 1e9
+    assert np.ptp(wrap_angle(expected)) > 6.0
+    np.testing.assert_allclose(np.exp(1j * drive.poses[:, 2]), np.exp(1j * expected), atol=1e-4)
 
 
 def test_a_split_excludes_scans_from_training(street: Street, tmp_path: Path) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from pathlib import Path
 
 import cv2
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 from offradar_ros.errors import DataError
+from offradar_ros.geometry import wrap_angle
 from offradar_ros.lab.drives.cache import cached_drives
 from offradar_ros.lab.evaluation.protocol import Lane, RealStreets
 from offradar_ros.lab.evaluation.simulated_drives import city_drive, street_drive
@@ -43,19 +45,34 @@ def test_a_stride_keeps_every_nth_scan() -> None:
     np.testing.assert_array_equal(every.open().poses, whole.open().poses[::7])
 
 
+def test_the_heading_of_a_simulated_scan_is_that_of_its_way() -> None:
+    plan = dataclasses.replace(CITY.plan, scans=400)
+    whole = dataclasses.replace(CITY, plan=plan, spacing_m=0.0, scans=0).open()
+    moved = whole.poses[2:, :2] - whole.poses[:-2, :2]
+    apart = wrap_angle(whole.poses[1:-1, 2] - np.arctan2(moved[:, 1], moved[:, 0]))
+    straight = np.abs(wrap_angle(whole.poses[2:, 2] - whole.poses[:-2, 2])) < 0.02
+    assert straight.sum() > 100
+    # It weaves in its lane, as drivers do, without turning.
+    assert np.degrees(np.abs(apart[straight])).max() < 3.0
+    assert np.degrees(np.abs(np.median(apart[straight]))) < 0.3
+    assert np.ptp(whole.poses[:, 2]) > 1.0
+
+
 def test_streets_are_driven_as_recorded(tmp_path: Path) -> None:
     image = np.full((200, 400), 254, np.uint8)
     image[90:96, 20:380] = 0
     cv2.imwrite(str(tmp_path / 'm.png'), image)
     (tmp_path / 'm.yaml').write_text('image: m.png\nresolution: 0.5\norigin: [-100, -50, 0]\n')
     for name, y_m in (('a.tum', -10.0), ('b.tum', -12.0)):
-        lines = [f'{0.25 * k} {-80 + 2.0 * k} {y_m} 0 0 0 0 1' for k in range(60)]
+        # The radar is mounted askew: its heading is that of the file, 2 · asin 0.1.
+        lines = [f'{0.25 * k} {-80 + 2.0 * k} {y_m} 0 0 0 0.1 0.99498744' for k in range(60)]
         (tmp_path / name).write_text('\n'.join(lines))
     street = RealStreets('toy', 'm.yaml', ('a.tum', 'b.tum'), 7, (0.0, -10.0), 20.0)
     source = street_drive(street, 1, 'nominal', 5.0, 0.0, str(tmp_path))
     poses = source.open().poses
     assert np.hypot(poses[:, 0], poses[:, 1] + 10.0).max() <= 20.0
     np.testing.assert_allclose(poses[:, 1], -12.0, atol=0.5)
+    np.testing.assert_allclose(poses[:, 2], 2 * math.asin(0.1), atol=1e-6)
     assert 7 <= len(poses) <= 9
     settings = source.settings()
     moved = dataclasses.replace(street, centre_m=(0.0, 500.0))

@@ -6,16 +6,16 @@ import re
 from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyproj
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from numpy.typing import NDArray
 
 from offradar_ros.errors import DataError
-from offradar_ros.geometry import LocalFrame, Trajectory
+from offradar_ros.geometry import LocalFrame, Trajectory, wrap_angle, yaw_of_quaternion
 from offradar_ros.recordings.datasets.positions import (
     read_global_pose,
     read_gps_twist,
@@ -131,6 +131,15 @@ def test_tum_is_a_local_frame(tmp_path: Path) -> None:
     assert trajectory.stamps_ns.tolist() == [0, 250_000_000]
     assert trajectory.positions.tolist() == [[1, 2, 3], [4, 5, 6]]
     assert trajectory.yaws_rad == pytest.approx([0.0, math.pi / 2])
+
+
+def test_tum_zeros_for_a_quaternion_are_no_heading(tmp_path: Path) -> None:
+    tally: Counter[str] = Counter()
+    rows = [f'0.{k} {k} 2 3 0 0 0 {0 if k == 3 else 1}' for k in range(8)]
+    assert len(read_tum(written(tmp_path, *rows), tally)) == 7
+    assert tally == {'damaged': 1}
+    with pytest.raises(DataError, match=r'line 1: expected a unit quaternion that says a heading, got none'):
+        read_tum(written(tmp_path, '0.0 1 2 3 0 0 0 0', '0.1 2 2 3 0 0 0 0'))
 
 
 def test_tum_stamps_are_exact(tmp_path: Path) -> None:
@@ -439,28 +448,39 @@ def test_any_table_is_a_trajectory_or_one_line_of_error(tmp_path: Path, rows: li
         assert np.all(np.diff(trajectory.stamps_ns) > 0)
 
 
-def heading_errors(trajectory: Trajectory, metres: float) -> Any:
-    """Yaw less the driven direction, degrees, where the vehicle moves at least `metres` a sample."""
+def heading_errors(trajectory: Trajectory) -> NDArray[np.float64]:
+    """Yaw less the driven direction, degrees, where the vehicle goes straight on for 2 s at over 2.5 m/s."""
     origin = trajectory.origin()
-    assert origin is not None
-    moved = np.gradient(trajectory.in_frame(LocalFrame(origin)).positions[:, :2], axis=0)
-    fast = np.hypot(*moved.T) > metres
-    apart = trajectory.yaws_rad - np.arctan2(moved[:, 1], moved[:, 0])
-    return np.degrees(np.angle(np.exp(1j * apart)))[fast]
+    metric = trajectory.in_frame(LocalFrame(origin) if origin else None)
+    moved = metric.positions[8:, :2] - metric.positions[:-8, :2]
+    turned = wrap_angle(metric.yaws_rad[8:] - metric.yaws_rad[:-8])
+    straight = (np.hypot(*moved.T) > 5.0) & (np.abs(turned) < math.radians(1.0))
+    apart = wrap_angle(metric.yaws_rad[4:-4] - np.arctan2(moved[:, 1], moved[:, 0]))
+    return np.asarray(np.degrees(apart)[straight])
+
+
+def assert_right(errors: NDArray[np.float64], mounted_deg: float) -> None:
+    """Headings are right to a fraction of a degree, whatever way the sensor is mounted."""
+    assert len(errors) > 500
+    assert np.median(errors) == pytest.approx(mounted_deg, abs=0.05)
+    assert np.percentile(np.abs(errors - mounted_deg), 90) < 0.3
 
 
 @pytest.mark.parametrize('drive', ['boreas-2021-08-05-13-34', 'boreas-2021-09-02-11-42'])
 def test_boreas_headings_are_the_driven_direction(real_data: Path, drive: str) -> None:
-    errors = heading_errors(read_radar_poses(real_data / 'boreas' / f'{drive}.radar_poses.csv'), 1.5)
-    assert abs(np.median(errors)) < 0.3
-    assert np.percentile(np.abs(errors), 95) < 3.0
+    assert_right(heading_errors(read_radar_poses(real_data / 'boreas' / f'{drive}.radar_poses.csv')), -0.14)
 
 
 @pytest.mark.parametrize('number', [1, 2, 3])
 def test_kaist_headings_are_the_driven_direction(real_data: Path, number: int) -> None:
     path = real_data / 'mulran_kaist03' / f'mulran_KAIST0{number}_radar_utm.csv'
-    errors = heading_errors(read_radar_utm(path), 1.5)
-    assert abs(np.median(errors)) < 0.02
+    assert_right(heading_errors(read_radar_utm(path)), 0.0)
+
+
+@pytest.mark.parametrize('drive', ['dcc01', 'dcc02', 'dcc03', 'kaist01', 'kaist02', 'kaist03'])
+def test_tum_headings_are_those_of_a_radar_that_is_mounted_askew(real_data: Path, drive: str) -> None:
+    # MulRan's radar is turned by 0.9° in its vehicle.
+    assert_right(heading_errors(read_tum(real_data / 'worlds' / f'{drive}.tum')), 0.9)
 
 
 def test_recorded_oxford_positions_agree_with_their_utm_columns(real_data: Path) -> None:
@@ -480,6 +500,20 @@ def test_recorded_radiate_positions(real_data: Path) -> None:
     assert len(trajectory) + sum(tally.values()) == 250
     assert tally['repeated_position_stamp'] == 117
     assert trajectory.positions[0] == pytest.approx([55.892359, -3.321674, 209.238], abs=1e-3)
+    assert np.isnan(trajectory.yaws_rad).all()
+
+
+def test_the_orientation_of_radiate_is_no_heading(real_data: Path) -> None:
+    folder = real_data / 'radiate_tiny_foggy'
+    trajectory = read_gps_twist(folder / 'GPS_IMU_Twist.txt')
+    origin = trajectory.origin()
+    assert origin is not None
+    moved = np.diff(trajectory.in_frame(LocalFrame(origin)).positions[[0, -1], :2], axis=0)[0]
+    lines = [(folder / 'GPS_IMU_Twist' / f'{number:06d}.txt').read_text().split('\n') for number in range(1, 251)]
+    yaws = [yaw_of_quaternion(*(float(cell) for cell in sample[4].split(','))) for sample in lines]
+    apart = np.degrees(wrap_angle(np.array(yaws) - math.atan2(moved[1], moved[0])))
+    # It turns with the vehicle, but its zero is none: no convention is 54° off.
+    assert np.median(apart) == pytest.approx(-54.0, abs=2.0)
 
 
 @pytest.mark.parametrize('drive', ['kaist01', 'dcc03'])

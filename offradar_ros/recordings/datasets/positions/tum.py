@@ -6,7 +6,7 @@ import math
 from collections import Counter
 from pathlib import Path
 
-from offradar_ros.geometry import Trajectory
+from offradar_ros.geometry import Trajectory, yaw_of_quaternion
 from offradar_ros.recordings.datasets.positions.table import Row, bare_rows
 from offradar_ros.recordings.datasets.positions.track import Track
 
@@ -14,15 +14,19 @@ _NAMES = ('seconds', 'x', 'y', 'z', 'qx', 'qy', 'qz', 'qw')
 
 
 def read_tum(path: Path, tally: Counter[str] | None = None) -> Trajectory:
-    """Positions in metres and yaw about z, both in the file's own frame; seconds may start at zero."""
+    """Positions in metres and yaw about z, both in the file's own frame; seconds may start at zero.
+
+    The yaw is that of the frame whose poses these are. Of a radar that is mounted askew it is the radar's, not the
+    vehicle's.
+    """
     track = Track(path, tally, geodetic=False)
     for row in bare_rows(path, _NAMES, separator=' '):
         with track.row(row):
             x, y, z, qx, qy, qz, qw = (row.finite(at) for at in range(1, 8))
-            if math.hypot(qx, qy, qz, qw) < 1e-6:
-                raise row.problem('expected a unit quaternion, got zero')
-            yaw = math.atan2(2 * (qw * qz + qx * qy), qw * qw + qx * qx - qy * qy - qz * qz)
-            track.add_metric(_seconds_to_ns(row), (x, y, z), yaw)
+            yaw_rad = yaw_of_quaternion(qx, qy, qz, qw)
+            if math.isnan(yaw_rad):
+                raise row.problem('expected a unit quaternion that says a heading, got none')
+            track.add_metric(_seconds_to_ns(row), (x, y, z), yaw_rad)
     return track.trajectory()
 
 

@@ -1,0 +1,187 @@
+"""Answers of which the nearest places were aligned with the query, for fitting and measuring the second opinion."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from offradar_ros.alignment.signature import SignatureMaker
+from offradar_ros.alignment.signature_code import pack
+from offradar_ros.calibration.open_set import halves, joined_evidence
+from offradar_ros.geometry import wrap_angle
+from offradar_ros.lab.evaluation.answers import map_rows, places_of
+from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive
+from offradar_ros.retrieval.evidence import EvidenceTable
+from offradar_ros.retrieval.searched_map import SearchedMap
+from offradar_ros.retrieval.verification import Verifier
+from offradar_ros.types import Candidate, Embedding, Evidence, PlaceTable, ScanKey
+
+MODEL = 'evaluated'
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class AlignedAnswers:
+    """Q queries, each with its k nearest places, which are aligned with it.
+
+    Attributes:
+        evidence: Q · k rows, query by query and nearest first: the evidence for each place, as if it were the answer.
+        scores: (Q, k) float64 of the alignments, NaN for none.
+        errors: (Q, k, 3) float64 of their poses: forward and left in metres, yaw in radians; NaN for none.
+        covariances: (Q, k, 3, 3) float64 of their poses.
+        away_m: (Q, k) float64, from the query to each place on the ground.
+        turned_rad: (Q,) float64, heading of the query from that of the nearest place in embedding space.
+        on_map: (Q,) whether any place is within the tolerance of the query.
+        kinds: (Q,) text, how the scan is degraded; empty for a clean one.
+    """
+
+    evidence: EvidenceTable
+    scores: NDArray[np.float64]
+    errors: NDArray[np.float64]
+    covariances: NDArray[np.float64]
+    away_m: NDArray[np.float64]
+    turned_rad: NDArray[np.float64]
+    on_map: NDArray[np.bool_]
+    kinds: NDArray[np.str_]
+
+    def __len__(self) -> int:
+        return len(self.on_map)
+
+
+class _Signatures:
+    """Packed signatures of drives, by the number of the drive and the stamp, made when they are first read."""
+
+    def __init__(self, drives: Sequence[EmbeddedDrive]) -> None:
+        self._drives, self._make = drives, SignatureMaker()
+        self._made: dict[ScanKey, bytes] = {}
+
+    def of(self, drive: int, row: int) -> bytes:
+        """The signature of scan `row` of a drive."""
+        key = ScanKey(drive, int(self._drives[drive].drive.stamps_ns[row]))
+        if key not in self._made:
+            self._made[key] = pack(self._make(self._drives[drive].drive.scan(row)))
+        return self._made[key]
+
+    def read(self, scans: Sequence[ScanKey]) -> dict[ScanKey, bytes]:
+        """As `SignatureSource.read`."""
+        found = {}
+        for key in scans:
+            (row, *_) = np.flatnonzero(self._drives[key.session_id].drive.stamps_ns == key.stamp_ns).tolist()
+            found[key] = self.of(key.session_id, row)
+        return found
+
+
+def aligned_answers(
+    drives: Sequence[EmbeddedDrive],
+    spacing_m: float,
+    tolerance_m: float,
+    *,
+    places: int,
+    queries: int,
+    seed: int,
+    whole: bool = False,
+) -> Iterator[AlignedAnswers]:
+    """The answers of every ordered pair of drives of one world, with either half of the mapped road left out.
+
+    Args:
+        drives: of one world, which `open_sets` takes, too.
+        spacing_m: path length between two places.
+        tolerance_m: an answer within this of the query is right.
+        places: k; a map of fewer is left out.
+        queries: most scans of each drive that are searched in each map, drawn with `seed`; 0 for all.
+        seed: of that.
+        whole: the map holds the whole road instead.
+    """
+    rng, signatures = np.random.default_rng(seed), _Signatures(drives)
+    for (number, mapped), (asked, query) in itertools.permutations(enumerate(drives), 2):
+        rows = map_rows(mapped, spacing_m)
+        for part in (rows,) if whole else halves(mapped.drive.driven_m, rows):
+            usable = np.flatnonzero(query.usable)
+            if 0 < queries < len(usable):
+                usable = np.sort(rng.choice(usable, queries, replace=False))
+            if len(part) < places or not len(usable):
+                continue
+            table = dataclasses.replace(places_of(mapped, part), session_ids=np.full(len(part), number, np.int32))
+            asked_of = _AlignedMap(table, signatures, tolerance_m, places)
+            yield asked_of.answers(query, usable, [signatures.of(asked, row) for row in usable.tolist()])
+
+
+class _AlignedMap:
+    """A map whose places are aligned with queries."""
+
+    def __init__(self, table: PlaceTable, signatures: _Signatures, tolerance_m: float, places: int) -> None:
+        self._table, self._tolerance_m, self._places = table, tolerance_m, places
+        self._searched, self._verifier = SearchedMap(), Verifier(signatures)
+        self._searched.load(table, MODEL)
+
+    def answers(self, query: EmbeddedDrive, rows: NDArray[np.intp], signatures: Sequence[bytes]) -> AlignedAnswers:
+        """The answers to these scans of a drive, with their signatures."""
+        shape = len(rows), self._places
+        nearest, scores = np.empty(shape, np.int64), np.full(shape, np.nan)
+        poses, covariances = np.full((*shape, 3), np.nan), np.full((*shape, 3, 3), np.nan)
+        evidence: list[Evidence] = []
+        for number, (row, signature) in enumerate(zip(rows.tolist(), signatures, strict=True)):
+            candidates, of_each = self._answer(query, row, signature)
+            evidence += of_each
+            for place, candidate in enumerate(candidates):
+                nearest[number, place] = candidate.place_id
+                if found := candidate.alignment:
+                    scores[number, place] = found.score
+                    poses[number, place], covariances[number, place] = found.pose, found.covariance
+        truth = query.drive.poses[rows]
+        positions_m, yaws_rad = self._table.positions_m[:, :2], self._table.yaws_rad
+        relative = _relative(positions_m[nearest], yaws_rad[nearest], truth)
+        errors = poses - relative
+        errors[..., 2] = wrap_angle(errors[..., 2])
+        away_m = np.hypot(*(positions_m[None] - truth[:, None, :2]).transpose(2, 0, 1))
+        return AlignedAnswers(
+            _table_of(evidence, nearest),
+            scores,
+            errors,
+            covariances,
+            np.take_along_axis(away_m, nearest, axis=1),
+            relative[:, 0, 2],
+            away_m.min(axis=1) <= self._tolerance_m,
+            query.drive.kinds[rows],
+        )
+
+    def _answer(self, query: EmbeddedDrive, row: int, signature: bytes) -> tuple[list[Candidate], list[Evidence]]:
+        mean, uncertainty = query.means[row], query.uncertainties[row]
+        variance = np.full(len(mean), uncertainty, np.float32)
+        scan = Embedding(int(query.drive.stamps_ns[row]), mean, variance, MODEL, signature)
+        search = self._searched.around(scan)
+        candidates = search.nearest(self._places)
+        scans = [search.scan_of(candidate) for candidate in candidates]
+        found = self._verifier.align(signature, scans)
+        aligned = [dataclasses.replace(c, alignment=found.get(s)) for c, s in zip(candidates, scans, strict=True)]
+        return aligned, [search.evidence(candidate, self._tolerance_m) for candidate in candidates]
+
+
+def _relative(
+    positions_m: NDArray[np.float64], yaws_rad: NDArray[np.float64], truth: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(Q, k, 3) the true poses of queries (Q, 3) in the frames of their places (Q, k, 2) and (Q, k)."""
+    x_m, y_m = (truth[:, None, :2] - positions_m).transpose(2, 0, 1)
+    cos, sin = np.cos(yaws_rad), np.sin(yaws_rad)
+    yaw_rad = wrap_angle(truth[:, None, 2] - yaws_rad)
+    return np.stack([cos * x_m + sin * y_m, cos * y_m - sin * x_m, yaw_rad], axis=-1)
+
+
+def _table_of(evidence: Sequence[Evidence], nearest: NDArray[np.int64]) -> EvidenceTable:
+    columns = [
+        np.array([getattr(one, field.name) for one in evidence], np.float64) for field in dataclasses.fields(Evidence)
+    ]
+    return EvidenceTable(nearest.ravel(), *columns)
+
+
+def joined_answers(several: Sequence[AlignedAnswers]) -> AlignedAnswers:
+    """The queries of all, one after another; places remain rows of each one's own map."""
+    tables = joined_evidence([one.evidence for one in several])
+    rest = [
+        np.concatenate([getattr(one, field.name) for one in several])
+        for field in dataclasses.fields(AlignedAnswers)[1:]
+    ]
+    return AlignedAnswers(tables, *rest)

@@ -1,0 +1,98 @@
+"""A second opinion on the nearest places: the scan is aligned with theirs, and the places are ordered by both."""
+
+from __future__ import annotations
+
+import collections
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from offradar_ros.alignment.align import PreparedPlace, align, prepare_place, prepare_query
+from offradar_ros.alignment.signature import Signature
+from offradar_ros.alignment.signature_code import unpack
+from offradar_ros.config import ConfidenceConfig
+from offradar_ros.errors import OffradarError, RefusedInput
+from offradar_ros.retrieval.confidence import log_odds, similar_places, verified
+from offradar_ros.retrieval.signature_source import SignatureSource
+from offradar_ros.types import Alignment, Candidate, Evidence, ScanKey
+
+PREPARED = 64
+"""Places that are kept ready, about half a megabyte each: those of the next scan are mostly those of this one."""
+
+
+class Verifier:
+    """Aligns scans with those that places hold. Not thread-safe.
+
+    Args:
+        source: where the signatures of the map are read; None for nowhere.
+        refuse: called with what is wrong with a signature or their source, which is then as if it were not there.
+    """
+
+    def __init__(
+        self, source: SignatureSource | None = None, refuse: Callable[[OffradarError], None] = lambda _: None
+    ) -> None:
+        self._source, self._refuse = source, refuse
+        # By content: a scan of the same key in another map has another one.
+        self._places: collections.OrderedDict[bytes, PreparedPlace] = collections.OrderedDict()
+
+    def align(self, signature: bytes, scans: Sequence[ScanKey]) -> dict[ScanKey, Alignment]:
+        """The alignments of a scan, by its signature, with these; those without a sound signature are left out."""
+        unpacked = self._unpacked(signature) if signature and self._source is not None else None
+        if unpacked is None or self._source is None:
+            return {}
+        try:
+            contents = self._source.read(scans)
+        except OffradarError as problem:
+            self._refuse(problem)
+            return {}
+        query = prepare_query(unpacked)
+        places = {scan: self._place(content) for scan, content in contents.items()}
+        return {scan: align(place, query) for scan, place in places.items() if place is not None}
+
+    def _place(self, content: bytes) -> PreparedPlace | None:
+        if content in self._places:
+            self._places.move_to_end(content)
+            return self._places[content]
+        unpacked = self._unpacked(content)
+        if unpacked is None:
+            return None
+        self._places[content] = prepare_place(unpacked)
+        while len(self._places) > PREPARED:
+            self._places.popitem(last=False)
+        return self._places[content]
+
+    def _unpacked(self, content: bytes) -> Signature | None:
+        try:
+            return unpack(content)
+        except RefusedInput as problem:
+            self._refuse(problem)
+            return None
+
+
+def ranked(
+    candidates: Sequence[Candidate], evidence: Evidence, coefficients: ConfidenceConfig
+) -> tuple[Candidate, ...]:
+    """Candidates in the order of the log-odds that both opinions give, the likeliest first.
+
+    Only those that are aligned change places, among one another. The log-odds of each are those with its distance, and
+    all other evidence of the first one.
+    """
+    rows = [row for row, candidate in enumerate(candidates) if candidate.alignment is not None]
+    if not coefficients.score or len(rows) < 2:
+        return tuple(candidates)
+    aligned = [candidates[row] for row in rows]
+    distances = np.array([candidate.distance for candidate in aligned], np.float32)
+    odds = similar_places(np.array(rows, np.int64), distances, evidence, coefficients).log_odds
+    scores = np.array([candidate.alignment.score for candidate in aligned if candidate.alignment is not None])
+    order = np.argsort(-verified(odds, scores, coefficients), kind='stable')
+    result = list(candidates)
+    for row, better in zip(rows, order.tolist(), strict=True):
+        result[row] = aligned[better]
+    return tuple(result)
+
+
+def verified_log_odds(evidence: Evidence, first: Candidate, coefficients: ConfidenceConfig) -> float:
+    """Log-odds that the first place is right, from its evidence and, where it is aligned, the score."""
+    score = first.alignment.score if first.alignment is not None else math.nan
+    return float(verified(log_odds(evidence, coefficients), score, coefficients))
