@@ -361,5 +361,5 @@ def test_an_upgrade_is_told_of(done: Callable[..., str], drives: list[Path], par
     as_version_1(db)
     assert 'upgraded' not in done('drive', drives[1], '--params', params, '--map', db)
     printed = done('drive', drives[1], '--params', params, '--map', db, '--session', 'two')
-    assert f'{db}: upgraded from map format 1 to 2; the file as it was is kept as map.db.v1.bak\n' in printed
+    assert f'{db}: upgraded from map format 1 to 3; the file as it was is kept as map.db.v1.bak\n' in printed
     assert len(MapStore.open_read_only(db).sessions) == 2

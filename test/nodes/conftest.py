@@ -14,7 +14,8 @@ from rclpy.parameter import Parameter
 from offradar_ros.lab.live.node_processes import Stack
 from offradar_ros.ros.stage_node import StageNode
 
-RING_KEY = {'encoder.name': 'ring_key'}
+DEFAULTS = {'encoder.name': 'ring_key', 'position.heading': 'source'}
+"""What tests say nothing of. Without a course, which needs the positions of the next 2 s, scans are mapped at once."""
 
 
 @pytest.fixture
@@ -37,7 +38,7 @@ def start_node(observer: Observer) -> Iterator[StartNode]:
     nodes: list[StageNode] = []
 
     def start(kind: Callable[..., NodeT], parameters: dict[str, Any] | None = None) -> NodeT:
-        given = [Parameter(name, value=value) for name, value in (RING_KEY | (parameters or {})).items()]
+        given = [Parameter(name, value=value) for name, value in (DEFAULTS | (parameters or {})).items()]
         node = kind(context=observer.context, parameter_overrides=given)
         nodes.append(node)
         node.start()
@@ -55,7 +56,7 @@ def stack(tmp_path: Path, domain_id: int) -> Callable[..., Stack]:
 
     def make(parameters: dict[str, Any] | None = None, **options: Any) -> Stack:
         return Stack(
-            tmp_path / 'logs', domain_id, RING_KEY | {'map.start_session': False} | (parameters or {}), **options
+            tmp_path / 'logs', domain_id, DEFAULTS | {'map.start_session': False} | (parameters or {}), **options
         )
 
     return make

@@ -30,6 +30,7 @@ from offradar_ros.types import Localisation, LocalisationState, Match, Outcome
 PARAMETERS = {
     'map.match_distance_m': 4.0,
     'query.top_k': 3,
+    'position.heading': 'auto',
     'query.delta': 0.4,
     'encoder.name': 'ring_key',
     'encoder.ring_key.variance_scale': 2.1,

@@ -74,7 +74,7 @@ def test_joined_rows_are_split_again(rows: int, bins: int, size: int, first: int
     """A turn of rows that are not quite evenly spaced, as far as counts can say it."""
     random = np.random.default_rng(seed)
     step = size / rows
-    jitter = random.integers(-int(step / 5), int(step / 5) + 1, rows)
+    jitter = random.integers(-int(step / 10), int(step / 10) + 1, rows)
     counts = np.mod(first + np.rint(step * np.arange(rows)).astype(int) + jitter, size)
     scan = PolarScan(
         START_NS,

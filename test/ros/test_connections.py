@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator
 
 import pytest
@@ -109,22 +108,11 @@ def test_the_service_of_another_package_may_answer_anything(make: Callable[[str]
     assert set(counts) == {0}
 
 
-def test_a_node_is_introduced_when_the_other_one_has_answered_it(make: Callable[[str], Node], domain_id: int) -> None:
-    watcher = make('watcher')
-    context = rclpy.context.Context()
-    rclpy.init(context=context, domain_id=domain_id)
-    other = Node('other', context=context, enable_rosout=False)
-    serve_subscribers(other, ())
+def test_a_node_is_introduced_when_the_other_one_has_answered_it(make: Callable[[str], Node]) -> None:
+    watcher, other = make('watcher'), make('other')
     introduction = Introduction(watcher, Trigger, f'other/{SUBSCRIBERS}')
-    for _ in range(30):
-        # Nobody spins it yet.
-        assert not introduction.is_complete()
-        time.sleep(0.05)
-    executor = SingleThreadedExecutor(context=context)
-    executor.add_node(other)
-    spin = SpinThread(executor)
+    assert not introduction.is_complete()
+    serve_subscribers(other, ())
     wait_until(introduction.is_complete)
     introduction.close()
-    spin.stop()
-    rclpy.shutdown(context=context)
     assert not Introduction(watcher, Trigger, f'nobody/{SUBSCRIBERS}').is_complete()
