@@ -63,7 +63,7 @@ def read_committed(path: Path, start: Callable[[int, int], SinkT]) -> tuple[str,
 
     def stream(rows: MapRows) -> tuple[str, SinkT]:
         running = rows.running_session_id
-        rows.signature_rows()
+        rows.check_signature_sum()
         # Without a running session nothing is selected, but every row is checked.
         before = rows.before(-1 if running is None else running).get(running or -1, {})
         sink = start(rows.dimension, rows.capacity())

@@ -51,13 +51,6 @@ class Batch(NamedTuple):
     anchors_m: NDArray[np.float64]
 
 
-class SignatureRow(NamedTuple):
-    """A row of `signatures`, without the scan that it is of."""
-
-    content_id: int
-    digest: int
-
-
 class MapRows:
     """Reads a map file of any version within one transaction.
 
@@ -144,26 +137,20 @@ class MapRows:
         self._require_complete('undo', found)
         return before
 
-    def signature_rows(self) -> dict[ScanKey, SignatureRow]:
-        """Where the signatures of all scans are, without reading one."""
-        if self.version < 3:
-            return {}
-        rows = self.connection.execute(
-            'SELECT session_id, stamp_ns, content_id, digest FROM signatures ORDER BY session_id, stamp_ns'
-        ).fetchall()
-        session_ids, _, content_ids, values = (_whole_numbers([row[column] for row in rows]) for column in range(4))
-        self._require_known_sessions(session_ids)
-        self._require_complete('signatures', RowSum().with_rows(values))
-        _last_in_order('signatures', [(0, 0), *(row[:2] for row in rows)])
-        if len(np.unique(content_ids)) != len(rows):
-            raise ValueError('two scans have one signature')
-        return {ScanKey(*row[:2]): SignatureRow(*row[2:]) for row in rows}
+    def check_signature_sum(self) -> None:
+        """Compare the digests of all signatures with their sum, without reading a signature."""
+        for _ in self._signature_rows():
+            pass
 
     def signatures(self) -> Iterator[tuple[ScanKey, bytes]]:
         """All signatures, by the scans that they are of."""
-        named = {row.content_id: (scan, row.digest) for scan, row in self.signature_rows().items()}
         if self.version < 3:
             return
+        named: dict[int, tuple[ScanKey, int]] = {}
+        for session_id, stamp_ns, content_id, digest in self._signature_rows():
+            if content_id in named:
+                raise ValueError('two scans have one signature')
+            named[content_id] = ScanKey(session_id, stamp_ns), digest
         cursor = self.connection.execute('SELECT content_id, content FROM signature_contents ORDER BY content_id')
         while contents := cursor.fetchmany(_CONTENTS):
             for content_id, content in contents:
@@ -173,6 +160,22 @@ class MapRows:
                 yield scan, checked_signature(scan, digest, content)
         if named:
             raise ValueError(f'{len(named)} signatures are missing')
+
+    def _signature_rows(self) -> Iterator[tuple[int, int, int, int]]:
+        """Session, stamp, id of the content and digest of each signature."""
+        if self.version < 3:
+            return
+        found, last = RowSum(), (0, 0)
+        cursor = self.connection.execute(
+            'SELECT session_id, stamp_ns, content_id, digest FROM signatures ORDER BY session_id, stamp_ns'
+        )
+        for rows in _batches(cursor):
+            session_ids, _, _, values = (_whole_numbers([row[column] for row in rows]) for column in range(4))
+            self._require_known_sessions(session_ids)
+            last = _last_in_order('signatures', [last, *(row[:2] for row in rows)])
+            found = found.with_rows(values)
+            yield from rows
+        self._require_complete('signatures', found)
 
     @property
     def _digest(self) -> str:

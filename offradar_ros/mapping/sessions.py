@@ -324,7 +324,7 @@ class SessionMap:
         next_place_id = self._parent.next_place_id
         self._parent = ParentMap(self.config, self._parent.dimension)
         self._parent.next_place_id = next_place_id
-        self._signatures = HeldSignatures({})
+        self._signatures.keep({}, is_written=self._store is not None)
         self._undoable, self._sessions, self._origin = [], {}, None
         if self._running:
             running = self._running
