@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.stats import chi2
 
 from offradar_ros.config import ConfidenceConfig, QueryConfig
-from offradar_ros.lab.evaluation.aligned import AlignedAnswers, aligned_answers, joined_answers
+from offradar_ros.lab.evaluation.aligned import AlignedAnswers, answers_of_worlds, joined_answers
 from offradar_ros.lab.evaluation.confidence import embed, nearest_odds
 from offradar_ros.lab.evaluation.metrics.accepted_at_precision import accepted_at_precision
 from offradar_ros.lab.evaluation.metrics.auroc import auroc
@@ -50,17 +50,10 @@ def main() -> None:
     poses: dict[str, dict[str, float]] = {}
     for group in dict.fromkeys(group for group, _ in worlds):
         for spacing_m in protocol.map_spacings_m:
-            made: list[AlignedAnswers] = []
-            for drives in (drives for key, drives in worlds.items() if key[0] == group):
-                made += aligned_answers(
-                    drives,
-                    spacing_m,
-                    protocol.tolerance_m,
-                    places=PLACES,
-                    queries=arguments.queries,
-                    seed=protocol.seed,
-                    whole=arguments.whole,
-                )
+            of_group = [drives for key, drives in worlds.items() if key[0] == group]
+            made = answers_of_worlds(
+                of_group, protocol, [spacing_m], places=PLACES, queries=arguments.queries, whole=arguments.whole
+            )
             joined = joined_answers(made)
             name = f'{group}, a map every {spacing_m:g} m'
             answers[name] = answer_figures(joined, coefficients, protocol.tolerance_m)

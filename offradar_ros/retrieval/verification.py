@@ -18,7 +18,7 @@ from offradar_ros.retrieval.signature_source import SignatureSource
 from offradar_ros.types import Alignment, Candidate, Evidence, ScanKey
 
 PREPARED = 64
-"""Places that are kept ready, about half a megabyte each: those of the next scan are mostly those of this one."""
+"""Places that are kept ready, some 0.4 MB each: those of the next scan are mostly those of this one."""
 
 
 class Verifier:
@@ -46,9 +46,17 @@ class Verifier:
         except OffradarError as problem:
             self._refuse(problem)
             return {}
-        query = prepare_query(unpacked)
         places = {scan: self._place(content) for scan, content in contents.items()}
-        return {scan: align(place, query) for scan, place in places.items() if place is not None}
+        found: dict[ScanKey, Alignment] = {}
+        query = prepare_query(unpacked) if places else None
+        for scan, place in places.items():
+            if place is None or query is None:
+                continue
+            try:
+                found[scan] = align(place, query)
+            except RefusedInput as problem:
+                self._refuse(problem)
+        return found
 
     def _place(self, content: bytes) -> PreparedPlace | None:
         if content in self._places:

@@ -17,6 +17,8 @@ REMEDIES = {
     Reason.UNKNOWN_PLACE: 'the vehicle is off the map, or the scans are not as those of the map: compare the range '
     'resolution and the azimuths',
     Reason.AMBIGUOUS: 'the places of this map resemble one another: see localisation, which joins many scans',
+    Reason.UNVERIFIED: 'the scans do not agree with those of the places they resemble: the vehicle is off the map, or '
+    'the map was made with a radar that is mounted or set otherwise (query.verify: false leaves alignments out)',
     Reason.INVALID_EMBEDDING: 'the encoder refuses the scans: see its diagnostics',
     Reason.MAP_EMPTY: 'no session has ended: call map_server/end_session after a drive with positions',
     Reason.WRONG_MODEL: 'the map and the encoder are of different models: start the encoder with the parameters that '

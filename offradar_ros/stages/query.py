@@ -41,7 +41,7 @@ class QueryStage:
     ) -> None:
         if signatures is None and config.map_path:
             signatures = SignatureFile(Path(config.map_path))
-        self._has_signatures = signatures is not None
+        self._signatures = signatures
         self._query = IntrospectiveQuery(config, SearchedMap(), Verifier(signatures, self._note))
         self._not_aligned = ''
         self._localisation = localisation or LocalisationConfig()
@@ -139,7 +139,7 @@ class QueryStage:
         """Why the last scan was aligned with no place, or none can be, in one line; empty if it was, or had none."""
         if not self.config.verify:
             return 'query.verify is false'
-        if not self._has_signatures:
+        if self._signatures is None:
             return 'query.map_path is not set: set it to the file of the map server'
         if self._last is None or not self._last[1].outcome.candidates:
             return ''

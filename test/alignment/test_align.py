@@ -126,3 +126,12 @@ def test_the_covariance_is_larger_along_a_street_without_ends() -> None:
     street = Plane(walls, np.full(len(walls), 80.0))
     found = aligned(street.scan(), street.scan((0.0, 1.0, 0.0), seed=1))
     assert found.covariance[0, 0] > 4.0 * found.covariance[1, 1]
+
+
+def test_a_scan_without_a_return_is_anywhere_near_the_place() -> None:
+    place = PLANE.scan()
+    empty = dataclasses.replace(place, power=np.ones_like(place.power))
+    found = aligned(place, empty)
+    assert found.score <= 0.0
+    assert found.pose.tolist() == [0.0, 0.0, 0.0]
+    np.testing.assert_allclose(np.diag(found.covariance), [400.0, 400.0, math.pi**2])

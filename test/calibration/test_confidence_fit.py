@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from offradar_ros.calibration.confidence_fit import fit_confidence
+from offradar_ros.calibration.confidence_fit import fit_confidence, fit_verified
 from offradar_ros.config import ConfidenceConfig
 from offradar_ros.errors import DataError
-from offradar_ros.retrieval.confidence import TERMS
+from offradar_ros.retrieval.confidence import TERMS, logistic, verified
 
 TRUE = np.array([-6.0, -4.0, -2.0, -1.0, -0.5])
 SCALES = ConfidenceConfig(model='a' * 64, unrelated_distance=0.9)
@@ -102,3 +102,43 @@ def test_with_a_prior_answers_of_one_kind_shift_only_how_probable_they_are(right
 def test_answers_of_one_kind_teach_nothing(right: bool) -> None:
     with pytest.raises(DataError, match='expected right and wrong answers'):
         fit_confidence(np.zeros((5, 5)), np.full(5, right), np.ones(5), SCALES)
+
+
+def aligned(count: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    """Log-odds, scores and whether each of two places is right, of which at most one is."""
+    rng = np.random.default_rng(4)
+    right = np.zeros((count, 2), np.bool_)
+    right[np.arange(count), rng.integers(0, 2, count)] = rng.random(count) < 0.7
+    odds = np.sort(rng.normal(0.0, 1.0, (count, 2)) + right, axis=1)[:, ::-1]
+    scores = rng.normal(np.where(right, 0.6, 0.3), 0.1)
+    return odds, scores, right
+
+
+def test_what_agrees_is_believed_and_comes_first() -> None:
+    odds, scores, right = aligned(4000)
+    found = fit_verified(odds, scores, right, odds, np.ones(len(odds)), SCALES)
+    assert found.score > 0.0
+    assert found.verified_log_odds >= 0.0
+    together = verified(odds, scores, found)
+    first = np.argmax(together, axis=1)
+    chosen = right[np.arange(len(odds)), first]
+    assert chosen.mean() > right[:, 0].mean() + 0.1
+    # As probable as it says.
+    p_right = logistic(together[np.arange(len(odds)), first])
+    for low, high in ((0.0, 0.2), (0.2, 0.8), (0.8, 1.0)):
+        part = (p_right >= low) & (p_right <= high)
+        assert p_right[part].mean() == pytest.approx(chosen[part].mean(), abs=0.05)
+
+
+def test_scores_that_tell_nothing_leave_the_probability_as_it_is() -> None:
+    odds, scores, right = aligned(4000)
+    noise = np.random.default_rng(1).permutation(scores.ravel()).reshape(scores.shape)
+    found = fit_verified(odds, noise, right, odds, np.ones(len(odds)), SCALES)
+    assert found.score < 1.0
+
+
+def test_alignments_need_right_and_wrong_answers() -> None:
+    odds, scores, right = aligned(100)
+    for all_are in (True, False):
+        with pytest.raises(DataError, match='right and wrong answers'):
+            fit_verified(odds, scores, np.full_like(right, all_are), odds, np.ones(100), SCALES)

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from street_sequence import StreetSequence
 
-from offradar_ros.alignment.signature import SignatureMaker
+from offradar_ros.alignment.signature import SIGNATURE, SignatureMaker
 from offradar_ros.alignment.signature_code import pack
 from offradar_ros.config import ConfidenceConfig, QueryConfig
-from offradar_ros.errors import MapError, OffradarError
+from offradar_ros.errors import MapError, OffradarError, RefusedInput
 from offradar_ros.retrieval.confidence import log_odds, logistic, verified
 from offradar_ros.retrieval.introspective_query import Answer, IntrospectiveQuery
 from offradar_ros.retrieval.searched_map import SearchedMap
@@ -175,6 +175,19 @@ def test_scans_are_aligned_with_what_the_source_has(packed: list[bytes]) -> None
     # Two scans further on, at 1.25 m a scan: the query is behind that place.
     np.testing.assert_allclose(found[ahead].pose, [-2.5, 0.0, 0.0], atol=0.3)
     assert [type(problem).__name__ for problem in problems] == ['RefusedInput']
+
+
+def test_a_signature_that_was_made_otherwise_is_not_aligned(packed: list[bytes]) -> None:
+    """As of a map by a later version."""
+    grid = dataclasses.replace(SIGNATURE.grid, azimuths=100)
+    other = pack(SignatureMaker(dataclasses.replace(SIGNATURE, grid=grid))(StreetSequence(count=1).scan(0)))
+    ours, theirs = ScanKey(1, 0), ScanKey(1, 1)
+    problems: list[OffradarError] = []
+    source = Signatures({ours: packed[0], theirs: other})
+    assert set(Verifier(source, problems.append).align(packed[0], [theirs, ours])) == {ours}
+    (problem,) = problems
+    assert isinstance(problem, RefusedInput)
+    assert problem.cause == 'unlike_signatures'
 
 
 @pytest.mark.parametrize('signature', [b'', b'nonsense'])

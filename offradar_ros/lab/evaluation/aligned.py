@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +15,7 @@ from offradar_ros.calibration.open_set import halves, joined_evidence
 from offradar_ros.geometry import wrap_angle
 from offradar_ros.lab.evaluation.answers import map_rows, places_of
 from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive
+from offradar_ros.lab.evaluation.protocol import Protocol
 from offradar_ros.retrieval.evidence import EvidenceTable
 from offradar_ros.retrieval.searched_map import SearchedMap
 from offradar_ros.retrieval.verification import Verifier
@@ -107,6 +108,24 @@ def aligned_answers(
             table = dataclasses.replace(places_of(mapped, part), session_ids=np.full(len(part), number, np.int32))
             asked_of = _AlignedMap(table, signatures, tolerance_m, places)
             yield asked_of.answers(query, usable, [signatures.of(asked, row) for row in usable.tolist()])
+
+
+def answers_of_worlds(
+    worlds: Iterable[Sequence[EmbeddedDrive]],
+    protocol: Protocol,
+    spacings_m: Sequence[float],
+    *,
+    places: int,
+    queries: int,
+    whole: bool = False,
+) -> list[AlignedAnswers]:
+    """`aligned_answers` of the drives of each world, for maps of each spacing, drawn with the seed of the protocol."""
+    found: list[AlignedAnswers] = []
+    for drives, spacing_m in itertools.product(worlds, spacings_m):
+        found += aligned_answers(
+            drives, spacing_m, protocol.tolerance_m, places=places, queries=queries, seed=protocol.seed, whole=whole
+        )
+    return found
 
 
 class _AlignedMap:

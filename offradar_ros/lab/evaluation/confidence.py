@@ -16,7 +16,7 @@ from offradar_ros.calibration.open_set import joined_evidence
 from offradar_ros.config import ConfidenceConfig
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.errors import ConfigError
-from offradar_ros.lab.evaluation.aligned import AlignedAnswers, aligned_answers, joined_answers
+from offradar_ros.lab.evaluation.aligned import AlignedAnswers, answers_of_worlds, joined_answers
 from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive
 from offradar_ros.lab.evaluation.evaluate import Options, open_worlds
 from offradar_ros.lab.evaluation.methods import open_method
@@ -119,10 +119,7 @@ def fit_alignments(
     made: list[AlignedAnswers] = []
     with options.bar('aligning') as progress:
         for number, drives in enumerate(worlds.values()):
-            for spacing_m in protocol.map_spacings_m:
-                made += aligned_answers(
-                    drives, spacing_m, protocol.tolerance_m, places=places, queries=queries, seed=protocol.seed
-                )
+            made += answers_of_worlds([drives], protocol, protocol.map_spacings_m, places=places, queries=queries)
             progress(number + 1, len(worlds))
     answers = joined_answers(made)
     kept = np.isfinite(answers.scores).all(axis=1)
