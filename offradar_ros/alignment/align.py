@@ -12,9 +12,10 @@ from offradar_ros.alignment.coarse import REACH_M, Spectra, rough_poses, spectra
 from offradar_ros.alignment.refine import Edges, Surface, edges, refine, surface
 from offradar_ros.alignment.signature import Signature
 from offradar_ros.alignment.top_down import STANDING, Twist, half, top_down
+from offradar_ros.errors import RefusedInput
 
 _COARSE_PIXELS, _FINE_PIXELS = 1200, 3000
-_COARSE_STEPS, _FINE_STEPS = 2, 5
+_COARSE_STEPS, _FINE_STEPS = 4, 5
 _SPREAD = 5.4
 """Variance of a pose over that of independent pixels: neighbouring pixels differ alike, and what stood there changes.
 
@@ -34,7 +35,8 @@ class Alignment:
             vehicle in the frame of the place's vehicle, each at its stamp.
         covariance: (3, 3) float64 of the pose in m², m·rad and rad². It holds for right alignments; which are wrong is
             for the score to say.
-        score: correlation of the two scans there, over the edges of the query, −1 to 1.
+        score: correlation of the two scans there, over the edges of the query, −1 to 1. Where they do not agree at all,
+            0 or less, the pose is that of the place, and the covariance that of no knowledge.
     """
 
     pose: NDArray[np.float64]
@@ -83,7 +85,16 @@ def _seen_share(signature: Signature) -> float:
 
 
 def align(place: PreparedPlace, query: PreparedQuery) -> Alignment:
-    """The best pose of the query in the frame of the place: rough poses, each refined, and the best one again."""
+    """The best pose of the query in the frame of the place: rough poses, each refined, and the best one again.
+
+    RefusedInput('unlike_signatures') if their signatures were made with other settings.
+    """
+    if place.spectra.config != query.spectra.config:
+        raise RefusedInput(
+            'unlike_signatures',
+            f'the signature of a place was made with {place.spectra.config}, that of the query with '
+            f'{query.spectra.config}: expected the same; not aligned',
+        )
     rough = refine(place.coarse, query.coarse, rough_poses(place.spectra, query.spectra), _COARSE_STEPS)
     best = int(np.argmax(rough.correlations))
     fine = refine(place.fine, query.fine, rough.poses[best : best + 1], _FINE_STEPS)
@@ -91,7 +102,7 @@ def align(place: PreparedPlace, query: PreparedQuery) -> Alignment:
     pose = np.array([x_m, y_m, math.remainder(yaw_rad, 2.0 * math.pi)])
     score = float(fine.correlations[0])
     if score <= 0.0:
-        return Alignment(pose, _UNKNOWN, score)
+        return Alignment(np.zeros(3), _UNKNOWN, score)
     cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
     turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
     # Where sectors are missing, the pixels that are left lie at their edges.

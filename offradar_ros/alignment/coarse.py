@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from offradar_ros.alignment.signature import Signature
+from offradar_ros.alignment.signature import Signature, SignatureConfig
 from offradar_ros.alignment.top_down import TopDown, across_m
 
 REACH_M = 20.0
@@ -45,19 +45,18 @@ class Spectra:
         directions: (B/2 + 1, F) complex64, of the magnitude of the spectrum along direction, over half a turn.
         whitened: (S, S) float32, from above, with all frequencies about equally strong and a margin around it.
         cell_m: metres of its pixels.
-        sectors: A.
+        config: how the signature was made.
     """
 
     azimuths: NDArray[np.complex64]
     directions: NDArray[np.complex64]
     whitened: NDArray[np.float32]
     cell_m: float
-    sectors: int
+    config: SignatureConfig
 
 
 def spectra(signature: Signature, view: TopDown) -> Spectra:
     """What both scans need once; `view` is at the resolution of the translation."""
-    sectors = len(signature.image)
     near = signature.image[:, : round(_NEAR_SHARE * signature.config.grid.range_bins)].astype(np.float32)
     around = np.concatenate([near[-8:], near, near[:8]])
     smooth = cv2.GaussianBlur(around, (0, 0), sigmaX=_SMOOTH_CELLS, sigmaY=_SMOOTH_SECTORS)[8:-8]
@@ -72,7 +71,7 @@ def spectra(signature: Signature, view: TopDown) -> Spectra:
     weaker = cv2.exp(-_WHITENED * strength)
     spectrum = cv2.merge([real * weaker, imaginary * weaker])
     whitened = np.asarray(cv2.idft(spectrum, flags=cv2.DFT_REAL_OUTPUT | cv2.DFT_SCALE), np.float32)
-    return Spectra(azimuths, _directions(strength), whitened, view.cell_m, sectors)
+    return Spectra(azimuths, _directions(strength), whitened, view.cell_m, signature.config)
 
 
 def _directions(strength: NDArray[np.float32]) -> NDArray[np.complex64]:
@@ -118,10 +117,11 @@ def rough_poses(place: Spectra, query: Spectra) -> NDArray[np.float64]:
 
 def _yaws(place: Spectra, query: Spectra) -> list[float]:
     """Likely yaws of the query, in radians."""
-    by_azimuth = np.fft.irfft(np.sum(place.azimuths * np.conj(query.azimuths), axis=1), n=place.sectors)
+    sectors = place.config.grid.azimuths
+    by_azimuth = np.fft.irfft(np.sum(place.azimuths * np.conj(query.azimuths), axis=1), n=sectors)
     by_direction = np.fft.irfft(np.sum(place.directions * np.conj(query.directions), axis=1), n=_DIRECTIONS)
     # Azimuths are clockwise, directions from x to y. A row of the query is so many rows later in the place.
-    yaws = [-2.0 * math.pi * peak / place.sectors for peak in _peaks(by_azimuth, _PEAKS_BY_AZIMUTH)]
+    yaws = [-2.0 * math.pi * peak / sectors for peak in _peaks(by_azimuth, _PEAKS_BY_AZIMUTH)]
     for peak in _peaks(by_direction, _PEAKS_BY_DIRECTION):
         yaws += [math.pi * peak / _DIRECTIONS, math.pi * peak / _DIRECTIONS + math.pi]
     chosen: list[float] = []

@@ -23,8 +23,8 @@ Image = NDArray[np.float32]
 _LARGEST_STEP = np.array([1.0, 1.0, 0.03])
 _SMALL_STEP = np.array([0.01, 0.01, 2e-4])
 """Metres, metres and radians."""
-_FEWEST = 64
-"""Pixels that must be seen by both scans."""
+_CONVINCING = 200
+"""Pixels whose correlation counts half: that of fewer is often chance."""
 _LEAST_COSINE, _LEAST_POWER = 0.1, 1e-6
 _REGULAR = 1e-6 * np.eye(4)
 
@@ -63,7 +63,7 @@ class Refined:
 
     Attributes:
         poses: (K, 3) x, y in metres and yaw in radians of the query in the frame of the map scan.
-        correlations: (K,) of the values that both scans have, −1 to 1.
+        correlations: (K,) of the values that both scans have, −1 to 1, nearer to 0 where these are few.
         covariances: (K, 3, 3) of each pose in the frame of the query, as if the differences of pixels were independent.
     """
 
@@ -97,8 +97,8 @@ def surface(view: TopDown) -> Surface:
 
 def refine(place: Surface, query: Edges, poses: Array, most_steps: int) -> Refined:
     """Climb from (K, 3) poses to the largest correlations nearby."""
-    if query.terms.shape[1] < _FEWEST:
-        return Refined(poses, np.full(len(poses), -1.0), np.zeros((len(poses), 3, 3)))
+    if not query.terms.size:
+        return Refined(poses, np.zeros(len(poses)), np.zeros((len(poses), 3, 3)))
     found = _compared(place, query, poses)
     for _ in range(most_steps):
         if np.all(np.abs(found.steps) < _SMALL_STEP):
@@ -142,9 +142,7 @@ def _compared(place: Surface, query: Edges, poses: Array) -> _Compared:
     step = contrast[:, None] * solved[:, 1:, 1] - solved[:, 1:, 0]
     step = np.minimum(np.maximum(step, -_LARGEST_STEP), _LARGEST_STEP)
     variance = np.maximum(contrast * (contrast * ii - 2.0 * ti) + tt, _LEAST_POWER) / count
-    correlation = ti / np.sqrt(tt * ii)
-    if count.min() < _FEWEST:
-        step[count < _FEWEST], correlation[count < _FEWEST] = 0.0, -1.0
+    correlation = ti / np.sqrt(tt * ii) * (count / (count + _CONVINCING))
     return _Compared(correlation, step, normal / variance[:, None, None])
 
 
