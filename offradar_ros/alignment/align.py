@@ -16,7 +16,7 @@ from offradar_ros.errors import RefusedInput
 
 _COARSE_PIXELS, _FINE_PIXELS = 1200, 3000
 _COARSE_STEPS, _FINE_STEPS = 4, 5
-_SPREAD = 5.4
+_SPREAD = 4.0
 """Variance of a pose over that of independent pixels: neighbouring pixels differ alike, and what stood there changes.
 
 Fitted on simulated cities (docs/alignment.md), so that 95 % ellipses hold 95 % of the true poses.
