@@ -155,8 +155,10 @@ class Alignment:
     Attributes:
         pose: (3,) float64: x forward and y to the left in metres, yaw counter-clockwise in radians, of the query's
             vehicle in the frame of the place's vehicle, each at its stamp.
-        covariance: (3, 3) float64 of the pose.
-        score: correlation of the two scans there, −1 to 1.
+        covariance: (3, 3) float64 of the pose in m², m·rad and rad². It holds for right alignments; which are wrong is
+            for the score to say.
+        score: correlation of the two scans there, over the edges of the query, −1 to 1. Where they do not agree at all,
+            0 or less, the pose is that of the place, and the covariance that of no knowledge.
     """
 
     pose: NDArray[np.float64]

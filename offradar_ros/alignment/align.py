@@ -15,46 +15,55 @@ from offradar_ros.errors import RefusedInput
 from offradar_ros.types import Alignment
 
 _COARSE_PIXELS, _FINE_PIXELS = 1200, 3000
-_COARSE_STEPS, _FINE_STEPS = 2, 5
+_COARSE_STEPS, _FINE_STEPS = 4, 5
+_SPREAD = 4.0
+"""Variance of a pose over that of independent pixels: neighbouring pixels differ alike, and what stood there changes.
 
-
-_SCALE, _FLOOR_RAD = 6.24, 0.0019
-"""Pixels beside one another err alike, and the sweep of a moving radar bends its image: errors are larger than the
-curvature of the correlation says. These hold 95 % of the errors in their ellipsoids over the simulated worlds of the
-protocol `confidence` (benchmarks/alignment_covariance.py)."""
+Fitted on simulated cities (docs/alignment.md), so that 95 % ellipses hold 95 % of the true poses.
+"""
+_FLOOR = np.diag([0.02**2, 0.02**2, 0.0016**2])
+"""No pose is known better, in m² and rad²: stamps, the mounting of the sensor, the levels of a signature."""
 _UNKNOWN = np.diag([REACH_M**2, REACH_M**2, math.pi**2])
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PreparedPlace:
-    """The scan of a place, ready for queries to be aligned with it."""
+    """The scan of a place, ready for queries to be aligned with it; `seen_share` is that of its sectors."""
 
     spectra: Spectra
     coarse: Surface
     fine: Surface
+    seen_share: float
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class PreparedQuery:
-    """The scan of a query, ready to be aligned with places."""
+    """The scan of a query, ready to be aligned with places; `seen_share` is that of its sectors."""
 
     spectra: Spectra
     coarse: Edges
     fine: Edges
+    seen_share: float
 
 
 def prepare_place(signature: Signature, twist: Twist = STANDING) -> PreparedPlace:
     """What an alignment needs of a place; `twist` is the velocity of its vehicle at the stamp."""
     fine = top_down(signature, twist)
     coarse = half(fine)
-    return PreparedPlace(spectra(signature, coarse), surface(coarse), surface(fine))
+    return PreparedPlace(spectra(signature, coarse), surface(coarse), surface(fine), _seen_share(signature))
 
 
 def prepare_query(signature: Signature, twist: Twist = STANDING) -> PreparedQuery:
     """What an alignment needs of a query; `twist` is the velocity of its vehicle at the stamp."""
     fine = top_down(signature, twist)
     coarse = half(fine)
-    return PreparedQuery(spectra(signature, coarse), edges(coarse, _COARSE_PIXELS), edges(fine, _FINE_PIXELS))
+    coarse_edges, fine_edges = edges(coarse, _COARSE_PIXELS), edges(fine, _FINE_PIXELS)
+    return PreparedQuery(spectra(signature, coarse), coarse_edges, fine_edges, _seen_share(signature))
+
+
+def _seen_share(signature: Signature) -> float:
+    # Without any sector nothing agrees, whatever its variance.
+    return max(float(signature.seen.mean()), 1.0 / len(signature.seen))
 
 
 def align(place: PreparedPlace, query: PreparedQuery) -> Alignment:
@@ -76,9 +85,9 @@ def align(place: PreparedPlace, query: PreparedQuery) -> Alignment:
     if score <= 0.0:
         return Alignment(np.zeros(3), _UNKNOWN.copy(), score)
     x_m, y_m, yaw_rad = fine.poses[0].tolist()
+    pose = np.array([x_m, y_m, math.remainder(yaw_rad, 2.0 * math.pi)])
     cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
     turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    covariance = _SCALE**2 * turn @ fine.covariances[0] @ turn.T
-    covariance[2, 2] += _FLOOR_RAD**2
-    pose = np.array([x_m, y_m, math.remainder(yaw_rad, 2.0 * math.pi)])
-    return Alignment(pose, covariance, score)
+    # Where sectors are missing, the pixels that are left lie at their edges.
+    spread = _SPREAD / (place.seen_share * query.seen_share) ** 2
+    return Alignment(pose, turn @ (spread * fine.covariances[0]) @ turn.T + _FLOOR, score)

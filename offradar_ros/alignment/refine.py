@@ -23,8 +23,10 @@ Image = NDArray[np.float32]
 _LARGEST_STEP = np.array([1.0, 1.0, 0.03])
 _SMALL_STEP = np.array([0.01, 0.01, 2e-4])
 """Metres, metres and radians."""
-_FEWEST = 64
-"""Pixels that must be seen by both scans."""
+_CONVINCING = 200
+"""Pixels whose correlation counts half: that of fewer is often chance."""
+_OUTLYING = 3.0
+"""Standard deviations at which a pixel counts half."""
 _LEAST_COSINE, _LEAST_POWER = 0.1, 1e-6
 _REGULAR = 1e-6 * np.eye(4)
 
@@ -63,7 +65,7 @@ class Refined:
 
     Attributes:
         poses: (K, 3) x, y in metres and yaw in radians of the query in the frame of the map scan.
-        correlations: (K,) of the values that both scans have, −1 to 1.
+        correlations: (K,) of the values that both scans have, −1 to 1, nearer to 0 where these are few.
         covariances: (K, 3, 3) of each pose in the frame of the query, as if the differences of pixels were independent.
     """
 
@@ -97,8 +99,8 @@ def surface(view: TopDown) -> Surface:
 
 def refine(place: Surface, query: Edges, poses: Array, most_steps: int) -> Refined:
     """Climb from (K, 3) poses to the largest correlations nearby."""
-    if query.terms.shape[1] < _FEWEST:
-        return Refined(poses, np.full(len(poses), -1.0), np.zeros((len(poses), 3, 3)))
+    if not query.terms.size:
+        return Refined(poses, np.zeros(len(poses)), np.zeros((len(poses), 3, 3)))
     found = _compared(place, query, poses)
     for _ in range(most_steps):
         if np.all(np.abs(found.steps) < _SMALL_STEP):
@@ -124,28 +126,58 @@ class _Compared(NamedTuple):
 
 
 def _compared(place: Surface, query: Edges, poses: Array) -> _Compared:
-    """Least squares over brightness and step, once for the query's values t and once for the map scan's values i."""
+    """Least squares over brightness and step, once for the query's values t and once for the map scan's values i.
+
+    Pixels that differ much, as where a vehicle stood, count little (Cauchy's weights).
+    """
     value, both = _sampled(place, query.points_m, poses)
-    sums = (both @ query.products.T).reshape(-1, 5, 5).astype(np.float64)
+    found = _agreement(value, both, query.terms[4])
+    weights = both / (1.0 + found.residuals * found.residuals * (1.0 / _OUTLYING**2 / found.variance[:, None]))
+    value *= weights
+    sums = (weights @ query.products.T).reshape(-1, 5, 5).astype(np.float64)
     across = (value @ query.terms.T).astype(np.float64)
     normal = sums[:, :4, :4] + _REGULAR
     sides = np.stack([sums[:, :4, 4], across[:, :4]], axis=-1)
     solved = np.linalg.solve(normal, sides)
-    count, t_sum, i_sum = np.maximum(sums[:, 0, 0], 1.0), sums[:, 0, 4], across[:, 0]
-    tt = np.maximum(sums[:, 4, 4] - t_sum * t_sum / count, _LEAST_POWER)
-    ii = np.maximum(np.einsum('kn,kn->k', value, value) - i_sum * i_sum / count, _LEAST_POWER)
-    ti = across[:, 4] - t_sum * i_sum / count
     # Eq. 25: the contrast at which the linearised images agree best.
     explained = np.einsum('kn,knm->km', sides[..., 0], solved)
-    agreeing = np.maximum(across[:, 4] - explained[:, 1], _LEAST_COSINE * np.sqrt(tt * ii))
-    contrast = (sums[:, 4, 4] - explained[:, 0]) / agreeing
+    left, agreeing = sums[:, 4, 4] - explained[:, 0], across[:, 4] - explained[:, 1]
+    contrast = np.clip(left / np.maximum(agreeing, _LEAST_POWER), 0.0, found.contrast / _LEAST_COSINE)
     step = contrast[:, None] * solved[:, 1:, 1] - solved[:, 1:, 0]
     step = np.minimum(np.maximum(step, -_LARGEST_STEP), _LARGEST_STEP)
-    variance = np.maximum(contrast * (contrast * ii - 2.0 * ti) + tt, _LEAST_POWER) / count
-    correlation = ti / np.sqrt(tt * ii)
-    if count.min() < _FEWEST:
-        step[count < _FEWEST], correlation[count < _FEWEST] = 0.0, -1.0
-    return _Compared(correlation, step, normal / variance[:, None, None])
+    return _Compared(found.correlation, step, normal / found.noise[:, None, None])
+
+
+class _Agreement(NamedTuple):
+    """How alike the values of both scans are, whatever their brightness and contrast.
+
+    Attributes:
+        correlation: (K,)
+        contrast: (K,) of the query over that of the map scan.
+        residuals: (K, N) float32, differences at that contrast, as values of the query.
+        variance: (K,) of the residuals of the pixels that both scans have.
+        noise: (K,) variance of what the query does not share with the map scan, over the share of the rest.
+    """
+
+    correlation: Array
+    contrast: Array
+    residuals: Image
+    variance: Array
+    noise: Array
+
+
+def _agreement(value: Image, both: Image, own: Image) -> _Agreement:
+    count = np.maximum(both.sum(axis=1), 1.0)
+    t_mean, i_mean = both @ own / count, value.sum(axis=1) / count
+    tt = np.maximum(both @ (own * own) - count * t_mean * t_mean, _LEAST_POWER)
+    ii = np.maximum(np.einsum('kn,kn->k', value, value) - count * i_mean * i_mean, _LEAST_POWER)
+    correlation = (value @ own - count * t_mean * i_mean) / np.sqrt(tt * ii)
+    contrast = np.sqrt(tt / ii)
+    residuals = contrast[:, None] * value - own + (t_mean - contrast * i_mean)[:, None]
+    variance = np.maximum(2.0 * tt * (1.0 - correlation) / count, _LEAST_POWER)
+    shared = np.maximum(correlation, _LEAST_COSINE) ** 2
+    noise = np.maximum(tt * (1.0 - shared) / (shared * count), _LEAST_POWER)
+    return _Agreement(correlation * (count / (count + _CONVINCING)), contrast, residuals, variance, noise)
 
 
 def _sampled(place: Surface, points_m: Image, poses: Array) -> tuple[Image, Image]:

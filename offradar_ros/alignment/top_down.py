@@ -18,7 +18,7 @@ from offradar_ros.alignment.signature import Signature, SignatureConfig
 
 Array = NDArray[np.float32]
 
-_SMOOTH_CELLS = 0.5
+_SMOOTH_CELLS, _SMOOTH_CELLS_OF_HALF = 0.5, 1.0
 _ROUNDS = 2
 
 
@@ -90,7 +90,7 @@ def top_down(signature: Signature, twist: Twist = STANDING) -> TopDown:
 def half(view: TopDown) -> TopDown:
     """The same at half the resolution."""
     side = view.side // 2
-    smooth = _smoothed(view.image, view.seen, 1.5 * _SMOOTH_CELLS)
+    smooth = _smoothed(view.image, view.seen, _SMOOTH_CELLS_OF_HALF)
     image = cv2.resize(smooth, (side, side), interpolation=cv2.INTER_AREA)
     seen = cv2.resize(view.seen, (side, side), interpolation=cv2.INTER_NEAREST)
     return TopDown(np.asarray(image, np.float32), np.asarray(seen, np.float32), 2.0 * view.cell_m)

@@ -32,12 +32,13 @@ class Plane:
         azimuths: int = 400,
         range_bins: int = 400,
         range_resolution_m: float = 0.25,
+        range_offset_m: float = 0.0,
         seed: int = 0,
     ) -> PolarScan:
         """What a radar at x, y, yaw receives; `twist` is its velocity, and the stamp the middle of its turn."""
         turns = np.arange(azimuths) / azimuths
         seconds = TURN_S * (turns - 0.5)
-        ranges_m = (np.arange(range_bins) + 0.5) * range_resolution_m
+        ranges_m = range_offset_m + (np.arange(range_bins) + 0.5) * range_resolution_m
         noise = np.random.default_rng(seed).normal(30.0, 3.0, (azimuths, range_bins))
         power = np.zeros((azimuths, range_bins))
         cos, sin = math.cos(pose[2]), math.sin(pose[2])
@@ -56,6 +57,7 @@ class Plane:
             power=np.clip(noise + power, 0.0, 255.0).astype(np.uint8),
             azimuths_rad=2.0 * math.pi * turns,
             range_resolution_m=range_resolution_m,
+            range_offset_m=range_offset_m,
             azimuth_stamps_ns=STAMP_NS + np.rint(seconds * 1e9).astype(np.int64),
         )
 
