@@ -9,6 +9,7 @@ at the same time.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import cv2
@@ -29,6 +30,8 @@ _OUTLYING = 3.0
 """Standard deviations at which a pixel counts half."""
 _LEAST_COSINE, _LEAST_POWER = 0.1, 1e-6
 _REGULAR = 1e-6 * np.eye(4)
+_UNSEEN = -1e6
+"""Stands for no value: values are not negative, and no mean of this and a few of them is either."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -51,11 +54,11 @@ class Surface:
     """The image of a map scan.
 
     Attributes:
-        layers: (S, S, 2) float32: value, and 1 where it is seen.
+        image: (S, S) float32, `_UNSEEN` where it has no value.
         cell_m: metres of a pixel.
     """
 
-    layers: Image
+    image: Image
     cell_m: float
 
 
@@ -94,19 +97,23 @@ def edges(view: TopDown, most: int) -> Edges:
 
 def surface(view: TopDown) -> Surface:
     """The image of a map scan, ready to be sampled."""
-    return Surface(np.dstack([view.image, view.seen]), view.cell_m)
+    return Surface(np.where(view.seen > 0.0, view.image, np.float32(_UNSEEN)), view.cell_m)
 
 
-def refine(place: Surface, query: Edges, poses: Array, most_steps: int) -> Refined:
-    """Climb from (K, 3) poses to the largest correlations nearby."""
+def refine(places: Sequence[Surface], query: Edges, poses: Array, most_steps: int) -> Refined:
+    """Climb from (K, 3) poses, each in the frame of its own place, to the largest correlations nearby."""
     if not query.terms.size:
         return Refined(poses, np.zeros(len(poses)), np.zeros((len(poses), 3, 3)))
-    found = _compared(place, query, poses)
+    poses, found = poses.copy(), _compared(places, query, poses)
     for _ in range(most_steps):
-        if np.all(np.abs(found.steps) < _SMALL_STEP):
+        # What has arrived is left alone, so that no result depends on what else is refined.
+        (moving,) = np.nonzero((np.abs(found.steps) >= _SMALL_STEP).any(axis=1))
+        if not len(moving):
             break
-        poses = _moved(poses, found.steps)
-        found = _compared(place, query, poses)
+        poses[moving] = _moved(poses[moving], found.steps[moving])
+        again = _compared([places[row] for row in moving.tolist()], query, poses[moving])
+        for before, after in zip(found, again, strict=True):
+            before[moving] = after
     covariances = np.asarray(np.linalg.inv(found.information), np.float64)
     return Refined(poses, found.correlations, covariances[:, 1:, 1:])
 
@@ -125,14 +132,18 @@ class _Compared(NamedTuple):
     information: Array
 
 
-def _compared(place: Surface, query: Edges, poses: Array) -> _Compared:
+def _compared(places: Sequence[Surface], query: Edges, poses: Array) -> _Compared:
     """Least squares over brightness and step, once for the query's values t and once for the map scan's values i.
 
     Pixels that differ much, as where a vehicle stood, count little (Cauchy's weights).
     """
-    value, both = _sampled(place, query.points_m, poses)
+    value, both = _sampled(places, query.points_m, poses)
     found = _agreement(value, both, query.terms[4])
-    weights = both / (1.0 + found.residuals * found.residuals * (1.0 / _OUTLYING**2 / found.variance[:, None]))
+    # Ready-made arrays: of a few thousand pixels, as much time goes into new ones as into arithmetic.
+    weights = np.square(found.residuals, out=found.residuals)
+    weights *= 1.0 / (_OUTLYING**2 * found.variance[:, None])
+    weights += 1.0
+    np.divide(both, weights, out=weights)
     value *= weights
     sums = (weights @ query.products.T).reshape(-1, 5, 5).astype(np.float64)
     across = (value @ query.terms.T).astype(np.float64)
@@ -173,23 +184,36 @@ def _agreement(value: Image, both: Image, own: Image) -> _Agreement:
     ii = np.maximum(np.einsum('kn,kn->k', value, value) - count * i_mean * i_mean, _LEAST_POWER)
     correlation = (value @ own - count * t_mean * i_mean) / np.sqrt(tt * ii)
     contrast = np.sqrt(tt / ii)
-    residuals = contrast[:, None] * value - own + (t_mean - contrast * i_mean)[:, None]
+    residuals = contrast[:, None] * value
+    residuals -= own
+    residuals += (t_mean - contrast * i_mean)[:, None]
     variance = np.maximum(2.0 * tt * (1.0 - correlation) / count, _LEAST_POWER)
     shared = np.maximum(correlation, _LEAST_COSINE) ** 2
     noise = np.maximum(tt * (1.0 - shared) / (shared * count), _LEAST_POWER)
     return _Agreement(correlation * (count / (count + _CONVINCING)), contrast, residuals, variance, noise)
 
 
-def _sampled(place: Surface, points_m: Image, poses: Array) -> tuple[Image, Image]:
-    """(K, N) the map scan where the query's pixels fall, and whether it has a value there; 0 where it has none."""
+def _sampled(places: Sequence[Surface], points_m: Image, poses: Array) -> tuple[Image, Image]:
+    """(K, N) the map scans where the query's pixels fall, 0 for no value, and whether they have one there."""
     cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
-    middle_m = (len(place.layers) / 2.0 - 0.5) * place.cell_m
-    to_column = np.stack([cos, -sin, poses[:, 0] + middle_m], axis=1) / place.cell_m
-    to_row = np.stack([sin, cos, poses[:, 1] + middle_m], axis=1) / place.cell_m
+    cell_m = places[0].cell_m
+    middle_m = (len(places[0].image) / 2.0 - 0.5) * cell_m
+    to_column = np.stack([cos, -sin, poses[:, 0] + middle_m], axis=1) / cell_m
+    to_row = np.stack([sin, cos, poses[:, 1] + middle_m], axis=1) / cell_m
     columns, rows = to_column.astype(np.float32) @ points_m, to_row.astype(np.float32) @ points_m
-    layers = cv2.remap(place.layers, columns, rows, cv2.INTER_LINEAR).reshape(*columns.shape, 2)
-    both = (layers[..., 1] > 0.99).astype(np.float32)
-    return layers[..., 0] * both, both
+    value = np.empty_like(columns)
+    for row, place in enumerate(places):
+        cv2.remap(
+            place.image,
+            columns[row : row + 1],
+            rows[row : row + 1],
+            cv2.INTER_LINEAR,
+            value[row : row + 1],
+            cv2.BORDER_CONSTANT,
+            _UNSEEN,
+        )
+    both = (value >= 0.0).astype(np.float32)
+    return np.maximum(value, 0.0, out=value), both
 
 
 def _moved(poses: Array, steps: Array) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from plane import Plane, make_plane
 
-from offradar_ros.alignment.align import align, prepare_place, prepare_query
+from offradar_ros.alignment.align import align, align_each, prepare_place, prepare_query
 from offradar_ros.alignment.signature import SignatureMaker
 from offradar_ros.alignment.top_down import STANDING, Twist
 from offradar_ros.types import Alignment, PolarScan
@@ -148,3 +148,17 @@ def test_missing_sectors_make_it_larger() -> None:
     query.power[gaps] = 0
     whole, part = aligned(PLANE.scan(), PLANE.scan((1.0, 0.0, 0.1), seed=1)), aligned(PLANE.scan(), query)
     assert np.linalg.det(part.covariance) > 4.0 * np.linalg.det(whole.covariance)
+
+
+def test_several_places_at_once_give_what_each_gives() -> None:
+    """Whatever else is aligned: right places, another one, and one of which nothing is seen."""
+    empty = PLANE.scan()
+    empty.power[:] = 1
+    scans = [PLANE.scan(), make_plane(10).scan(), empty, PLANE.scan((3.0, -1.0, 2.0), seed=2)]
+    places = [prepare_place(MAKE(scan)) for scan in scans]
+    query = prepare_query(MAKE(PLANE.scan((1.0, 1.0, 0.5), seed=1)))
+    for found, alone in zip(align_each(places, query), [align(place, query) for place in places], strict=True):
+        np.testing.assert_allclose(found.pose, alone.pose, rtol=0.0, atol=1e-4)
+        np.testing.assert_allclose(found.covariance, alone.covariance, rtol=1e-3)
+        assert found.score == pytest.approx(alone.score, abs=1e-5)
+    assert align_each([], query) == []
