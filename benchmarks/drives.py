@@ -8,7 +8,9 @@ import sys
 from pathlib import Path
 
 import numpy as np
+from sample_signatures import packed_turns
 
+from offradar_ros.alignment.signature import SignatureMaker
 from offradar_ros.config import MapConfig, RadarConfig
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.geometry import GeoPoint
@@ -58,21 +60,25 @@ def origin_of(bag_path: Path) -> GeoPoint:
         return point_from_fix(bag.decode(next(bag.messages(bag.topics_of(FIX_TYPE)))))
 
 
-def write_map(path: Path, info: ModelInfo, origin: GeoPoint, places: int) -> Path:
-    """Write a map with one ended session of `places` places, with random L2-normalised descriptors of this model."""
+def write_map(path: Path, info: ModelInfo, drive: Path, places: int) -> Path:
+    """Write a map with one ended session of `places` places, with random L2-normalised descriptors of this model.
+
+    Their signatures are those of scans of the drive, each turned by another angle.
+    """
     path.unlink(missing_ok=True)
+    signatures = packed_turns(list(map(SignatureMaker(), decoded_scans(drive, SCANS))), places)
     rng = np.random.default_rng(SEED)
     side = int(np.ceil(places**0.5))
     with SessionMap(MapConfig(path=str(path))) as session_map:
         session_map.adopt_model(info)
-        session_map.set_origin(origin)
+        session_map.set_origin(origin_of(drive))
         session_map.start_session('random places', 0)
         for number in range(places):
             mean = rng.standard_normal(info.dimension).astype(np.float32)
             row, column = divmod(number, side)
-            embedding = Embedding(
-                number + 1, mean / np.linalg.norm(mean), np.ones(info.dimension, np.float32), info.fingerprint
-            )
+            mean /= np.linalg.norm(mean)
+            variance = np.ones(info.dimension, np.float32)
+            embedding = Embedding(number + 1, mean, variance, info.fingerprint, signatures[number])
             # Far from the drive, whose scans are inserted as new places.
             session_map.merge(embedding, Pose(5_000.0 + row * SPREAD_M, 5_000.0 + column * SPREAD_M))
         session_map.end_session()

@@ -24,7 +24,7 @@ import numpy as np
 from offradar_ros.lab.evaluation.results.provenance import processor, versions
 
 ROOT = Path(__file__).resolve().parents[1]
-MAKERS = ('drives.py', 'sample_networks.py', 'synthetic_maps.py')
+MAKERS = ('drives.py', 'sample_networks.py', 'sample_signatures.py', 'synthetic_maps.py')
 
 PACKAGES = (
     'numpy',

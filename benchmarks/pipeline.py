@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from drives import SEED, decoded_scans, origin_of, simulated_drive, write_map
+from drives import SEED, decoded_scans, simulated_drive, write_map
 from live_scans import DriveTiming, LiveScans, Recording, read_recording
 from measuring import Timing, cache_folder, previous_results, rounded, single_threaded, write_results
 from sample_networks import exported, quantised, random_weights
@@ -38,6 +38,11 @@ REPORTED_S = 1.5
 """After this time the nodes' diagnostics, which come once a second, count every scan."""
 ANY_U = {'query.delta': 1e6}
 """No scan is rejected as uncertain: random weights give an arbitrary U."""
+
+
+def mapped(path: Path) -> dict[str, object]:
+    """Parameters of nodes that map into, and search, this map, and align scans with its places."""
+    return {'map.path': path, 'query.map_path': path, 'map.autosave_s': 0.0}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -121,8 +126,8 @@ def at_four_hertz(encoder: Candidate, setting: Setting) -> dict[str, Any]:
     """Latency of the pipeline at 4 Hz, and the part of the network in it."""
     alone = EncoderAlone(encoder.config(threads=0), setting.scans)
     alone.measure(min(ALONE_S, setting.seconds))
-    map_path = write_map(setting.folder / 'search.db', alone.info, origin_of(setting.drive), PLACES)
-    parameters = {**encoder.parameters(threads=0), **ANY_U, 'map.path': map_path, 'map.autosave_s': 0.0}
+    map_path = write_map(setting.folder / 'search.db', alone.info, setting.drive, PLACES)
+    parameters = {**encoder.parameters(threads=0), **ANY_U, **mapped(map_path)}
     started_s = time.monotonic()
     nodes = Stack(setting.folder / 'logs' / encoder.name, setting.domain_id, parameters)
     with nodes, LiveScans(setting.recording) as live:
@@ -142,6 +147,7 @@ def at_four_hertz(encoder: Candidate, setting: Setting) -> dict[str, Any]:
         'rest_ms': rounded(whole.median_ms - network.median_ms),
         'image_ms': rounded(Timing.of(alone.image_s).median_ms) if alone.image_s else 0.0,
         'encoder_node_ms': float(diagnostics.get('encoder', {}).get('latency_p50_ms', 'nan')),
+        'alignment': diagnostics.get('query', {}).get('alignment', ''),
         'query_node_ms': float(diagnostics.get('query', {}).get('latency_p50_ms', 'nan')),
         'start_to_first_embedding_s': rounded(first_s),
         'nodes': {
@@ -165,8 +171,8 @@ def overloaded(encoder: Candidate, setting: Setting) -> dict[str, Any]:
     alone = EncoderAlone(encoder.config(threads=1), setting.scans)
     alone.measure(min(ALONE_S, setting.seconds))
     os.sched_setaffinity(0, others)
-    map_path = write_map(setting.folder / 'search.db', alone.info, origin_of(setting.drive), PLACES)
-    parameters = {**encoder.parameters(threads=1), **ANY_U, 'map.path': map_path, 'map.autosave_s': 0.0}
+    map_path = write_map(setting.folder / 'search.db', alone.info, setting.drive, PLACES)
+    parameters = {**encoder.parameters(threads=1), **ANY_U, **mapped(map_path)}
     seconds = min(OVERLOAD_S, setting.seconds)
     try:
         nodes = Stack(setting.folder / 'logs' / 'overload', setting.domain_id, parameters, cpus={core})

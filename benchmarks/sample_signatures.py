@@ -1,6 +1,9 @@
-"""Packed signatures without a scan."""
+"""Packed signatures: without a scan, and many of few scans."""
 
 from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -15,3 +18,14 @@ def packed_signature(seed: int, azimuths: int = 8, range_bins: int = 8) -> bytes
     config = SignatureConfig(PolarGridConfig(azimuths, range_bins, 1.0, 1.0))
     image = rng.integers(0, BRIGHTEST + 1, (azimuths, range_bins), np.uint8)
     return pack(Signature(image, np.ones(azimuths, np.bool_), 0.0, 0.25, config))
+
+
+def packed_turns(signatures: Sequence[Signature], count: int) -> list[bytes]:
+    """That many different signatures: those given, each turned by one sector after the other."""
+    turned = []
+    for number in range(count):
+        turns, index = divmod(number, len(signatures))
+        signature = signatures[index]
+        image, seen = np.roll(signature.image, turns, axis=0), np.roll(signature.seen, turns)
+        turned.append(pack(dataclasses.replace(signature, image=image, seen=seen)))
+    return turned

@@ -6,7 +6,6 @@ README.md explains each figure.
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import itertools
 import json
 import os
@@ -21,6 +20,7 @@ from typing import Any
 
 import numpy as np
 from measuring import ROOT, interleaved, rounded, single_threaded, write_results
+from sample_signatures import packed_turns
 from scan_sources import REAL, announce_machine, scan_sources
 from synthetic_maps import DIMENSION, MODEL, synthetic_table
 
@@ -62,7 +62,7 @@ def main() -> None:
         for kind, signatures in kinds.items():
             if signatures:
                 path = Path(folder) / f'{kind}.db'
-                write_map(path, map(packed_turns(signatures).__getitem__, range(PLACES)))
+                write_map(path, map(packed_turns(signatures, PLACES).__getitem__, range(PLACES)))
                 maps[kind] = costs(path, plain)
                 print(f'{kind}: {json.dumps(maps[kind], indent=1)}', flush=True)
     write_results(arguments.out, {'places': PLACES, 'making': making, 'maps': maps}, {'means': SEED})
@@ -82,17 +82,6 @@ def made(scans: Sequence[PolarScan]) -> dict[str, Any]:
         'bytes': {'least': min(sizes), 'median': statistics.median(sizes), 'most': max(sizes)},
         **{name: timing.as_dict() for name, timing in taken.items()},
     }
-
-
-def packed_turns(signatures: Sequence[Signature]) -> list[bytes]:
-    """10,000 signatures: those given, each turned by one sector after the other."""
-    turned = []
-    for number in range(PLACES):
-        turns, index = divmod(number, len(signatures))
-        signature = signatures[index]
-        image, seen = np.roll(signature.image, turns, axis=0), np.roll(signature.seen, turns)
-        turned.append(pack(dataclasses.replace(signature, image=image, seen=seen)))
-    return turned
 
 
 def write_map(path: Path, signatures: Any) -> None:

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from drives import SCANS, SEED, offradar, origin_of, simulated_drive, write_map
+from drives import SCANS, SEED, offradar, simulated_drive, write_map
 from measuring import cache_folder, rounded, single_threaded, write_results
-from pipeline import ANY_U, DOMAIN_ID, NAMES, PLACES, RATE_HZ, Candidate, candidate
+from pipeline import ANY_U, DOMAIN_ID, NAMES, PLACES, RATE_HZ, Candidate, candidate, mapped
 
 from offradar_ros.encoders.registry import make_encoder
 from offradar_ros.lab.live.node_processes import Stack, isolated_environment
@@ -26,8 +26,8 @@ REPLAY_S = 300.0
 def replayed(encoder: Candidate, folder: Path, drive: Path) -> dict[str, Any]:
     """Scans per second of `replay_node --lockstep`, with nodes that map, and search 10,000 places."""
     info = make_encoder(encoder.config(threads=0)).info
-    map_path = write_map(folder / 'search.db', info, origin_of(drive), PLACES)
-    parameters = {**encoder.parameters(threads=0), **ANY_U, 'map.path': map_path, 'map.autosave_s': 0.0}
+    map_path = write_map(folder / 'search.db', info, drive, PLACES)
+    parameters = {**encoder.parameters(threads=0), **ANY_U, **mapped(map_path)}
     report = folder / 'replay.json'
     with Stack(folder / 'logs' / f'replay_{encoder.name}', DOMAIN_ID, parameters) as nodes:
         nodes.wait_until_ready()
