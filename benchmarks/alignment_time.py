@@ -15,6 +15,7 @@ from sample_signatures import packed_turns
 from scan_sources import REAL, announce_machine, scan_sources
 
 from offradar_ros.alignment.align import align, prepare_place, prepare_query
+from offradar_ros.alignment.scan_odometry import ScanOdometry
 from offradar_ros.alignment.signature import SignatureMaker
 from offradar_ros.alignment.signature_code import pack, unpack
 from offradar_ros.retrieval.verification import PREPARED, Verifier
@@ -47,15 +48,17 @@ def steps(scans: Sequence[PolarScan]) -> dict[str, Callable[[], object]]:
     make = SignatureMaker()
     signatures = [make(scan) for scan in scans]
     contents = [pack(signature) for signature in signatures]
-    pairs = [
-        (prepare_place(place), prepare_query(query)) for place, query in itertools.pairwise(signatures)
-    ]
+    pairs = [(prepare_place(place), prepare_query(query)) for place, query in itertools.pairwise(signatures)]
     turned = packed_turns(signatures, 2 * PREPARED)
     held = HeldSignatures({ScanKey(1, number): content for number, content in enumerate(turned)})
     cold, warm = Verifier(held), Verifier(held)
     numbers = itertools.cycle(range(0, len(turned) - CANDIDATES, CANDIDATES))
-    following = {name: itertools.cycle(range(len(scans))) for name in ('make', 'unpack', 'place', 'query', 'five')}
+    following = {
+        name: itertools.cycle(range(len(scans))) for name in ('make', 'unpack', 'place', 'query', 'velocity', 'five')
+    }
     pair = itertools.cycle(pairs)
+
+    odometry, stamps_ns = ScanOdometry(), itertools.count(0, 250_000_000)
 
     def cold_five() -> object:
         first = next(numbers)
@@ -70,6 +73,7 @@ def steps(scans: Sequence[PolarScan]) -> dict[str, Callable[[], object]]:
         'unpack': lambda: unpack(contents[next(following['unpack'])]),
         'place': lambda: prepare_place(signatures[next(following['place'])]),
         'query': lambda: prepare_query(signatures[next(following['query'])]),
+        'velocity': lambda: odometry.twist(signatures[next(following['velocity'])], next(stamps_ns)),
         'align': lambda: align(*next(pair)),
         'five, cold': cold_five,
         'five, prepared': warm_five,

@@ -18,7 +18,7 @@ from scipy.stats import chi2
 
 from offradar_ros.alignment.align import PreparedPlace, PreparedQuery, align, prepare_place, prepare_query
 from offradar_ros.alignment.signature import SignatureMaker
-from offradar_ros.alignment.top_down import STANDING, Twist
+from offradar_ros.alignment.twist import STANDING, Twist
 from offradar_ros.lab.evaluation.metrics.auroc import auroc
 from offradar_ros.recordings.source import open_source
 from offradar_ros.types import Alignment, PolarScan

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from offradar_ros.alignment.coarse import REACH_M, Spectra, rough_poses, spectra
 from offradar_ros.alignment.refine import Edges, Surface, edges, refine, surface
 from offradar_ros.alignment.signature import Signature
-from offradar_ros.alignment.top_down import STANDING, Twist, half, top_down
+from offradar_ros.alignment.top_down import half, top_down
+from offradar_ros.alignment.twist import STANDING, Twist
 from offradar_ros.errors import RefusedInput
 from offradar_ros.types import Alignment
 
@@ -70,35 +71,44 @@ def _seen_share(signature: Signature) -> float:
     return max(float(signature.seen.mean()), 1.0 / len(signature.seen))
 
 
-def align(place: PreparedPlace, query: PreparedQuery) -> Alignment:
+def align(place: PreparedPlace, query: PreparedQuery, expected: Array | None = None) -> Alignment:
     """The best pose of the query in the frame of the place: rough poses, each refined, and the best one again.
 
+    With (3,) `expected`, x, y in m and yaw in rad, only that near it.
+
     Where the scans do not agree at all, with a score of 0 or less, the pose is that of the place, and its covariance
-    that of no knowledge. RefusedInput (`unlike_signatures`) if the signatures were made with other settings.
+    that of no knowledge. RefusedInput as `require_alike`.
     """
-    return align_each([place], query)[0]
+    require_alike(place, query)
+    starts = rough_poses(place.spectra, query.spectra) if expected is None else expected[None, :]
+    return _refined([place], query, [starts])[0]
 
 
 def align_each(places: Sequence[PreparedPlace], query: PreparedQuery) -> list[Alignment]:
     """`align` with each place, together, which takes less time than one after the other."""
     for place in places:
-        if place.spectra.config != query.spectra.config:
-            raise RefusedInput(
-                'unlike_signatures',
-                f'the signature of a place was made with {place.spectra.config}, that of the scan with '
-                f'{query.spectra.config}: expected the same; not aligned',
-            )
-    if not places:
-        return []
-    poses = [rough_poses(place.spectra, query.spectra) for place in places]
-    surfaces = [place.coarse for place, of_place in zip(places, poses, strict=True) for _ in of_place]
-    rough = refine(surfaces, query.coarse, np.concatenate(poses), _COARSE_STEPS)
-    ends = np.cumsum([len(of_place) for of_place in poses])[:-1]
-    best = [
-        of_place[np.argmax(correlations)]
-        for of_place, correlations in zip(np.split(rough.poses, ends), np.split(rough.correlations, ends), strict=True)
-    ]
-    fine = refine([place.fine for place in places], query.fine, np.array(best), _FINE_STEPS)
+        require_alike(place, query)
+    return _refined(places, query, [rough_poses(place.spectra, query.spectra) for place in places]) if places else []
+
+
+def require_alike(place: PreparedPlace, query: PreparedQuery) -> None:
+    """RefusedInput (`unlike_signatures`) if the signatures were made with other settings."""
+    if place.spectra.config != query.spectra.config:
+        raise RefusedInput(
+            'unlike_signatures',
+            f'the signature of a place was made with {place.spectra.config}, that of the scan with '
+            f'{query.spectra.config}: expected the same; not aligned',
+        )
+
+
+def _refined(places: Sequence[PreparedPlace], query: PreparedQuery, starts: Sequence[Array]) -> list[Alignment]:
+    """The best pose at each place, of those that are reached from (K, 3) `starts` of each."""
+    surfaces = [place.coarse for place, of_place in zip(places, starts, strict=True) for _ in of_place]
+    rough = refine(surfaces, query.coarse, np.concatenate(starts), _COARSE_STEPS)
+    ends = np.cumsum([len(of_place) for of_place in starts])[:-1]
+    reached = zip(np.split(rough.poses, ends), np.split(rough.correlations, ends), strict=True)
+    best = np.array([poses[np.argmax(correlations)] for poses, correlations in reached])
+    fine = refine([place.fine for place in places], query.fine, best, _FINE_STEPS)
     return [
         _alignment(pose, float(score), covariance, place.seen_share * query.seen_share)
         for place, pose, score, covariance in zip(places, fine.poses, fine.correlations, fine.covariances, strict=True)
@@ -106,6 +116,7 @@ def align_each(places: Sequence[PreparedPlace], query: PreparedQuery) -> list[Al
 
 
 def _alignment(pose: Array, score: float, covariance: Array, seen_share: float) -> Alignment:
+    """With the covariance of the refined pose, in the frame of the query, turned into that of the place and scaled."""
     if score <= 0.0:
         return Alignment(np.zeros(3), _UNKNOWN.copy(), score)
     x_m, y_m, yaw_rad = pose.tolist()
