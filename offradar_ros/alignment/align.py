@@ -21,10 +21,11 @@ Array = NDArray[np.float64]
 
 _COARSE_PIXELS, _FINE_PIXELS = 1200, 3000
 _COARSE_STEPS, _FINE_STEPS = 4, 5
-_SPREAD = 4.0
+_SPREAD = 23.3
 """Variance of a pose over that of independent pixels: neighbouring pixels differ alike, and what stood there changes.
 
-Fitted on simulated cities (docs/alignment.md), so that 95 % ellipses hold 95 % of the true poses.
+Fitted to the simulated worlds of the protocol `confidence` (benchmarks/alignment_covariance.py), so that 95 % of the
+errors lie in their ellipsoids.
 """
 _FLOOR = np.diag([0.02**2, 0.02**2, 0.0016**2])
 """No pose is known better, in m² and rad²: stamps, the mounting of the sensor, the levels of a signature."""

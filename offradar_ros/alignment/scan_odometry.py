@@ -17,7 +17,7 @@ LONGEST_S = 1.0
 _SHORTEST_S = 0.05
 _AGREEING = 0.3
 """Score below which two scans do not agree where the vehicle was expected, and it is looked for everywhere."""
-_MOST_BENT_M = 0.1
+_MOST_BENT_M = 0.25
 """Error of a velocity, as metres over half a turn, above which it is not used: it would bend the scan anew."""
 _CHANGE_MPS, _CHANGE_RADPS = 0.5, 0.1
 _CHANGE_MPS2, _CHANGE_RADPS2 = 6.0, 1.5
