@@ -21,7 +21,7 @@ from offradar_ros.positions.motion import positions_apart_m
 from offradar_ros.positions.rules import geo_point, require_pose
 from offradar_ros.stages.map_frame import MapFrame
 from offradar_ros.stages.positioning import Positioning
-from offradar_ros.types import Embedding, PlaceTable, Pose
+from offradar_ros.types import Embedding, PlaceTable, Pose, ScanKey
 
 MAX_MESSAGE_PLACES = 50_000
 """Largest map that is sent as a message: for a larger one the query node reads the file."""
@@ -39,11 +39,13 @@ class MapUpdate:
     Attributes:
         stamp_ns: stamp of the embedding.
         changed: the places that were inserted or replaced with it; may be empty.
+        signature: that of the embedding, which all of them hold now; empty if it has none.
         problem: why it was not merged, or None.
     """
 
     stamp_ns: int
     changed: PlaceTable
+    signature: bytes = b''
     problem: RefusedInput | None = None
 
 
@@ -286,6 +288,11 @@ class MapStage:
             return CommittedMap(Form.FILE, PlaceTable.from_places([], self.map.dimension))
         return CommittedMap(Form.WHOLE, self.map.committed())
 
+    def signatures(self, scans: Sequence[ScanKey]) -> dict[ScanKey, bytes]:
+        """The signature of each of these scans, empty for one that has none or is not in the map."""
+        held = self.map.signatures.read(scans)
+        return {scan: held.get(scan, b'') for scan in scans}
+
     def changed_view(self) -> PlaceTable | None:
         """Every place; None if nothing changed since the last call, or if the map is too large for a message."""
         if not self._changed_since_view or len(self.map) > MAX_MESSAGE_PLACES:
@@ -329,8 +336,8 @@ class MapStage:
             return self._refused(embedding, refused)
         changed = self.map.changed(merge)
         self._changed_since_view = self._changed_since_view or len(changed) > 0
-        return MapUpdate(embedding.stamp_ns, changed)
+        return MapUpdate(embedding.stamp_ns, changed, embedding.signature)
 
     def _refused(self, embedding: Embedding, problem: RefusedInput) -> MapUpdate:
         self.map.count_dropped(problem.cause)
-        return MapUpdate(embedding.stamp_ns, PlaceTable.from_places([], self.map.dimension), problem)
+        return MapUpdate(embedding.stamp_ns, PlaceTable.from_places([], self.map.dimension), problem=problem)

@@ -1,0 +1,106 @@
+"""The signatures of the scans that a searched map holds, where they come by messages.
+
+Those of the running session come with its rows. What is missing of a map that comes at once is asked for: a few scans
+at a time, the next few when the answer to the last question is there, so that neither side is ever flooded.
+"""
+
+from __future__ import annotations
+
+import collections
+import itertools
+import math
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+
+from offradar_ros.types import ScanKey
+
+MOST_WANTED = 64
+"""Most scans of a question. Its answer, of 2 to 3 kB a scan, passes through Fast DDS' shared memory in one piece."""
+ASK_AGAIN_S = 1.0
+"""A question without an answer after this time was lost, or its answer was."""
+PUT_BEFORE_CHECK = 4096
+"""So many signatures may be put, some 10 MB, before it is checked which of them are still needed."""
+
+
+class ReceivedSignatures:
+    """A `SignatureSource` that says which signatures it still lacks. Not thread-safe.
+
+    Args:
+        clock: monotonic time in seconds.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._held: dict[ScanKey, bytes] = {}
+        # In the order in which they are asked for.
+        self._missing: collections.OrderedDict[ScanKey, None] = collections.OrderedDict()
+        self._asked: tuple[ScanKey, ...] = ()
+        self._asked_s = -math.inf
+        self._put = 0
+
+    def __len__(self) -> int:
+        """Number of signatures that are here."""
+        return len(self._held)
+
+    @property
+    def missing(self) -> int:
+        """Number of scans of which it is not known yet whether they have a signature."""
+        return len(self._missing)
+
+    @property
+    def is_check_due(self) -> bool:
+        """Whether so many were put that `expect` should be called."""
+        return self._put >= PUT_BEFORE_CHECK
+
+    def read(self, scans: Sequence[ScanKey]) -> dict[ScanKey, bytes]:
+        """The signatures of these scans that are here; those that are not are asked for first."""
+        for scan in reversed(scans):
+            if scan in self._missing:
+                self._missing.move_to_end(scan, last=False)
+        return {scan: self._held[scan] for scan in scans if scan in self._held}
+
+    def expect(self, scans: Iterable[ScanKey]) -> None:
+        """The map holds these scans from now on, and no others: what is not here is asked for, also if it was before.
+
+        The map may be that of another server, whose scans have signatures.
+        """
+        every = list(scans)
+        self._held = {scan: self._held[scan] for scan in every if scan in self._held}
+        self._missing = collections.OrderedDict.fromkeys(scan for scan in every if scan not in self._held)
+        self._asked, self._put = (), 0
+
+    def put(self, scan: ScanKey, signature: bytes) -> None:
+        """Take up the signature of a scan that came with its row; empty if it has none."""
+        self._put += 1
+        self._missing.pop(scan, None)
+        self._held.pop(scan, None)
+        if signature:
+            self._held[scan] = signature
+
+    def wanted(self) -> tuple[ScanKey, ...]:
+        """The scans to ask for now, at most `MOST_WANTED`; none while the last question may still be answered."""
+        if not self._missing:
+            return ()
+        if self._asked:
+            if self._clock() - self._asked_s < ASK_AGAIN_S:
+                return ()
+            # One that can never be answered must not keep the others waiting.
+            for scan in self._asked:
+                if scan in self._missing:
+                    self._missing.move_to_end(scan)
+        self._asked, self._asked_s = tuple(itertools.islice(self._missing, MOST_WANTED)), self._clock()
+        return self._asked
+
+    def receive(self, answer: Mapping[ScanKey, bytes]) -> None:
+        """Take up the signatures of an answer, also to the question of another, as far as they are missing.
+
+        An empty one says that the scan has none.
+        """
+        for scan, signature in answer.items():
+            if scan not in self._missing:
+                continue
+            del self._missing[scan]
+            if signature:
+                self._held[scan] = signature
+        if any(scan in answer for scan in self._asked):
+            self._asked = ()
