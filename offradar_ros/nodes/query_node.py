@@ -189,7 +189,8 @@ class QueryNode(StageNode):
         self._update_ledger.settle('taken_up')
 
     def _on_signatures(self, message: PointCloud2) -> None:
-        self.stage.receive_signatures(signatures_record(message, 'map/signatures'))
+        for problem in self.stage.receive_signatures(signatures_record(message, 'map/signatures')):
+            self.refuse(problem, 'map/signatures')
         self._ask_for_signatures()
 
     def _ask_for_signatures(self) -> None:

@@ -12,6 +12,8 @@ import math
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
+from offradar_ros.alignment.signature_code import unpack
+from offradar_ros.errors import RefusedInput
 from offradar_ros.types import ScanKey
 
 MOST_WANTED = 64
@@ -91,16 +93,23 @@ class ReceivedSignatures:
         self._asked, self._asked_s = tuple(itertools.islice(self._missing, MOST_WANTED)), self._clock()
         return self._asked
 
-    def receive(self, answer: Mapping[ScanKey, bytes]) -> None:
+    def receive(self, answer: Mapping[ScanKey, bytes]) -> list[RefusedInput]:
         """Take up the signatures of an answer, also to the question of another, as far as they are missing.
 
-        An empty one says that the scan has none.
+        An empty one says that the scan has none. Returns what is wrong with others that are none (`invalid_signature`):
+        they are not asked for again either, as those of a map that another version of this package has made.
         """
-        for scan, signature in answer.items():
-            if scan not in self._missing:
-                continue
+        problems: list[RefusedInput] = []
+        for scan in [scan for scan in answer if scan in self._missing]:
             del self._missing[scan]
-            if signature:
-                self._held[scan] = signature
+            if not answer[scan]:
+                continue
+            try:
+                unpack(answer[scan])
+            except RefusedInput as problem:
+                problems.append(problem)
+            else:
+                self._held[scan] = answer[scan]
         if any(scan in answer for scan in self._asked):
             self._asked = ()
+        return problems

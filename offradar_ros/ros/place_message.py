@@ -12,7 +12,14 @@ from offradar_ros.errors import RefusedInput
 from offradar_ros.mapping.place_check import MAX_SESSION_ID
 from offradar_ros.ros.clouds import MAX_FIELDS, Layout, from_cloud, to_cloud
 from offradar_ros.ros.embedding_message import fingerprint_of
-from offradar_ros.ros.signature_rows import MAX_COUNTS, SIGNATURE, read_signatures, signed_layout, write_signatures
+from offradar_ros.ros.signature_rows import (
+    MAX_COUNTS,
+    SIGNATURE,
+    read_signatures,
+    require_sound,
+    signed_layout,
+    write_signatures,
+)
 from offradar_ros.ros.stamps import header
 from offradar_ros.types import PlaceTable
 
@@ -110,6 +117,7 @@ def descriptors_record(message: PointCloud2, topic: str) -> PlaceRows:
     )
     model = fingerprint_of(points['model'], topic)
     signatures = read_signatures(points, topic) if is_signed else ()
+    require_sound(signatures, topic)
     return PlaceRows(table, model, bool(len(points)) and bool(points['committed'][0]), signatures)
 
 

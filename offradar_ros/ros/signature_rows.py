@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -34,7 +34,10 @@ def write_signatures(points: NDArray[Any], signatures: Sequence[bytes]) -> None:
 
 
 def read_signatures(points: NDArray[Any], topic: str) -> tuple[bytes, ...]:
-    """The N packed signatures of (N,) points, each sound or empty; RefusedInput (`invalid_signature`) for others."""
+    """The bytes of the N signatures of (N,) points; RefusedInput (`invalid_signature`) if they do not fit their fields.
+
+    Whether they are signatures is for `require_sound`, or for whoever takes them up.
+    """
     found: list[bytes] = []
     for size, row in zip(points[SIZE].tolist(), points[SIGNATURE], strict=True):
         content = row.tobytes()
@@ -44,16 +47,15 @@ def read_signatures(points: NDArray[Any], topic: str) -> tuple[bytes, ...]:
                 f'{topic}: a signature of {size} bytes in a field of {len(content)}: expected as many at most, and '
                 'zeroes after them',
             )
-        signature = content[:size]
-        # The rows that one scan changed hold the same one.
-        if signature and signature not in found[-1:]:
-            _require_sound(signature, topic)
-        found.append(signature)
+        found.append(content[:size])
     return tuple(found)
 
 
-def _require_sound(signature: bytes, topic: str) -> None:
-    try:
-        unpack(signature)
-    except RefusedInput as problem:
-        raise RefusedInput(problem.cause, f'{topic}: {problem}') from None
+def require_sound(signatures: Iterable[bytes], topic: str) -> None:
+    """RefusedInput (`invalid_signature`) if one of these that is not empty is not a packed signature."""
+    # The rows that one scan changed hold the same one.
+    for signature in {*signatures} - {b''}:
+        try:
+            unpack(signature)
+        except RefusedInput as problem:
+            raise RefusedInput(problem.cause, f'{topic}: {problem}') from None

@@ -42,7 +42,10 @@ def signatures_message(signatures: Mapping[ScanKey, bytes], stamp_ns: int) -> Po
 
 
 def signatures_record(message: PointCloud2, topic: str) -> dict[ScanKey, bytes]:
-    """The signatures of an answer, all of them sound; RefusedInput as `wanted_record` and `read_signatures`."""
+    """The bytes of the signatures of an answer, which `ReceivedSignatures.receive` checks as it takes them up.
+
+    RefusedInput as `wanted_record` and `read_signatures`.
+    """
     points = _read(message, signed_layout(SCAN), topic, MAX_COUNTS)
     return dict(zip(_scans(points, topic), read_signatures(points, topic), strict=True))
 
@@ -59,7 +62,7 @@ def _read(
 ) -> NDArray[Any]:
     stamp_ns(message.header.stamp)
     points = from_cloud(message, layout, topic, max_counts)
-    # Each takes a tenth of a millisecond to check.
+    # Each takes a tenth of a millisecond to take up.
     if not 0 < len(points) <= MOST_WANTED:
         raise RefusedInput('wrong_size', f'{topic}: {len(points)} scans: expected 1 to {MOST_WANTED}')
     return points

@@ -33,7 +33,7 @@ class QueryStage:
         config: of the answers.
         localisation: of the belief over many scans; the default one if left out.
         signatures: of the scans that the places hold; by default those in the file of `query.map_path`, if set, else
-            those that come with `update` and `receive`.
+            those that come with `update` and `receive_signatures`.
     """
 
     def __init__(
@@ -145,9 +145,9 @@ class QueryStage:
         """
         return self._received.wanted() if self.config.verify else ()
 
-    def receive_signatures(self, answer: Mapping[ScanKey, bytes]) -> None:
+    def receive_signatures(self, answer: Mapping[ScanKey, bytes]) -> list[RefusedInput]:
         """As `ReceivedSignatures.receive`."""
-        self._received.receive(answer)
+        return self._received.receive(answer)
 
     @property
     def missing_signatures(self) -> int:

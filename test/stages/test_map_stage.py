@@ -25,7 +25,7 @@ from offradar_ros.mapping.sessions import SessionMap
 from offradar_ros.mapping.store import MapStore
 from offradar_ros.stages import map as map_stage
 from offradar_ros.stages.map import Form, MapStage, MapUpdate
-from offradar_ros.types import Embedding, Pose
+from offradar_ros.types import Embedding, Pose, ScanKey
 
 SECOND = 10**9
 MODEL = ModelInfo('stub', 'ab' * 32, 2, {})
@@ -970,3 +970,14 @@ def test_a_session_waits_for_the_positions_that_tell_a_heading(session_map: Sess
     assert stage.expects_positions(stage.scans)
     assert np.array(brief(stage.add_pose(*at(8.0)))) == pytest.approx(np.array([(5.75, 57.5)]))
     assert not stage.expects_positions(stage.scans)
+
+
+def test_an_update_has_the_signature_of_its_scan_and_the_map_has_it_too(stage: MapStage) -> None:
+    signed = dataclasses.replace(embedding(1.0), signature=b'signed')
+    stage.add_pose(*at(0.5))
+    stage.add_embedding(signed)
+    (update,) = stage.add_pose(*at(1.5))
+    (scan,) = update.changed.scans()
+    assert (update.signature, update.changed.stamps_ns.tolist()) == (b'signed', [SECOND])
+    unknown = ScanKey(scan.session_id, 7)
+    assert stage.signatures([unknown, scan]) == {unknown: b'', scan: b'signed'}
