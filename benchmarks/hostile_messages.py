@@ -22,6 +22,7 @@ from rclpy.serialization import serialize_message
 from sample_signatures import packed_signature
 from sensor_msgs.msg import Image, NavSatFix, NavSatStatus, PointCloud2
 
+from offradar_ros.alignment.signature_code import checksum_of
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.ros import qos
 from offradar_ros.ros.embedding_message import embedding_message, model_message
@@ -97,8 +98,9 @@ def inputs(model: ModelInfo, start_ns: int) -> tuple[Input, ...]:
         if committed and number % 10 == 0:
             return read_the_file_message(stamp(number))
         table = _places(model, number)
-        signatures = () if committed else tuple(packed_signature(number + row) for row in range(len(table)))
-        return descriptors_message(PlaceRows(table, model.fingerprint, committed, signatures), stamp(number))
+        signatures = tuple(packed_signature(number) for _ in range(len(table)))
+        sent = {'checksums': tuple(map(checksum_of, signatures))} if committed else {'signatures': signatures}
+        return descriptors_message(PlaceRows(table, model.fingerprint, committed, **sent), stamp(number))
 
     def scans(number: int) -> list[ScanKey]:
         return [ScanKey(1, row + 1) for row in range(1 + number % 4)]

@@ -34,7 +34,6 @@ from offradar_ros.ros.run import run
 from offradar_ros.ros.signatures_message import signatures_message, wanted_record
 from offradar_ros.ros.stage_node import StageNode
 from offradar_ros.stages.map import Form, MapStage, MapUpdate
-from offradar_ros.types import PlaceTable
 
 CLOCK_OFFSET_S = 2.0
 """A larger difference between the latencies of embeddings and positions is one between their clocks."""
@@ -258,7 +257,7 @@ class MapServerNode(StageNode):
                 self.refuse(update.problem, 'embedding')
             if len(update.changed):
                 signatures = (update.signature,) * len(update.changed)
-                rows = self._places(update.changed, committed=False, signatures=signatures)
+                rows = PlaceRows(update.changed, self._fingerprint, committed=False, signatures=signatures)
                 self._updates.publish(descriptors_message(rows, update.stamp_ns))
 
     def _publish_committed(self) -> None:
@@ -270,16 +269,17 @@ class MapServerNode(StageNode):
         elif committed.form is Form.CHANGES:
             # Whoever has read the file reads the signatures there.
             if len(committed.table):
-                rows = self._places(committed.table, committed=True)
+                rows = PlaceRows(committed.table, self._fingerprint, committed=True)
                 self._updates.publish(descriptors_message(rows, self._last_stamp_ns))
         else:
-            rows = self._places(committed.table, committed=True)
+            rows = PlaceRows(committed.table, self._fingerprint, committed=True, checksums=committed.checksums)
             self._rows.publish(descriptors_message(rows, self._last_stamp_ns))
             self._map_view.publish(map_message(committed.table, self._last_stamp_ns))
 
-    def _places(self, table: PlaceTable, *, committed: bool, signatures: tuple[bytes, ...] = ()) -> PlaceRows:
+    @property
+    def _fingerprint(self) -> str:
         model = self.stage.map.model
-        return PlaceRows(table, model.fingerprint if model else '', committed, signatures)
+        return model.fingerprint if model else ''
 
     def _service_callback(self, name: str, serve: Callable[[], str]) -> Callable[..., Awaitable[Trigger.Response]]:
         async def answer(_request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:

@@ -181,7 +181,7 @@ class QueryNode(StageNode):
     @staticmethod
     def _load(stage: QueryStage, message: PointCloud2) -> None:
         rows = descriptors_record(message, 'map/descriptors')
-        stage.load(rows.table, rows.model)
+        stage.load(rows.table, rows.model, rows.checksums)
 
     def _on_update(self, message: PointCloud2) -> None:
         rows = descriptors_record(message, 'map/updates')

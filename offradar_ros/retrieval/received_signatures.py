@@ -1,7 +1,8 @@
 """The signatures of the scans that a searched map holds, where they come by messages.
 
-Those of the running session come with its rows. What is missing of a map that comes at once is asked for: a few scans
-at a time, the next few when the answer to the last question is there, so that neither side is ever flooded.
+Those of the running session come with its rows. A map that comes at once only has their checksums, and what is missing
+is asked for: a few scans at a time, the next few when the answer to the last question is there, so that neither side is
+ever flooded.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import math
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 
-from offradar_ros.alignment.signature_code import unpack
+from offradar_ros.alignment.signature_code import checksum_of, is_of_checksum, unpack
 from offradar_ros.errors import RefusedInput
 from offradar_ros.types import ScanKey
 
@@ -34,8 +35,8 @@ class ReceivedSignatures:
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
         self._held: dict[ScanKey, bytes] = {}
-        # In the order in which they are asked for.
-        self._missing: collections.OrderedDict[ScanKey, None] = collections.OrderedDict()
+        # Checksums, in the order in which the signatures are asked for.
+        self._missing: collections.OrderedDict[ScanKey, int] = collections.OrderedDict()
         self._asked: tuple[ScanKey, ...] = ()
         self._asked_s = -math.inf
         self._put = 0
@@ -46,12 +47,12 @@ class ReceivedSignatures:
 
     @property
     def missing(self) -> int:
-        """Number of scans of which it is not known yet whether they have a signature."""
+        """Number of signatures that the map has, and that have not come yet."""
         return len(self._missing)
 
     @property
     def is_check_due(self) -> bool:
-        """Whether so many were put that `expect` should be called."""
+        """Whether so many were put that `keep` should be called."""
         return self._put >= PUT_BEFORE_CHECK
 
     def read(self, scans: Sequence[ScanKey]) -> dict[ScanKey, bytes]:
@@ -61,14 +62,16 @@ class ReceivedSignatures:
                 self._missing.move_to_end(scan, last=False)
         return {scan: self._held[scan] for scan in scans if scan in self._held}
 
-    def expect(self, scans: Iterable[ScanKey]) -> None:
-        """The map holds these scans from now on, and no others: what is not here is asked for, also if it was before.
+    def expect(self, checksums: Mapping[ScanKey, int]) -> None:
+        """The scans of the map have signatures of these checksums from now on, 0 for none, and no others are needed.
 
-        The map may be that of another server, whose scans have signatures.
+        What is not here is asked for, also if it was before: the map may be that of another server.
         """
-        every = list(scans)
-        self._held = {scan: self._held[scan] for scan in every if scan in self._held}
-        self._missing = collections.OrderedDict.fromkeys(scan for scan in every if scan not in self._held)
+        every = {scan: checksum for scan, checksum in checksums.items() if checksum}
+        here = {scan: self._held[scan] for scan in every if scan in self._held}
+        self._held = {scan: content for scan, content in here.items() if checksum_of(content) == every[scan]}
+        missing = ((scan, checksum) for scan, checksum in every.items() if scan not in self._held)
+        self._missing = collections.OrderedDict(missing)
         self._asked, self._put = (), 0
 
     def put(self, scan: ScanKey, signature: bytes) -> None:
@@ -78,6 +81,11 @@ class ReceivedSignatures:
         self._held.pop(scan, None)
         if signature:
             self._held[scan] = signature
+
+    def keep(self, scans: Iterable[ScanKey]) -> None:
+        """Forget the signatures of all scans but these."""
+        self._held = {scan: self._held[scan] for scan in scans if scan in self._held}
+        self._put = 0
 
     def wanted(self) -> tuple[ScanKey, ...]:
         """The scans to ask for now, at most `MOST_WANTED`; none while the last question may still be answered."""
@@ -96,20 +104,27 @@ class ReceivedSignatures:
     def receive(self, answer: Mapping[ScanKey, bytes]) -> list[RefusedInput]:
         """Take up the signatures of an answer, also to the question of another, as far as they are missing.
 
-        An empty one says that the scan has none. Returns what is wrong with others that are none (`invalid_signature`):
-        they are not asked for again either, as those of a map that another version of this package has made.
+        An empty one says that the server has none any more. Returns what is wrong with others (`invalid_signature`): one
+        that is damaged, or not that of the map, is asked for again; one that is as in the map, where another version of
+        this package may have made it, is not.
         """
         problems: list[RefusedInput] = []
         for scan in [scan for scan in answer if scan in self._missing]:
+            content = answer[scan]
+            if content and not is_of_checksum(content, self._missing[scan]):
+                text = f'signature of scan {scan.stamp_ns} ns: not the one in the map, or damaged; dropped'
+                problems.append(RefusedInput('invalid_signature', text))
+                continue
             del self._missing[scan]
-            if not answer[scan]:
+            if not content:
                 continue
             try:
-                unpack(answer[scan])
+                unpack(content)
             except RefusedInput as problem:
                 problems.append(problem)
             else:
-                self._held[scan] = answer[scan]
-        if any(scan in answer for scan in self._asked):
+                self._held[scan] = content
+        # Not for one that has to be asked for again: that would be at once, and for ever.
+        if any(scan in answer and scan not in self._missing for scan in self._asked):
             self._asked = ()
         return problems

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
+from offradar_ros.alignment.signature_code import checksum_of
 from offradar_ros.config import Config
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.errors import MapError, RefusedInput
@@ -65,10 +66,12 @@ class CommittedMap:
         form: WHOLE: every place. FILE: the map is too large for a message and is read from its file. CHANGES: the file
             was read before, and only the changes of the last session are sent.
         table: the places to publish; empty for FILE.
+        checksums: of WHOLE, those of the signatures of the scans that the places hold, 0 for a scan that has none.
     """
 
     form: Form
     table: PlaceTable
+    checksums: tuple[int, ...] = ()
 
 
 class MapStage:
@@ -286,7 +289,10 @@ class MapStage:
         self._file_is_read = is_large
         if is_large:
             return CommittedMap(Form.FILE, PlaceTable.from_places([], self.map.dimension))
-        return CommittedMap(Form.WHOLE, self.map.committed())
+        table = self.map.committed()
+        scans = table.scans()
+        signatures = self.signatures(scans)
+        return CommittedMap(Form.WHOLE, table, tuple(checksum_of(signatures[scan]) for scan in scans))
 
     def signatures(self, scans: Sequence[ScanKey]) -> dict[ScanKey, bytes]:
         """The signature of each of these scans, empty for one that has none or is not in the map."""

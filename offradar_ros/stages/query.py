@@ -119,31 +119,26 @@ class QueryStage:
             )
         self._query.map.load_file(Path(self.config.map_path))
 
-    def load(self, table: PlaceTable, model: str) -> None:
-        """As `SearchedMap.load`."""
+    def load(self, table: PlaceTable, model: str, checksums: Sequence[int] = ()) -> None:
+        """As `SearchedMap.load`; `checksums` of the scans' signatures: one a place, 0 for none, or none at all."""
         self._query.map.load(table, model)
-        self._expect_signatures()
+        self._received.expect(dict(zip(table.scans(), checksums or [0] * len(table), strict=True)))
 
     def update(self, table: PlaceTable, model: str, *, committed: bool, signatures: Sequence[bytes] = ()) -> None:
         """As `SearchedMap.update`; `signatures` are those of the scans that the rows hold, one a row or none."""
         self._query.map.update(table, model, committed=committed)
-        if committed:
-            self._expect_signatures()
-        elif self._is_received:
-            for scan, signature in zip(table.scans(), signatures or [b''] * len(table), strict=True):
-                self._received.put(scan, signature)
-            if self._received.is_check_due:
-                self._expect_signatures()
-
-    def _expect_signatures(self) -> None:
-        if self._is_received:
-            self._received.expect(self._query.map.scans())
+        if committed or not self._is_received:
+            return
+        for scan, signature in zip(table.scans(), signatures or [b''] * len(table), strict=True):
+            self._received.put(scan, signature)
+        if self._received.is_check_due:
+            self._received.keep(self._query.map.scans())
 
     def wanted_signatures(self) -> tuple[ScanKey, ...]:
         """The scans whose signatures the map server is to be asked for now (`ReceivedSignatures.wanted`); none if no
         scan is aligned, or they are read elsewhere.
         """
-        return self._received.wanted() if self.config.verify else ()
+        return self._received.wanted() if self.missing_signatures else ()
 
     def receive_signatures(self, answer: Mapping[ScanKey, bytes]) -> list[RefusedInput]:
         """As `ReceivedSignatures.receive`."""
@@ -152,7 +147,7 @@ class QueryStage:
     @property
     def missing_signatures(self) -> int:
         """Number of scans whose signatures are to be asked for, or have not come yet."""
-        return self._received.missing if self.config.verify else 0
+        return self._received.missing if self._is_received and self.config.verify else 0
 
     def query(self, embedding: Embedding) -> Outcome:
         """As `IntrospectiveQuery.query`: exactly one answer for each embedding."""

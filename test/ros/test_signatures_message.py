@@ -104,9 +104,14 @@ def test_rows_arrive_with_their_signatures(signatures: list[bytes]) -> None:
     assert found.table.scans() == places.scans()
 
 
-def test_a_whole_map_has_no_field_for_signatures() -> None:
-    message = descriptors_message(PlaceRows(table(3), MODEL, committed=True), 7)
-    assert not any('signature' in field.name for field in message.fields)
+@pytest.mark.parametrize('checksums', [(), (0, 0, 0), (1, 0, 2**32 - 1)])
+def test_a_whole_map_has_checksums_in_place_of_signatures(checksums: tuple[int, ...]) -> None:
+    message = descriptors_message(PlaceRows(table(3), MODEL, committed=True, checksums=checksums), 7)
+    found = descriptors_record(transmitted(message), 'map/descriptors')
+    assert found.checksums == (checksums if any(checksums) else ())
+    assert found.signatures == ()
+    plain = descriptors_message(PlaceRows(table(3), MODEL, committed=True), 7)
+    assert len(message.data) - len(plain.data) == (4 * len(checksums) if any(checksums) else 0)
 
 
 @pytest.mark.parametrize('size', [0, 1, 9, 65_535])

@@ -15,6 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from offradar_ros.alignment.signature_code import checksum_of
 from offradar_ros.config import Config, MapConfig, PositionConfig
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.errors import MapError, RefusedInput
@@ -981,3 +982,15 @@ def test_an_update_has_the_signature_of_its_scan_and_the_map_has_it_too(stage: M
     assert (update.signature, update.changed.stamps_ns.tolist()) == (b'signed', [SECOND])
     unknown = ScanKey(scan.session_id, 7)
     assert stage.signatures([unknown, scan]) == {unknown: b'', scan: b'signed'}
+
+
+def test_the_committed_map_tells_the_signatures_by_their_checksums(stage: MapStage) -> None:
+    stage.add_pose(*at(0.5))
+    for seconds, signature in ((1.0, b'signed'), (2.0, b'')):
+        stage.add_embedding(dataclasses.replace(embedding(seconds), signature=signature))
+    stage.add_pose(*at(1.5))
+    stage.add_pose(*at(2.5))
+    stage.end_session()
+    committed = stage.committed()
+    assert committed is not None
+    assert committed.checksums == (checksum_of(b'signed'), 0)

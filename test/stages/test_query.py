@@ -12,7 +12,7 @@ from street_sequence import StreetSequence
 from unprivileged import obey_permissions
 
 from offradar_ros.alignment.signature import SignatureMaker
-from offradar_ros.alignment.signature_code import pack
+from offradar_ros.alignment.signature_code import checksum_of, pack
 from offradar_ros.config import MapConfig, QueryConfig
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.errors import MapError, RefusedInput
@@ -74,7 +74,8 @@ def aligned(stage: QueryStage) -> list[int]:
 
 def test_places_are_aligned_as_their_signatures_come() -> None:
     stage = QueryStage(QueryConfig())
-    stage.load(table((0, 0), (1, 1)), MODEL)
+    checksum = checksum_of(signed_scan(4).signature)
+    stage.load(table((0, 0), (1, 1), (2, 2)), MODEL, (checksum, checksum, 0))
     assert (stage.missing_signatures, aligned(stage)) == (2, [])
     assert stage.not_aligned == '2 signatures of the map have not come yet from the map server, on map/signatures'
     assert stage.wanted_signatures() == (ScanKey(1, 0), ScanKey(1, 1))
@@ -89,9 +90,13 @@ def test_rows_bring_their_signatures_and_the_map_that_follows_is_not_asked_for()
     stage = QueryStage(QueryConfig())
     rows = table((0, 0), (1, 1))
     stage.update(rows, MODEL, committed=False, signatures=(signed_scan(4).signature, b''))
-    stage.load(rows, MODEL)
+    stage.load(rows, MODEL, (checksum_of(signed_scan(4).signature), 5))
     assert stage.wanted_signatures() == (ScanKey(1, 1),)
     assert aligned(stage) == [0]
+    # As a map server without signatures sends it.
+    stage.load(rows, MODEL)
+    assert (stage.missing_signatures, aligned(stage)) == (0, [])
+    assert stage.not_aligned.startswith('the map has no signatures of the places found')
 
 
 def test_rows_that_are_refused_leave_no_signatures() -> None:
@@ -105,10 +110,10 @@ def test_rows_that_are_refused_leave_no_signatures() -> None:
 def test_signatures_are_asked_for_only_where_scans_are_aligned_and_there_is_no_file(tmp_path: Path) -> None:
     write_map(tmp_path / 'a.map')
     of_file = QueryStage(QueryConfig(map_path=str(tmp_path / 'a.map')))
-    of_file.load(table((0, 0)), MODEL)
+    of_file.load(table((0, 0)), MODEL, (5,))
     assert (of_file.wanted_signatures(), of_file.missing_signatures) == ((), 0)
     stage = QueryStage(QueryConfig(verify=False))
-    stage.load(table((0, 0)), MODEL)
+    stage.load(table((0, 0)), MODEL, (5,))
     assert (stage.wanted_signatures(), stage.missing_signatures) == ((), 0)
     stage.reconfigure(dataclasses.replace(stage.config, verify=True))
     assert stage.wanted_signatures() == (ScanKey(1, 0),)
