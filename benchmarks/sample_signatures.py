@@ -14,4 +14,4 @@ def packed_signature(seed: int, azimuths: int = 8, range_bins: int = 8) -> bytes
     rng = np.random.default_rng(seed)
     config = SignatureConfig(PolarGridConfig(azimuths, range_bins, 1.0, 1.0))
     image = rng.integers(0, BRIGHTEST + 1, (azimuths, range_bins), np.uint8)
-    return pack(Signature(image, np.ones(azimuths, np.bool_), 0.0, 0.25, config))
+    return pack(Signature(image, np.ones(azimuths, np.bool_), 0.0, 0.25, config=config))

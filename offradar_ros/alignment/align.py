@@ -6,11 +6,13 @@ import dataclasses
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from offradar_ros.alignment.coarse import REACH_M, Spectra, rough_poses, spectra
 from offradar_ros.alignment.refine import Edges, Surface, edges, refine, surface
 from offradar_ros.alignment.signature import Signature
-from offradar_ros.alignment.top_down import STANDING, Twist, half, top_down
+from offradar_ros.alignment.top_down import half, top_down
+from offradar_ros.alignment.twist import STANDING, Twist
 from offradar_ros.errors import RefusedInput
 from offradar_ros.types import Alignment
 
@@ -66,8 +68,10 @@ def _seen_share(signature: Signature) -> float:
     return max(float(signature.seen.mean()), 1.0 / len(signature.seen))
 
 
-def align(place: PreparedPlace, query: PreparedQuery) -> Alignment:
+def align(place: PreparedPlace, query: PreparedQuery, expected: NDArray[np.float64] | None = None) -> Alignment:
     """The best pose of the query in the frame of the place: rough poses, each refined, and the best one again.
+
+    With (3,) `expected`, x, y in m and yaw in rad, only that near it.
 
     Where the scans do not agree at all, with a score of 0 or less, the pose is that of the place, and its covariance
     that of no knowledge. RefusedInput (`unlike_signatures`) if the signatures were made with other settings.
@@ -78,7 +82,8 @@ def align(place: PreparedPlace, query: PreparedQuery) -> Alignment:
             f'the signature of a place was made with {place.spectra.config}, that of the scan with '
             f'{query.spectra.config}: expected the same; not aligned',
         )
-    rough = refine(place.coarse, query.coarse, rough_poses(place.spectra, query.spectra), _COARSE_STEPS)
+    starts = rough_poses(place.spectra, query.spectra) if expected is None else expected[None, :]
+    rough = refine(place.coarse, query.coarse, starts, _COARSE_STEPS)
     best = int(np.argmax(rough.correlations))
     fine = refine(place.fine, query.fine, rough.poses[best : best + 1], _FINE_STEPS)
     score = float(fine.correlations[0])

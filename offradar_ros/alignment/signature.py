@@ -8,6 +8,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from offradar_ros.alignment.twist import Twist
 from offradar_ros.config import PolarGridConfig
 from offradar_ros.errors import ConfigError
 from offradar_ros.radar.polar_grid import PolarToGrid
@@ -20,7 +21,7 @@ LONGEST_TURN_S = 10.0
 _GRID = PolarGridConfig(azimuths=200, range_bins=80, resolution_m=1.0, min_range_m=4.0)
 _FEWEST_ROWS = 8
 """With fewer, how far apart rows are measured is unknown."""
-_MOST_CELLS, _MOST_ROWS, _LONGEST_ROW = 16_000, 800, 160
+_MOST_CELLS, _MOST_ROWS, _LONGEST_ROW = 16_000, 720, 160
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,6 +74,7 @@ class Signature:
         seen: (A,) bool, whether the scan has this sector.
         start_s: seconds from the stamp of the scan to when the sensor pointed forward; 0 if unknown.
         turn_s: seconds that a turn takes, negative if it turns counter-clockwise; 0 if unknown.
+        twist: velocity of the vehicle at the stamp; None if unknown.
         config: how it was made.
     """
 
@@ -80,6 +82,7 @@ class Signature:
     seen: NDArray[np.bool_]
     start_s: float = 0.0
     turn_s: float = 0.0
+    twist: Twist | None = None
     config: SignatureConfig = SIGNATURE
 
 
@@ -97,7 +100,7 @@ class SignatureMaker:
         noise = np.median(power[:, blank:], axis=1, keepdims=True)
         above = np.clip((power - noise - self.config.above_noise) * (BRIGHTEST / self.config.span), 0.0, BRIGHTEST)
         start_s, turn_s = _sweep(scan)
-        return Signature(np.rint(above).astype(np.uint8), np.any(power, axis=1), start_s, turn_s, self.config)
+        return Signature(np.rint(above).astype(np.uint8), np.any(power, axis=1), start_s, turn_s, config=self.config)
 
 
 def _measured(scan: PolarScan) -> PolarScan:

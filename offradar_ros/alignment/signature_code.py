@@ -1,12 +1,14 @@
 """Signatures as bytes, as they travel with an embedding and lie in a map file.
 
-A fixed header, little endian: mark, version, rows and columns, then metres of a column, blanked metres, levels of power
-and when the rows were measured. Then, compressed with zlib: a bit for each row that was seen, and four bits for each
-cell, column by column, since neighbours at the same range are the most alike. Last the CRC-32 of all before it.
+A fixed header, little endian: mark, version, rows and columns, then metres of a column, blanked metres, levels of
+power, when the rows were measured, and the velocity of the vehicle, NaN where it is unknown. Then, compressed with
+zlib: a bit for each row that was seen, and four bits for each cell, column by column, since neighbours at the same
+range are the most alike. Last the CRC-32 of all before it.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import struct
 import zlib
@@ -15,14 +17,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros.alignment.signature import BRIGHTEST, LONGEST_TURN_S, Signature, SignatureConfig
+from offradar_ros.alignment.twist import FASTEST, Twist
 from offradar_ros.config import PolarGridConfig
 from offradar_ros.errors import ConfigError, RefusedInput
 
 MOST_BYTES = 8192
 """No packed signature is longer."""
 _MARK, _VERSION = b'OSIG', 1
+_NO_TWIST = (math.nan,) * 3
 _START = struct.Struct('<4sB')
-_HEADER = struct.Struct('<4sBHH6d')
+_HEADER = struct.Struct('<4sBHH9d')
 _CHECKSUM = struct.Struct('<I')
 
 
@@ -44,6 +48,7 @@ def pack(signature: Signature) -> bytes:
         config.span,
         signature.start_s,
         signature.turn_s,
+        *(dataclasses.astuple(signature.twist) if signature.twist else _NO_TWIST),
     )
     content = header + zlib.compress(np.packbits(signature.seen).tobytes() + _halves(signature.image).tobytes())
     return content + _CHECKSUM.pack(zlib.crc32(content))
@@ -63,9 +68,8 @@ def unpack(content: bytes) -> Signature:
     content, checksum = content[: -_CHECKSUM.size], content[-_CHECKSUM.size :]
     if _CHECKSUM.unpack(checksum) != (zlib.crc32(content),):
         raise _refused('its checksum is wrong: it is truncated or damaged')
-    _, _, azimuths, range_bins, resolution_m, min_range_m, above_noise, span, start_s, turn_s = _HEADER.unpack_from(
-        content
-    )
+    values = _HEADER.unpack_from(content)[2:]
+    azimuths, range_bins, resolution_m, min_range_m, above_noise, span, start_s, turn_s, *velocity = values
     try:
         grid = PolarGridConfig(azimuths, range_bins, resolution_m, min_range_m)
         config = SignatureConfig(grid, above_noise, span)
@@ -74,10 +78,13 @@ def unpack(content: bytes) -> Signature:
     # Not a number is not less than anything either.
     if not (abs(start_s) <= LONGEST_TURN_S and abs(turn_s) <= LONGEST_TURN_S):
         raise _refused(f'start_s {start_s:g} and turn_s {turn_s:g}, expected at most {LONGEST_TURN_S:g} s')
+    twist = None if all(map(math.isnan, velocity)) else Twist(*velocity)
+    if twist and not all(abs(value) <= FASTEST for value in velocity):
+        raise _refused(f'a velocity of {twist}, expected at most {FASTEST:g}')
     bits = math.ceil(azimuths / 8)
     payload = _inflated(content[_HEADER.size :], bits + math.ceil(azimuths * range_bins / 2))
     seen = np.unpackbits(payload[:bits], count=azimuths).astype(np.bool_)
-    return Signature(_levels(payload[bits:], azimuths, range_bins), seen, start_s, turn_s, config)
+    return Signature(_levels(payload[bits:], azimuths, range_bins), seen, start_s, turn_s, twist, config)
 
 
 def checksum_of(content: bytes) -> int:

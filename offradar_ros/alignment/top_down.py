@@ -15,23 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros.alignment.signature import Signature, SignatureConfig
+from offradar_ros.alignment.twist import STANDING, Twist
 
 Array = NDArray[np.float32]
 
 _SMOOTH_CELLS, _SMOOTH_CELLS_OF_HALF = 0.5, 1.0
 _ROUNDS = 2
-
-
-@dataclasses.dataclass(frozen=True)
-class Twist:
-    """Velocity of a vehicle in its own frame (REP 103): metres a second forward and to the left, radians a second."""
-
-    forward_mps: float = 0.0
-    left_mps: float = 0.0
-    yaw_radps: float = 0.0
-
-
-STANDING = Twist()
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

@@ -5,20 +5,42 @@ from __future__ import annotations
 import collections
 import math
 from collections.abc import Callable, Sequence
+from typing import Generic, TypeVar
 
 import numpy as np
 
 from offradar_ros.alignment.align import PreparedPlace, align, prepare_place, prepare_query
 from offradar_ros.alignment.signature import Signature
 from offradar_ros.alignment.signature_code import unpack
+from offradar_ros.alignment.twist import STANDING, Twist
 from offradar_ros.config import ConfidenceConfig
 from offradar_ros.errors import OffradarError, RefusedInput
 from offradar_ros.retrieval.confidence import log_odds, similar_places, verified
 from offradar_ros.retrieval.signature_source import SignatureSource
 from offradar_ros.types import Alignment, Candidate, Evidence, ScanKey
 
+_T = TypeVar('_T')
 PREPARED = 64
 """Places that are kept ready, some 0.4 MB each: those of the next scan are mostly those of this one."""
+
+
+class _Prepared(Generic[_T]):
+    """A scan that is prepared when that is needed, with or without the motion during its sweep."""
+
+    def __init__(self, signature: Signature, prepare: Callable[[Signature, Twist], _T]) -> None:
+        self._signature, self._prepare = signature, prepare
+        self._ready: dict[Twist, _T] = {}
+
+    @property
+    def has_twist(self) -> bool:
+        return self._signature.twist is not None
+
+    def ready(self, straighten: bool) -> _T:
+        """The scan, straightened if it is asked for and its velocity is known."""
+        twist = (straighten and self._signature.twist) or STANDING
+        if twist not in self._ready:
+            self._ready[twist] = self._prepare(self._signature, twist)
+        return self._ready[twist]
 
 
 class Verifier:
@@ -34,7 +56,7 @@ class Verifier:
     ) -> None:
         self._source, self._refuse = source, refuse
         # By content: a scan of the same key in another map has another one.
-        self._places: collections.OrderedDict[bytes, PreparedPlace] = collections.OrderedDict()
+        self._places: collections.OrderedDict[bytes, _Prepared[PreparedPlace]] = collections.OrderedDict()
 
     def align(self, signature: bytes, scans: Sequence[ScanKey]) -> dict[ScanKey, Alignment]:
         """The alignments of a scan, by its signature, with these; those without a sound signature are left out."""
@@ -46,26 +68,26 @@ class Verifier:
         except OffradarError as problem:
             self._refuse(problem)
             return {}
-        places = {scan: self._place(content) for scan, content in contents.items()}
-        found: dict[ScanKey, Alignment] = {}
-        query = prepare_query(unpacked) if places else None
-        for scan, place in places.items():
-            if place is None or query is None:
+        query, found = _Prepared(unpacked, prepare_query), dict[ScanKey, Alignment]()
+        for scan, content in contents.items():
+            if (place := self._place(content)) is None:
                 continue
+            # Two scans that are bent alike agree better than if only one of them is straightened.
+            straighten = query.has_twist and place.has_twist
             try:
-                found[scan] = align(place, query)
+                found[scan] = align(place.ready(straighten), query.ready(straighten))
             except RefusedInput as problem:
                 self._refuse(problem)
         return found
 
-    def _place(self, content: bytes) -> PreparedPlace | None:
+    def _place(self, content: bytes) -> _Prepared[PreparedPlace] | None:
         if content in self._places:
             self._places.move_to_end(content)
             return self._places[content]
         unpacked = self._unpacked(content)
         if unpacked is None:
             return None
-        self._places[content] = prepare_place(unpacked)
+        self._places[content] = _Prepared(unpacked, prepare_place)
         while len(self._places) > PREPARED:
             self._places.popitem(last=False)
         return self._places[content]

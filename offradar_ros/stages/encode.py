@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from offradar_ros.alignment.scan_odometry import ScanOdometry
 from offradar_ros.alignment.signature import SignatureMaker
 from offradar_ros.alignment.signature_code import pack
 from offradar_ros.encoders.protocol import Encoder
@@ -40,12 +41,14 @@ class Encoded:
 class EncodeStage:
     """Images in, embeddings out. Neither an invalid scan nor an encoder that fails stops the next one.
 
-    With `signature`, each embedding carries that of its scan. Where none can be made, it goes without.
+    With `signature`, each embedding carries that of its scan, with the velocity of the vehicle where its rows have
+    stamps. Where none can be made, it goes without.
     """
 
     def __init__(self, encoder: Encoder, restart_after_s: float, *, signature: bool) -> None:
         self.encoder = encoder
         self._make_signature = SignatureMaker() if signature else None
+        self._odometry = ScanOdometry()
         self._gates = defaultdict[str, StampGate](lambda: StampGate(round(restart_after_s * 1e9)))
 
     def encode(self, stamp_ns: int, decode: Callable[[], PolarScan], topic: str = '') -> Encoded:
@@ -59,6 +62,8 @@ class EncodeStage:
         restarted = False
         try:
             restarted = self._gates[topic].check(stamp_ns)
+            if restarted:
+                self._odometry.restart()
             scan = decode()
             embedding = self._embedding(scan, stamp_ns)
             signature, no_signature = self._signature(scan)
@@ -75,6 +80,7 @@ class EncodeStage:
     def start_recording(self) -> None:
         """Accept any stamp for the next scan, which is the first of a recording."""
         self._gates.clear()
+        self._odometry.restart()
 
     def _embedding(self, scan: PolarScan, stamp_ns: int) -> Embedding:
         """RefusedInput unless the encoder returns an embedding of this scan that can be compared."""
@@ -105,7 +111,11 @@ class EncodeStage:
         if self._make_signature is None:
             return b'', ''
         try:
-            return pack(self._make_signature(scan)), ''
+            signature = self._make_signature(scan)
+            if signature.turn_s:
+                twist = self._odometry.twist(signature, scan.stamp_ns)
+                signature = dataclasses.replace(signature, twist=twist)
+            return pack(signature), ''
         except Exception as error:
             return b'', _in_one_line(error)
 

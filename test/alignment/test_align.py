@@ -11,7 +11,7 @@ from plane import Plane, make_plane
 
 from offradar_ros.alignment.align import align, prepare_place, prepare_query
 from offradar_ros.alignment.signature import SignatureMaker
-from offradar_ros.alignment.top_down import STANDING, Twist
+from offradar_ros.alignment.twist import STANDING, Twist
 from offradar_ros.types import Alignment, PolarScan
 
 PLANE = make_plane(1)

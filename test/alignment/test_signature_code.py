@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import struct
 import zlib
@@ -15,12 +16,13 @@ from plane import make_plane
 
 from offradar_ros.alignment.signature import BRIGHTEST, LONGEST_TURN_S, Signature, SignatureConfig, SignatureMaker
 from offradar_ros.alignment.signature_code import MOST_BYTES, pack, unpack
+from offradar_ros.alignment.twist import FASTEST, Twist
 from offradar_ros.config import PolarGridConfig
 from offradar_ros.errors import RefusedInput
 from offradar_ros.recordings.source import open_source
 
-PACKED = pack(SignatureMaker()(make_plane(3).scan()))
-HEADER, CHECKSUM = 57, 4
+PACKED = pack(dataclasses.replace(SignatureMaker()(make_plane(3).scan()), twist=Twist(8.0, 0.1, 0.05)))
+HEADER, CHECKSUM = 81, 4
 SECONDS = st.floats(-LONGEST_TURN_S, LONGEST_TURN_S)
 
 
@@ -29,7 +31,7 @@ def configs(draw: st.DrawFn) -> SignatureConfig:
     range_bins = draw(st.integers(8, 160))
     resolution_m = draw(st.floats(0.1, 10.0))
     min_range_m = draw(st.floats(0.0, 0.4 * range_bins * resolution_m))
-    grid = PolarGridConfig(draw(st.integers(8, min(800, 16_000 // range_bins))), range_bins, resolution_m, min_range_m)
+    grid = PolarGridConfig(draw(st.integers(8, min(720, 16_000 // range_bins))), range_bins, resolution_m, min_range_m)
     return SignatureConfig(grid, draw(st.floats(0.0, 255.0)), draw(st.floats(1.0, 255.0)))
 
 
@@ -39,7 +41,9 @@ def signatures(draw: st.DrawFn) -> Signature:
     shape = config.grid.azimuths, config.grid.range_bins
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     image = rng.integers(0, draw(st.integers(1, BRIGHTEST + 1)), shape, dtype=np.uint8)
-    return Signature(image, rng.random(shape[0]) < draw(st.floats(0.0, 1.0)), draw(SECONDS), draw(SECONDS), config)
+    twist = draw(st.none() | st.builds(Twist, *[st.floats(-FASTEST, FASTEST)] * 3))
+    seen = rng.random(shape[0]) < draw(st.floats(0.0, 1.0))
+    return Signature(image, seen, draw(SECONDS), draw(SECONDS), twist, config)
 
 
 def assert_same(found: Signature, expected: Signature) -> None:
@@ -48,6 +52,7 @@ def assert_same(found: Signature, expected: Signature) -> None:
     assert (found.image.dtype.name, found.seen.dtype.name) == ('uint8', 'bool')
     assert struct.pack('<2d', found.start_s, found.turn_s) == struct.pack('<2d', expected.start_s, expected.turn_s)
     assert found.config == expected.config
+    assert repr(found.twist) == repr(expected.twist)
 
 
 def refusal(content: bytes) -> str:
@@ -71,10 +76,10 @@ def test_every_signature_comes_back_to_the_last_bit(signature: Signature) -> Non
 
 def test_the_largest_signature_of_pure_noise_fits() -> None:
     rng = np.random.default_rng(0)
-    for shape in ((200, 80), (100, 160), (800, 20)):
+    for shape in ((200, 80), (100, 160), (720, 22)):
         config = SignatureConfig(PolarGridConfig(*shape, resolution_m=1.0, min_range_m=2.0))
         image = rng.integers(0, BRIGHTEST + 1, shape, dtype=np.uint8)
-        noise = Signature(image, rng.random(shape[0]) < 0.5, 0.1, 0.25, config)
+        noise = Signature(image, rng.random(shape[0]) < 0.5, 0.1, 0.25, config=config)
         assert_same(unpack(pack(noise)), noise)
 
 
@@ -126,7 +131,7 @@ def test_another_size_than_the_header_says_is_refused_without_inflating_it(size:
 
 
 # Offsets of the numbers in the header.
-FIELDS = {'resolution_m': 9, 'min_range_m': 17, 'above_noise': 25, 'span': 33, 'start': 41, 'turn': 49}
+FIELDS = {'resolution_m': 9, 'min_range_m': 17, 'above_noise': 25, 'span': 33, 'start': 41, 'turn': 49, 'velocity': 57}
 
 
 @pytest.mark.parametrize('value', [math.nan, math.inf, -math.inf, 1e300, -1e300])
@@ -137,7 +142,7 @@ def test_numbers_that_make_no_signature_are_refused(field: str, value: float) ->
     assert field in refusal(with_checksum(bytes(content)))
 
 
-@pytest.mark.parametrize('shape', [(0, 0), (0, 80), (200, 0), (65535, 65535), (8, 161), (801, 8), (201, 80)])
+@pytest.mark.parametrize('shape', [(0, 0), (0, 80), (200, 0), (65535, 65535), (8, 161), (721, 8), (201, 80)])
 def test_a_grid_of_a_wrong_size_is_refused(shape: tuple[int, int]) -> None:
     content = bytearray(PACKED[:-CHECKSUM])
     struct.pack_into('<HH', content, 5, *shape)

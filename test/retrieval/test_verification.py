@@ -9,10 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from plane import make_plane
 from street_sequence import StreetSequence
 
 from offradar_ros.alignment.signature import SIGNATURE, SignatureMaker
 from offradar_ros.alignment.signature_code import pack
+from offradar_ros.alignment.twist import Twist
 from offradar_ros.config import ConfidenceConfig, QueryConfig
 from offradar_ros.errors import MapError, OffradarError, RefusedInput
 from offradar_ros.retrieval.confidence import log_odds, logistic, verified
@@ -212,3 +214,25 @@ def test_a_scan_that_is_replaced_under_its_key_is_aligned_anew(packed: list[byte
     for stamp in range(PREPARED + 2):
         source.held = {ScanKey(1, stamp): packed[stamp % len(packed)]}
         assert verifier.align(packed[3], [ScanKey(1, stamp)])
+
+
+def test_motion_is_taken_out_where_that_of_both_scans_is_known() -> None:
+    """The same road driven the other way bends scans the other way."""
+    pose, twist = (1.5, 2.0, math.pi), Twist(20.0)
+    plane, maker, here = make_plane(1), SignatureMaker(), ScanKey(1, 0)
+    known = [dataclasses.replace(maker(plane.scan(at, twist=twist)), twist=twist) for at in ((0.0, 0.0, 0.0), pose)]
+
+    def error_m(place: Twist | None, query: Twist | None) -> float:
+        of_place, of_query = (
+            pack(dataclasses.replace(one, twist=given)) for one, given in zip(known, (place, query), strict=True)
+        )
+        verifier = Verifier(Signatures({here: of_place}))
+        # What was asked before changes nothing.
+        verifier.align(pack(known[1]), [here])
+        found = verifier.align(of_query, [here])[here].pose
+        return float(math.hypot(found[0] - pose[0], found[1] - pose[1]))
+
+    both, neither = error_m(twist, twist), error_m(None, None)
+    assert both < 0.15
+    assert neither > 3.0 * both
+    assert error_m(twist, None) == error_m(None, twist) == neither

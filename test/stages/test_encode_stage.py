@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from plane import STAMP_NS, TURN_S, make_plane
 
 from offradar_ros.alignment.signature import SignatureMaker
 from offradar_ros.alignment.signature_code import unpack
+from offradar_ros.alignment.twist import Twist
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.errors import RefusedInput
 from offradar_ros.radar.stamps import KEPT
@@ -222,3 +224,41 @@ def test_where_no_signature_can_be_made_the_embedding_goes_without(monkeypatch: 
     assert (encoded.embedding.mean.tolist(), encoded.embedding.signature) == (expected.mean.tolist(), b'')
     again = stage.encode(3, lambda: scan_of(3)).embedding
     assert again is not None and again.signature
+
+
+def test_a_signature_has_the_velocity_of_its_vehicle_from_the_second_scan_on() -> None:
+    plane, stage = make_plane(1), EncodeStage(StubEncoder(), 1.0, signature=True)
+
+    def velocities(numbers: range) -> list[Twist | None]:
+        found = []
+        for number in numbers:
+            scan = plane.scan((2.0 * number, 0.0, 0.0), twist=Twist(2.0 / TURN_S), seed=abs(number))
+            stamp_ns = STAMP_NS + round(number * TURN_S * 1e9)
+            rows_ns = stamp_ns + (scan.azimuth_stamps_ns - STAMP_NS if scan.azimuth_stamps_ns is not None else 0)
+            moved = functools.partial(dataclasses.replace, scan, stamp_ns=stamp_ns, azimuth_stamps_ns=rows_ns)
+            encoded = stage.encode(stamp_ns, moved)
+            assert encoded.embedding is not None
+            found.append(unpack(encoded.embedding.signature).twist)
+        return found
+
+    first, *others = velocities(range(4))
+    assert first is None
+    for other in others:
+        assert other is not None
+        assert other.forward_mps == pytest.approx(8.0, abs=0.5)
+    stage.start_recording()
+    assert velocities(range(3))[0] is None
+    # Stamps that jump back start another recording.
+    assert velocities(range(-8, -6))[0] is None
+
+
+def test_without_stamps_of_rows_there_is_no_velocity() -> None:
+    """Nothing could be straightened with it."""
+    stage = EncodeStage(StubEncoder(), 1.0, signature=True)
+    for number in range(3):
+        scan = dataclasses.replace(make_plane(1).scan(), azimuth_stamps_ns=None)
+        encoded = stage.encode(
+            number * SECOND // 4, functools.partial(dataclasses.replace, scan, stamp_ns=number * SECOND // 4)
+        )
+        assert encoded.embedding is not None
+        assert unpack(encoded.embedding.signature).twist is None

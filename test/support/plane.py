@@ -8,7 +8,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from offradar_ros.alignment.top_down import STANDING, Twist
+from offradar_ros.alignment.twist import STANDING, Twist
 from offradar_ros.types import PolarScan
 
 STAMP_NS = 1_700_000_000 * 10**9

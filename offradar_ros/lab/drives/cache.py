@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
+from numpy.typing import NDArray
 
 from offradar_ros import __version__
 from offradar_ros.bounded_input import parse_json, read_bounded
@@ -31,6 +32,10 @@ from offradar_ros.types import PolarScan
 from offradar_ros.whole_file import whole_file, write_whole_file
 
 _PARTIAL = '.partial'
+_FORM = 2
+"""Of the files; those of another form are made again."""
+_MOST_APART_NS = 2_000_000
+"""In this time a vehicle moves by centimetres."""
 _LARGEST_HEADER = 256 * 1024**2
 
 COLUMNS: dict[str, Any] = {
@@ -78,6 +83,7 @@ def _path(folder: Path, source: DriveSource, reduction: Reduction | None) -> Pat
 def _settings(source: DriveSource, reduction: Reduction | None) -> dict[str, Any]:
     return {
         'offradar_ros': __version__,
+        'form': _FORM,
         'kind': type(source).__name__,
         'drive': source.settings(),
         'reduction': reduction and dataclasses.asdict(reduction),
@@ -91,7 +97,7 @@ def _make(source: DriveSource, path: Path, reduction: Reduction | None) -> None:
     own = Path(tempfile.mkdtemp(prefix=f'{os.getpid()}.', suffix=_PARTIAL, dir=path.parent))
     try:
         with whole_file(own / 'power.npy') as file:
-            first, rows = _write_power(drive, reduction, file)
+            first, rows, offsets_ns = _write_power(drive, reduction, file)
         if first is None:
             raise DataError(f'{source.name}: none of its scans can be read')
         (own / 'power.npy').replace(path.with_suffix('.npy'))
@@ -106,17 +112,24 @@ def _make(source: DriveSource, path: Path, reduction: Reduction | None) -> None:
         'azimuths_rad': first.azimuths_rad.tolist(),
         'range_resolution_m': first.range_resolution_m,
         'range_offset_m': first.range_offset_m,
+        'row_offsets_ns': offsets_ns,
         **{name: getattr(drive, name)[rows].tolist() for name in COLUMNS},
     }
     write_whole_file(path, json.dumps(header).encode())
 
 
-def _write_power(drive: Drive, reduction: Reduction | None, file: BinaryIO) -> tuple[PolarScan | None, list[int]]:
-    """Write the power of all scans that can be read as NPY; the first of them, and the rows of all.
+def _write_power(
+    drive: Drive, reduction: Reduction | None, file: BinaryIO
+) -> tuple[PolarScan | None, list[int], list[int]]:
+    """Write the power of all scans that can be read as NPY; the first of them, the indices of all, and offsets.
+
+    The offsets are nanoseconds from the stamp of the first scan to those of its rows: empty if they are unknown, or if
+    another scan turned otherwise.
 
     A full disk is an error of the call that writes, which it would not be for memory that is mapped.
     """
     rows: list[int] = []
+    offsets_ns: NDArray[np.int64] | None = None
     first: PolarScan | None = None
     for row in range(len(drive)):
         try:
@@ -127,18 +140,25 @@ def _write_power(drive: Drive, reduction: Reduction | None, file: BinaryIO) -> t
         if reduction:
             scan = reduction(scan)
         if first is None:
-            first = scan
+            first, offsets_ns = scan, _row_offsets_ns(scan)
             shape = (len(drive), *scan.power.shape)
             np.lib.format.write_array_header_1_0(file, {'descr': '|u1', 'fortran_order': False, 'shape': shape})
             end = file.tell() + math.prod(shape)
         elif _size(scan) != _size(first):
             continue
+        own_ns = _row_offsets_ns(scan)
+        if own_ns is None or (offsets_ns is not None and np.abs(own_ns - offsets_ns).max() > _MOST_APART_NS):
+            offsets_ns = None
         file.write(np.ascontiguousarray(scan.power).tobytes())
         rows.append(row)
     if first is not None:
         # Scans that were left out are zeros at the end.
         file.truncate(end)
-    return first, rows
+    return first, rows, [] if offsets_ns is None else offsets_ns.tolist()
+
+
+def _row_offsets_ns(scan: PolarScan) -> NDArray[np.int64] | None:
+    return None if scan.azimuth_stamps_ns is None else scan.azimuth_stamps_ns - scan.stamp_ns
 
 
 def _size(scan: PolarScan) -> tuple[tuple[int, ...], float, float]:
@@ -151,6 +171,7 @@ def _read(path: Path) -> Drive:
         power = map_array(path.with_suffix('.npy'))
         azimuths_rad = np.array(header['azimuths_rad'], np.float64)
         resolution_m, offset_m = float(header['range_resolution_m']), float(header['range_offset_m'])
+        offsets_ns = np.array(header['row_offsets_ns'], np.int64)
         columns = {name: np.array(header[name], dtype) for name, dtype in COLUMNS.items()}
         name, world, layout = header['name'], header['world'], header['layout']
     except (OSError, ValueError, KeyError, TypeError, EOFError) as error:
@@ -160,6 +181,8 @@ def _read(path: Path) -> Drive:
         raise DataError(f'{path}: its files do not belong together: remove it to make it again')
 
     def read_scan(row: int) -> PolarScan:
-        return PolarScan(int(stamps_ns[row]), np.array(power[row]), azimuths_rad, resolution_m, offset_m)
+        stamp_ns = int(stamps_ns[row])
+        rows_ns = stamp_ns + offsets_ns if len(offsets_ns) else None
+        return PolarScan(stamp_ns, np.array(power[row]), azimuths_rad, resolution_m, offset_m, rows_ns)
 
     return Drive(name, world, path.stem, stamps_ns, poses, driven_m, kinds, severities, read_scan, layout)

@@ -41,11 +41,16 @@ class Reduction:
 
 
 def at_azimuths(scan: PolarScan, azimuths_rad: NDArray[np.float64]) -> PolarScan:
-    """The scan whose row k is the row of `scan` nearest to (A,) `azimuths_rad`; without stamps of rows."""
+    """The scan whose row k is the row of `scan` nearest to (A,) `azimuths_rad`."""
     if np.array_equal(scan.azimuths_rad, azimuths_rad):
         return scan
-    power = scan.power[_nearest(scan.azimuths_rad, azimuths_rad)]
-    return dataclasses.replace(scan, power=power, azimuths_rad=azimuths_rad, azimuth_stamps_ns=None)
+    rows, stamps_ns = _nearest(scan.azimuths_rad, azimuths_rad), scan.azimuth_stamps_ns
+    return dataclasses.replace(
+        scan,
+        power=scan.power[rows],
+        azimuths_rad=azimuths_rad,
+        azimuth_stamps_ns=None if stamps_ns is None else stamps_ns[rows],
+    )
 
 
 def _nearest(angles: NDArray[np.float64], wanted: NDArray[np.float64]) -> NDArray[np.intp]:

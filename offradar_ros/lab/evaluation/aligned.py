@@ -9,7 +9,8 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from offradar_ros.alignment.signature import SignatureMaker
+from offradar_ros.alignment.scan_odometry import ScanOdometry
+from offradar_ros.alignment.signature import Signature, SignatureMaker
 from offradar_ros.alignment.signature_code import pack
 from offradar_ros.calibration.open_set import halves, joined_evidence
 from offradar_ros.geometry import wrap_angle
@@ -22,6 +23,8 @@ from offradar_ros.retrieval.verification import Verifier
 from offradar_ros.types import Candidate, Embedding, Evidence, PlaceTable, ScanKey
 
 MODEL = 'evaluated'
+SCANS_BEFORE = 3
+"""Scans from which the velocity at a scan is found: three give two estimates that can agree, or one that is held."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -53,18 +56,31 @@ class AlignedAnswers:
 
 
 class _Signatures:
-    """Packed signatures of drives, by the number of the drive and the stamp, made when they are first read."""
+    """Packed signatures of drives, by the number of the drive and the stamp, made when they are first read.
+
+    Their velocities are those of the drive's few scans before, as a vehicle's are of all scans.
+    """
 
     def __init__(self, drives: Sequence[EmbeddedDrive]) -> None:
         self._drives, self._make = drives, SignatureMaker()
+        self._plain: dict[tuple[int, int], Signature] = {}
         self._made: dict[ScanKey, bytes] = {}
 
     def of(self, drive: int, row: int) -> bytes:
         """The signature of scan `row` of a drive."""
-        key = ScanKey(drive, int(self._drives[drive].drive.stamps_ns[row]))
+        stamps_ns = self._drives[drive].drive.stamps_ns
+        key = ScanKey(drive, int(stamps_ns[row]))
         if key not in self._made:
-            self._made[key] = pack(self._make(self._drives[drive].drive.scan(row)))
+            odometry, twist = ScanOdometry(), None
+            for before in range(max(row - SCANS_BEFORE, 0), row + 1):
+                twist = odometry.twist(self._plain_of(drive, before), int(stamps_ns[before]))
+            self._made[key] = pack(dataclasses.replace(self._plain_of(drive, row), twist=twist))
         return self._made[key]
+
+    def _plain_of(self, drive: int, row: int) -> Signature:
+        if (drive, row) not in self._plain:
+            self._plain[drive, row] = self._make(self._drives[drive].drive.scan(row))
+        return self._plain[drive, row]
 
     def read(self, scans: Sequence[ScanKey]) -> dict[ScanKey, bytes]:
         """As `SignatureSource.read`."""
