@@ -104,9 +104,9 @@ class ReceivedSignatures:
     def receive(self, answer: Mapping[ScanKey, bytes]) -> list[RefusedInput]:
         """Take up the signatures of an answer, also to the question of another, as far as they are missing.
 
-        An empty one says that the server has none any more. Returns what is wrong with others (`invalid_signature`): one
-        that is damaged, or not that of the map, is asked for again; one that is as in the map, where another version of
-        this package may have made it, is not.
+        An empty one says that the server has none any more. Returns what is wrong with others (`invalid_signature`).
+        One that is damaged, or not that of the map, is asked for again; one that is as in the map, which another
+        version of this package may have made, is not.
         """
         problems: list[RefusedInput] = []
         for scan in [scan for scan in answer if scan in self._missing]:
