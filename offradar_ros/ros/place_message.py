@@ -31,7 +31,6 @@ VIEW = np.dtype([('x', '<f4'), ('y', '<f4'), ('z', '<f4'), ('intensity', '<f4'),
 READ_THE_FILE = np.dtype([('read_the_file', 'u1')])
 """A point of a message that only says where the map is."""
 
-
 CHECKSUM = 'signature_checksum'
 """The field that says which signature the scan of a place has."""
 

@@ -16,6 +16,7 @@ from offradar_ros.errors import RefusedInput
 from offradar_ros.mapping.place_check import MAX_SESSION_ID
 from offradar_ros.retrieval.received_signatures import MOST_WANTED
 from offradar_ros.ros.place_message import PlaceRows, descriptors_message, descriptors_record
+from offradar_ros.ros.signature_rows import MOST_DIFFERENT
 from offradar_ros.ros.signatures_message import signatures_message, signatures_record, wanted_message, wanted_record
 from offradar_ros.types import MAX_SIGNATURE_BYTES, Place, PlaceTable, Pose, ScanKey
 
@@ -132,6 +133,15 @@ def test_rows_with_a_damaged_signature_are_refused_with_it() -> None:
     with pytest.raises(RefusedInput, match='map/updates: signature of a scan: its checksum is wrong') as refusal:
         descriptors_record(message, 'map/updates')
     assert refusal.value.cause == 'invalid_signature'
+
+
+def test_rows_with_more_signatures_than_can_be_checked_at_once_are_refused() -> None:
+    count = MOST_DIFFERENT + 1
+    signatures = tuple(bytes([number, 1]) for number in range(count))
+    message = descriptors_message(PlaceRows(table(count), MODEL, committed=False, signatures=signatures), 7)
+    with pytest.raises(RefusedInput, match=f'map/updates: rows with {count} signatures') as refusal:
+        descriptors_record(message, 'map/updates')
+    assert refusal.value.cause == 'wrong_size'
 
 
 def test_a_column_longer_than_any_signature_is_refused() -> None:
