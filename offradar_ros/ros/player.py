@@ -45,9 +45,9 @@ from offradar_ros.ros.stamps import time_message
 ANNOUNCED_TO = {'embedding': 'encoder', HANDLED: 'map_server', REPLIES[0]: 'query'}
 """The nodes that want to know where a recording starts, by a topic that each publishes."""
 CLOCK_PERIOD_S = 0.025
-DISCOVERY_S = 4.0
-"""A node that starts late, or whose announcement was lost, is announced again within three seconds."""
-CONNECT_S = 4.5
+DISCOVERY_S = 7.0
+"""A node that starts late, or whose announcement was lost, is announced again every three seconds."""
+CONNECT_S = 8.0
 """Shortest wait for the nodes to connect; a longer --timeout holds."""
 QUIET_S = 1.0
 """After this time without an answer, no more answers are expected."""

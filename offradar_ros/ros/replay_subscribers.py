@@ -11,8 +11,11 @@ from rclpy.publisher import Publisher
 from offradar_ros.recordings.bags.topics import FIX_TYPE, ODOMETRY_TYPE
 from offradar_ros.ros.connections import count_reachable
 
-ANNOUNCED_S = 3.5
-"""Nodes announce themselves every three seconds: after this time, a lost first announcement was repeated."""
+ANNOUNCED_S = 6.5
+"""Nodes announce themselves every three seconds: after this time, one that was lost twice has come.
+
+The first one of a new node often is, so that another process is found up to three seconds later.
+"""
 UNCHANGED_S = 1.0
 """After this time without a new node or subscription, all are taken to be known."""
 
