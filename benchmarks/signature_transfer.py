@@ -19,6 +19,8 @@ from typing import Any
 
 import rclpy
 from faults.free_domains import free_domains
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
 from measuring import ROOT, rounded, single_threaded, write_results
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -32,6 +34,7 @@ from offradar_ros.alignment.signature import SignatureMaker
 from offradar_ros.lab.live.node_processes import NodeProcess, Stack, parameter_arguments
 from offradar_ros.lab.live.spin_thread import SpinThread
 from offradar_ros.ros import qos
+from offradar_ros.ros.connections import Connections
 from offradar_ros.ros.embedding_message import embedding_message
 from offradar_ros.ros.outcome_message import match_record
 
@@ -40,7 +43,7 @@ WAIT_S = 120.0
 SETTLED_S = 3.0
 """After this time without an answer, no more are expected."""
 SERVER = {'map.start_session': False}
-ANY_SCAN = {'query.gate': 'paper', 'query.delta': 100.0}
+QUERY = {'query.gate': 'paper', 'query.delta': 100.0, 'autostart': False}
 """Each scan is answered with a match."""
 
 
@@ -52,7 +55,9 @@ class Seen:
     aligned_s: float = 0.0
     answers_s: list[float] = dataclasses.field(default_factory=list)
     answered_bytes: int = 0
+    questions: int = 0
     asked_bytes: int = 0
+    unaligned: int = 0
     map_bytes: int = 0
 
     def on_map(self, cdr: bytes) -> None:
@@ -61,6 +66,7 @@ class Seen:
 
     def on_question(self, cdr: bytes) -> None:
         """A question of the query node."""
+        self.questions += 1
         self.asked_bytes += len(cdr)
 
     def on_answer(self, cdr: bytes) -> None:
@@ -70,8 +76,12 @@ class Seen:
 
     def on_match(self, message: PointCloud2) -> None:
         """An answer of the query node to a scan."""
-        if not self.aligned_s and match_record(message, 'matches').candidates[0].alignment is not None:
+        if self.aligned_s:
+            return
+        if match_record(message, 'matches').candidates[0].alignment is not None:
             self.aligned_s = time.monotonic()
+        else:
+            self.unaligned += 1
 
 
 def main() -> None:
@@ -125,8 +135,9 @@ def transferred(path: Path, signature: bytes, logs: Path, domain_id: int) -> dic
         with Stack(logs, domain_id, SERVER | {'map.path': path}, names=('map_server_node',)) as nodes:
             nodes.wait_until_ready()
             wait_until(lambda: seen.map_bytes)
-            query = nodes.start('query_node', parameter_arguments(ANY_SCAN))
+            query = nodes.start('query_node', parameter_arguments(QUERY))
             try:
+                activate(node)
                 loaded_s = wait_until(functools.partial(loaded, query))
                 for number in itertools.count(PLACES + 1):
                     embed.publish(embedding_message(embedding(number, 1.0, mean, signature), 'radar'))
@@ -136,11 +147,13 @@ def transferred(path: Path, signature: bytes, logs: Path, domain_id: int) -> dic
                         break
                 return {
                     'map_bytes': seen.map_bytes,
+                    'questions': seen.questions,
                     'asked_bytes': seen.asked_bytes,
                     'answered_bytes': seen.answered_bytes,
                     'answers': len(seen.answers_s),
                     'seconds': last_s - loaded_s,
                     'aligned_after_s': max(seen.aligned_s - loaded_s, 0.0),
+                    'unaligned_before': seen.unaligned,
                     'query_bytes': query.usage().resident_bytes,
                     'query_peak_bytes': query.usage().peak_bytes,
                 }
@@ -149,6 +162,18 @@ def transferred(path: Path, signature: bytes, logs: Path, domain_id: int) -> dic
     finally:
         spin.stop()
         rclpy.shutdown(context=context)
+
+
+def activate(node: Node) -> None:
+    """Activate the query node once it and this node have discovered each other: nothing is missed then."""
+    connections = Connections(node)
+    wait_until(
+        lambda: all([connections.count(topic) for topic in ('matches', 'map/signatures_wanted', 'map/signatures')])
+    )
+    client = node.create_client(ChangeState, 'query/change_state')
+    wait_until(client.service_is_ready)
+    for transition in (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE):
+        wait_until(client.call_async(ChangeState.Request(transition=Transition(id=transition))).done)
 
 
 def loaded(query: NodeProcess) -> float:
