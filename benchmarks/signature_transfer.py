@@ -167,9 +167,8 @@ def transferred(path: Path, signature: bytes, logs: Path, domain_id: int) -> dic
 def activate(node: Node) -> None:
     """Activate the query node once it and this node have discovered each other: nothing is missed then."""
     connections = Connections(node)
-    wait_until(
-        lambda: all([connections.count(topic) for topic in ('matches', 'map/signatures_wanted', 'map/signatures')])
-    )
+    topics = ('matches', 'map/signatures_wanted', 'map/signatures')
+    wait_until(lambda: all(connections.count(topic) for topic in topics))
     client = node.create_client(ChangeState, 'query/change_state')
     wait_until(client.service_is_ready)
     for transition in (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE):
