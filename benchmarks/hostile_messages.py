@@ -22,12 +22,14 @@ from rclpy.serialization import serialize_message
 from sample_signatures import packed_signature
 from sensor_msgs.msg import Image, NavSatFix, NavSatStatus, PointCloud2
 
+from offradar_ros.alignment.signature_code import checksum_of
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.ros import qos
 from offradar_ros.ros.embedding_message import embedding_message, model_message
 from offradar_ros.ros.place_message import PlaceRows, descriptors_message, read_the_file_message
+from offradar_ros.ros.signatures_message import signatures_message, wanted_message
 from offradar_ros.ros.stamps import header
-from offradar_ros.types import Embedding, Place, PlaceTable, Pose
+from offradar_ros.types import Embedding, Place, PlaceTable, Pose, ScanKey
 
 INTEGERS = (0, 1, -1, 2, 3, 8, 127, 255, 999_999_999, 10**9)
 POWERS = (7, 8, 15, 16, 20, 24, 28, 29, 30, 31, 32, 62, 63, 64)
@@ -95,7 +97,16 @@ def inputs(model: ModelInfo, start_ns: int) -> tuple[Input, ...]:
     def rows(number: int, *, committed: bool) -> PointCloud2:
         if committed and number % 10 == 0:
             return read_the_file_message(stamp(number))
-        return descriptors_message(PlaceRows(_places(model, number), model.fingerprint, committed), stamp(number))
+        table = _places(model, number)
+        signatures = tuple(packed_signature(number) for _ in range(len(table)))
+        sent = {'checksums': tuple(map(checksum_of, signatures))} if committed else {'signatures': signatures}
+        return descriptors_message(PlaceRows(table, model.fingerprint, committed, **sent), stamp(number))
+
+    def scans(number: int) -> list[ScanKey]:
+        return [ScanKey(1, row + 1) for row in range(1 + number % 4)]
+
+    def signatures(number: int) -> PointCloud2:
+        return signatures_message({scan: packed_signature(number) for scan in scans(number)}, stamp(number))
 
     def fix(number: int) -> NavSatFix:
         status = NavSatStatus(status=NavSatStatus.STATUS_FIX)
@@ -113,6 +124,8 @@ def inputs(model: ModelInfo, start_ns: int) -> tuple[Input, ...]:
         Input('embedding/model', DiagnosticStatus, qos.LATCHED, lambda _: model_message(model)),
         Input('map/descriptors', PointCloud2, qos.LATCHED, lambda number: rows(number, committed=True)),
         Input('map/updates', PointCloud2, qos.UPDATES, lambda number: rows(number, committed=False)),
+        Input('map/signatures', PointCloud2, qos.RESULTS, signatures),
+        Input('map/signatures_wanted', PointCloud2, qos.RESULTS, lambda n: wanted_message(scans(n), stamp(n))),
         Input('gps/fix', NavSatFix, qos.POSITIONS, fix),
         Input('odometry', Odometry, qos.POSITIONS, odometry),
         Input('ground_truth/odometry', Odometry, qos.POSITIONS, odometry),

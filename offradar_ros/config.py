@@ -449,7 +449,8 @@ class QueryConfig:
     verify: bool = parameter(
         True,
         'whether the scan is aligned with those of the nearest places, which orders them, enters the probability and '
-        'gives the pose in match_pose; it needs the signatures of the places (query.map_path)',
+        'gives the pose in match_pose; it needs the signatures of the places, which the map server sends, or the file '
+        'of query.map_path holds',
         read_only=False,
     )
     verify_candidates: int = parameter(
@@ -462,7 +463,8 @@ class QueryConfig:
     )
     map_path: str = parameter(
         '',
-        'SQLite map to read at start: for maps that are too large for a message, or to query without a map server',
+        'SQLite map to read at start, and the signatures of its places: for maps that are too large for a message, or '
+        'to query without a map server',
     )
     confidence: ConfidenceConfig = dataclasses.field(default_factory=ConfidenceConfig)
 

@@ -134,6 +134,10 @@ class PlaceTable:
     def __len__(self) -> int:
         return len(self.place_ids)
 
+    def scans(self) -> list[ScanKey]:
+        """The N scans that the places hold."""
+        return list(map(ScanKey, self.session_ids.tolist(), self.stamps_ns.tolist()))
+
     @classmethod
     def from_places(cls, places: Sequence[Place], dimension: int) -> PlaceTable:
         """Columns of `places`, in their order; `dimension` gives the shape of an empty table."""

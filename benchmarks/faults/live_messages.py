@@ -59,7 +59,15 @@ PARAMETERS: dict[str, object] = {
     'map.allow_destructive': True,
     **{
         f'qos_overrides./{topic}.subscription.depth': DEPTH
-        for topic in ('radar_data/b_scan_image', 'embedding', 'embedding/model', 'map/descriptors', 'map/updates')
+        for topic in (
+            'radar_data/b_scan_image',
+            'embedding',
+            'embedding/model',
+            'map/descriptors',
+            'map/updates',
+            'map/signatures',
+            'map/signatures_wanted',
+        )
     },
 }
 

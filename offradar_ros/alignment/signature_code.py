@@ -87,6 +87,16 @@ def unpack(content: bytes) -> Signature:
     return Signature(_levels(payload[bits:], azimuths, range_bins), seen, start_s, turn_s, twist, config)
 
 
+def checksum_of(content: bytes) -> int:
+    """The CRC-32 at the end of a packed signature, by which it is told from another; 0 for none."""
+    return int.from_bytes(content[-_CHECKSUM.size :], 'little')
+
+
+def is_of_checksum(content: bytes, checksum: int) -> bool:
+    """Whether these bytes are the packed signature with this checksum, and whole; it may be of another version."""
+    return checksum_of(content) == checksum == zlib.crc32(content[: -_CHECKSUM.size])
+
+
 def _halves(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Two levels a byte, column by column."""
     levels = np.ascontiguousarray(image.T).ravel()

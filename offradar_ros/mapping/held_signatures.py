@@ -58,7 +58,7 @@ class HeldSignatures:
         """The signatures of the scans that these places hold, or held before sessions that can be undone."""
         if not self._held:
             return {}
-        scans = set(map(ScanKey, places.session_ids.tolist(), places.stamps_ns.tolist()))
+        scans = set(places.scans())
         replaced = (place for of_session in before for place in of_session.values() if place)
         scans.update(ScanKey(place.session_id, place.stamp_ns) for place in replaced)
         return {scan: signature for scan, signature in self._held.items() if scan in scans}

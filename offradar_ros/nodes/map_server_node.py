@@ -13,9 +13,6 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 from nav_msgs.msg import Odometry
 from rclpy.callback_groups import ReentrantCallbackGroup
-from rclpy.clock import Clock
-from rclpy.clock_type import ClockType
-from rclpy.task import Future
 from sensor_msgs.msg import NavSatFix, PointCloud2
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
@@ -34,9 +31,9 @@ from offradar_ros.ros.embedding_message import embedding_record, model_record
 from offradar_ros.ros.ledger import Ledger
 from offradar_ros.ros.place_message import PlaceRows, descriptors_message, map_message, read_the_file_message
 from offradar_ros.ros.run import run
+from offradar_ros.ros.signatures_message import signatures_message, wanted_record
 from offradar_ros.ros.stage_node import StageNode
 from offradar_ros.stages.map import Form, MapStage, MapUpdate
-from offradar_ros.types import PlaceTable
 
 CLOCK_OFFSET_S = 2.0
 """A larger difference between the latencies of embeddings and positions is one between their clocks."""
@@ -62,6 +59,7 @@ class MapServerNode(StageNode):
         self._map_view = self.publisher(PointCloud2, 'map', qos.LATCHED)
         self._rows = self.publisher(PointCloud2, 'map/descriptors', qos.LATCHED)
         self._updates = self.publisher(PointCloud2, 'map/updates', qos.UPDATES)
+        self._signatures = self.publisher(PointCloud2, 'map/signatures', qos.RESULTS)
         self._handled = self.publisher(Header, '~/handled', qos.UPDATES)
         self._model = self.subscribe(
             DiagnosticStatus,
@@ -95,6 +93,7 @@ class MapServerNode(StageNode):
                 instead={'sensor_msgs/msg/NavSatFix': 'set position.source: fix, and remap gps/fix'},
                 is_needed=self._maps_scans,
             )
+        self.subscribe(PointCloud2, 'map/signatures_wanted', qos.RESULTS, self._on_wanted)
         self.create_service(Trigger, '~/start_recording', self._start_recording)
         self._seen = SeenStamps(round(self.config.position.restart_after_s * 1e9))
         for name, serve in {
@@ -243,6 +242,10 @@ class MapServerNode(StageNode):
         self._clocks.add_position(time.monotonic_ns(), self._last_position_ns)
         self._publish_updates(self.stage.add_pose(stamp_ns(message.header.stamp), pose_from_odometry(message)))
 
+    def _on_wanted(self, message: PointCloud2) -> None:
+        found = self.stage.signatures(wanted_record(message, 'map/signatures_wanted'))
+        self._signatures.publish(signatures_message(found, self._last_stamp_ns))
+
     def _publish_updates(self, updates: Iterable[MapUpdate]) -> None:
         for left_out in self.stage.take_left_out():
             self.refuse(RefusedInput(left_out.cause, left_out.first), 'position', left_out.count)
@@ -252,11 +255,10 @@ class MapServerNode(StageNode):
         for update in updates:
             if update.problem:
                 self.refuse(update.problem, 'embedding')
-            self._publish_changed(update.changed, update.stamp_ns, committed=False)
-
-    def _publish_changed(self, table: PlaceTable, stamp: int, *, committed: bool) -> None:
-        if len(table):
-            self._updates.publish(self._rows_message(table, stamp, committed=committed))
+            if len(update.changed):
+                signatures = (update.signature,) * len(update.changed)
+                rows = PlaceRows(update.changed, self._fingerprint, committed=False, signatures=signatures)
+                self._updates.publish(descriptors_message(rows, update.stamp_ns))
 
     def _publish_committed(self) -> None:
         committed = self.stage.committed()
@@ -265,14 +267,19 @@ class MapServerNode(StageNode):
         if committed.form is Form.FILE:
             self._rows.publish(read_the_file_message(self._last_stamp_ns))
         elif committed.form is Form.CHANGES:
-            self._publish_changed(committed.table, self._last_stamp_ns, committed=True)
+            # Whoever has read the file reads the signatures there.
+            if len(committed.table):
+                rows = PlaceRows(committed.table, self._fingerprint, committed=True)
+                self._updates.publish(descriptors_message(rows, self._last_stamp_ns))
         else:
-            self._rows.publish(self._rows_message(committed.table, self._last_stamp_ns, committed=True))
+            rows = PlaceRows(committed.table, self._fingerprint, committed=True, checksums=committed.checksums)
+            self._rows.publish(descriptors_message(rows, self._last_stamp_ns))
             self._map_view.publish(map_message(committed.table, self._last_stamp_ns))
 
-    def _rows_message(self, table: PlaceTable, stamp: int, *, committed: bool) -> PointCloud2:
+    @property
+    def _fingerprint(self) -> str:
         model = self.stage.map.model
-        return descriptors_message(PlaceRows(table, model.fingerprint if model else '', committed), stamp)
+        return model.fingerprint if model else ''
 
     def _service_callback(self, name: str, serve: Callable[[], str]) -> Callable[..., Awaitable[Trigger.Response]]:
         async def answer(_request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -305,15 +312,7 @@ class MapServerNode(StageNode):
             return
         scans, end_s = self.stage.scans, time.monotonic() + self.config.position.wait_s
         while self._map is not None and self.stage.expects_positions(scans) and time.monotonic() < end_s:
-            elapsed = Future()
-            timer = self.create_timer(
-                POLL_S,
-                partial(elapsed.set_result, None),
-                ReentrantCallbackGroup(),
-                Clock(clock_type=ClockType.STEADY_TIME),
-            )
-            await elapsed
-            self.destroy_timer(timer)
+            await self.pause(POLL_S)
 
     def _start_session(self) -> str:
         return self.stage.start_session(self.now_ns())

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
+import time
 import traceback
 from collections.abc import Iterator
 from functools import partial
@@ -14,6 +15,7 @@ import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
+from rclpy.callback_groups import ReentrantCallbackGroup
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import Float64
 from std_srvs.srv import Trigger
@@ -37,10 +39,16 @@ from offradar_ros.ros.outcome_message import (
 )
 from offradar_ros.ros.place_message import descriptors_record, is_read_the_file
 from offradar_ros.ros.run import run
+from offradar_ros.ros.signatures_message import signatures_record, wanted_message
 from offradar_ros.ros.stage_node import StageNode
 from offradar_ros.stages.initial_pose import InitialPose
 from offradar_ros.stages.query import QueryStage
 from offradar_ros.types import Embedding, LocalisationState, Match, Outcome, Reason, Rejection
+
+POLL_S = 0.02
+"""Time between two checks, at the start of a recording, whether signatures still come."""
+PATIENCE_S = 4.0
+"""A recording starts without signatures of which none came for this time, in which they are asked for twice."""
 
 
 class QueryNode(StageNode):
@@ -62,17 +70,23 @@ class QueryNode(StageNode):
         self._localisations = self.publisher(DiagnosticArray, 'localisation', qos.RESULTS)
         self._localisation_poses = self.publisher(PoseWithCovarianceStamped, 'localisation_pose', qos.RESULTS)
         self._p_on_map = self.publisher(Float64, 'p_on_map', qos.RESULTS)
+        # Each query node of a map server asks there.
+        self._wanted = self.publisher(PointCloud2, 'map/signatures_wanted', qos.RESULTS, is_shared=True)
         self._initial, self._initial_poses = InitialPose(), None
         if self.config.query.initial_pose:
             self._initial_poses = self.publisher(PoseWithCovarianceStamped, 'initialpose', qos.RESULTS)
         self.create_service(Trigger, '~/relocalise', self._relocalise)
-        self.create_service(Trigger, '~/start_recording', self._start_recording)
+        # In a separate callback group: signatures arrive while the answer waits for them.
+        group = ReentrantCallbackGroup()
+        self.create_service(Trigger, '~/start_recording', self._start_recording, callback_group=group)
+        self._last_stamp_ns = 0
         self._seen = SeenStamps(round(self.config.radar.restart_after_s * 1e9))
         self._answers = AnswerWatch()
         self._file_is_awaited = False
         self._file_problem = ''
         self._map = self.subscribe(PointCloud2, 'map/descriptors', qos.LATCHED, self._on_map, check=self._check_map)
         self.subscribe(PointCloud2, 'map/updates', qos.UPDATES, self._on_update, ledger=self._update_ledger)
+        self.subscribe(PointCloud2, 'map/signatures', qos.RESULTS, self._on_signatures)
         self.subscribe(Odometry, 'odometry', qos.POSITIONS, self._on_odometry)
         self.subscribe(
             PointCloud2, 'embedding', qos.RESULTS, self._on_embedding, ledger=self._ledger, source='encoder_node'
@@ -102,7 +116,12 @@ class QueryNode(StageNode):
         """Report the size of the map, the threshold and the mean of U."""
         if self._file_is_awaited:
             self._read_awaited()
-        self.status.facts |= {'places': str(self.stage.places), 'threshold': f'{self.stage.threshold:.4f}'}
+        self._ask_for_signatures()
+        self.status.facts |= {
+            'places': str(self.stage.places),
+            'threshold': f'{self.stage.threshold:.4f}',
+            'signatures.missing': str(self.stage.missing_signatures),
+        }
         if math.isfinite(self.stage.mean_uncertainty):
             self.status.facts['mean_uncertainty'] = f'{self.stage.mean_uncertainty:.4f}'
         # Without a map, `troubles` says why.
@@ -151,6 +170,7 @@ class QueryNode(StageNode):
             self.stage.read_file()
         else:
             self._load(self.stage, message)
+            self._ask_for_signatures()
         self.get_logger().info(f'map of {self.stage.places} places')
 
     def _check_map(self, message: PointCloud2) -> None:
@@ -161,16 +181,26 @@ class QueryNode(StageNode):
     @staticmethod
     def _load(stage: QueryStage, message: PointCloud2) -> None:
         rows = descriptors_record(message, 'map/descriptors')
-        stage.load(rows.table, rows.model)
+        stage.load(rows.table, rows.model, rows.checksums)
 
     def _on_update(self, message: PointCloud2) -> None:
         rows = descriptors_record(message, 'map/updates')
-        self.stage.update(rows.table, rows.model, committed=rows.committed)
+        self.stage.update(rows.table, rows.model, committed=rows.committed, signatures=rows.signatures)
         self._update_ledger.settle('taken_up')
+
+    def _on_signatures(self, message: PointCloud2) -> None:
+        for problem in self.stage.receive_signatures(signatures_record(message, 'map/signatures')):
+            self.refuse(problem, 'map/signatures')
+        self._ask_for_signatures()
+
+    def _ask_for_signatures(self) -> None:
+        """Ask the map server for the next signatures that are missing, unless its last answer is still awaited."""
+        if wanted := self.stage.wanted_signatures():
+            self._wanted.publish(wanted_message(wanted, self._last_stamp_ns))
 
     def _on_embedding(self, message: PointCloud2) -> None:
         # Without a stamp there is nothing to answer.
-        stamp = stamp_ns(message.header.stamp)
+        stamp = self._last_stamp_ns = stamp_ns(message.header.stamp)
         try:
             embedding = embedding_record(message, 'embedding')
         except RefusedInput as problem:
@@ -214,9 +244,17 @@ class QueryNode(StageNode):
     def _on_odometry(self, message: Odometry) -> None:
         self.stage.add_odometry(stamp_ns(message.header.stamp), pose_from_odometry(message))
 
-    def _start_recording(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Answer every stamp again: a recording that is played again has the same."""
+    async def _start_recording(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Answer every stamp again: a recording that is played again has the same.
+
+        Its first scan is to be aligned as its last one is: the answer comes when all signatures of the map have.
+        """
         self._seen.reset()
+        missing, changed_s = 0, time.monotonic()
+        while self.active and self.stage.missing_signatures and time.monotonic() - changed_s < PATIENCE_S:
+            if self.stage.missing_signatures != missing:
+                missing, changed_s = self.stage.missing_signatures, time.monotonic()
+            await self.pause(POLL_S)
         response.success, response.message = True, 'a recording starts with the next scan'
         return response
 

@@ -118,6 +118,10 @@ class PlaceIndex:
         rows, known = self._columns.find(np.empty(0, np.int64) if exclude is None else exclude)
         return PlaceSearch(self, np.asarray(mean, np.float32), np.unique(rows[known]))
 
+    def scans(self) -> list[ScanKey]:
+        """The scans that the places hold, in ascending order of id."""
+        return self._columns.table.scans()
+
     def mean_of(self, place_id: int) -> NDArray[np.float32] | None:
         """(d,) a copy of the mean of a place; None if it is not in the index."""
         rows, known = self._columns.find(np.array([place_id], np.int64))

@@ -55,6 +55,11 @@ class SearchedMap:
         """(N, 3) float64 in the ``map`` frame, in the order of `place_ids`; a view, valid until the next change."""
         return self._committed.positions_m
 
+    def scans(self) -> list[ScanKey]:
+        """The scans that places hold, of ended sessions and of the running one."""
+        waiting = [scan for table in self._waiting_updates for scan in table.scans()]
+        return [*self._committed.scans(), *self._running.scans(), *waiting]
+
     def load(self, table: PlaceTable, model: str) -> None:
         """Replace the map by these places, of the model with this fingerprint.
 

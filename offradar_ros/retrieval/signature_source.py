@@ -9,7 +9,10 @@ from offradar_ros.types import ScanKey
 
 
 class SignatureSource(Protocol):
-    """Signatures by their scans: `SignatureFile` beside a map server, `HeldSignatures` of a map in this process."""
+    """Signatures by their scans.
+
+    `ReceivedSignatures` from a map server, `SignatureFile` beside one, `HeldSignatures` of a map in this process.
+    """
 
     def read(self, scans: Sequence[ScanKey]) -> dict[ScanKey, bytes]:
         """The packed signatures of these scans, without those that have none; MapError if they cannot be read."""

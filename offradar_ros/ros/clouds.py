@@ -7,6 +7,7 @@ been compared, in Python's integers, with the layout that is expected.
 from __future__ import annotations
 
 import array
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -62,7 +63,7 @@ def to_cloud(points: NDArray[Any], header: Header) -> PointCloud2:
 
 
 def from_cloud(
-    cloud: PointCloud2, layout: Layout, topic: str, *, any_count: str = '', max_count: int = 1
+    cloud: PointCloud2, layout: Layout, topic: str, max_counts: Mapping[str, int] | None = None
 ) -> NDArray[Any]:
     """A cloud's points as (N,) structured array with the fields of `layout`, whatever their order and offsets.
 
@@ -73,19 +74,19 @@ def from_cloud(
         cloud: one row of points.
         layout: names, types and counts of the fields.
         topic: for the error.
-        any_count: a field of the layout that may have any count from 1 to `max_count` instead.
-        max_count: see `any_count`.
+        max_counts: fields of the layout that may have any count from 1 to this one instead.
 
     Raises RefusedInput (`wrong_fields`, `short_data`, `wrong_size`), which names the topic.
     """
-    offsets, counts = _checked_fields(cloud, layout, topic, any_count, max_count)
+    free = max_counts or {}
+    offsets, counts = _checked_fields(cloud, layout, topic, free)
     points = _checked_size(cloud, topic)
     names = layout.names or ()
     base = {name: layout[name].base for name in names}
     dtype = np.dtype(
         {
             'names': list(names),
-            'formats': [(base[n], (counts[n],)) if layout[n].shape or n == any_count else base[n] for n in names],
+            'formats': [(base[n], (counts[n],)) if layout[n].shape or n in free else base[n] for n in names],
             'offsets': [offsets[n] for n in names],
             'itemsize': int(cloud.point_step),
         }
@@ -98,7 +99,7 @@ def _count(dtype: np.dtype[Any]) -> int:
 
 
 def _checked_fields(
-    cloud: PointCloud2, layout: Layout, topic: str, any_count: str, max_count: int
+    cloud: PointCloud2, layout: Layout, topic: str, max_counts: Mapping[str, int]
 ) -> tuple[dict[str, int], dict[str, int]]:
     """Offsets and counts of the fields of the layout, within a point of bounded size."""
     expected = layout.names or ()
@@ -128,7 +129,7 @@ def _checked_fields(
             )
         if name not in expected:
             continue
-        fits = 1 <= count <= max_count if name == any_count else count == _count(layout[name])
+        fits = 1 <= count <= max_counts[name] if name in max_counts else count == _count(layout[name])
         if datatype != _DATATYPES[layout[name].base.str[1:]] or not fits:
             raise RefusedInput('wrong_fields', f'{topic}: field {name} has type {datatype} and count {count}: not ours')
         offsets[name], counts[name] = offset, count

@@ -66,7 +66,7 @@ def embedding_record(message: PointCloud2, topic: str) -> Embedding:
         raise RefusedInput('wrong_size', f'{topic}: dimension {dimension}: expected at most {MAX_DIMENSION}')
     is_signed = any(field.name == SIGNATURE for field in message.fields[:MAX_FIELDS])
     most = _columns(MAX_SIGNATURE_BYTES, dimension)
-    points = from_cloud(message, _signed(1) if is_signed else POINT, topic, any_count=SIGNATURE, max_count=most)
+    points = from_cloud(message, _signed(1) if is_signed else POINT, topic, {SIGNATURE: most})
     return Embedding(
         stamp,
         points['mean'].astype(np.float32),

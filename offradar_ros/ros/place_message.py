@@ -10,8 +10,16 @@ from sensor_msgs.msg import PointCloud2
 from offradar_ros.encoders.protocol import MAX_DIMENSION
 from offradar_ros.errors import RefusedInput
 from offradar_ros.mapping.place_check import MAX_SESSION_ID
-from offradar_ros.ros.clouds import Layout, from_cloud, to_cloud
+from offradar_ros.ros.clouds import MAX_FIELDS, Layout, from_cloud, to_cloud
 from offradar_ros.ros.embedding_message import fingerprint_of
+from offradar_ros.ros.signature_rows import (
+    MAX_COUNTS,
+    SIGNATURE,
+    read_signatures,
+    require_sound,
+    signed_layout,
+    write_signatures,
+)
 from offradar_ros.ros.stamps import header
 from offradar_ros.types import PlaceTable
 
@@ -22,6 +30,9 @@ VIEW = np.dtype([('x', '<f4'), ('y', '<f4'), ('z', '<f4'), ('intensity', '<f4'),
 
 READ_THE_FILE = np.dtype([('read_the_file', 'u1')])
 """A point of a message that only says where the map is."""
+
+CHECKSUM = 'signature_checksum'
+"""The field that says which signature the scan of a place has."""
 
 
 def descriptors_layout(dimension: int) -> Layout:
@@ -46,17 +57,36 @@ def descriptors_layout(dimension: int) -> Layout:
 
 @dataclasses.dataclass(frozen=True)
 class PlaceRows:
-    """Rows of the map in a message: of one model, committed or of the running session."""
+    """Rows of the map in a message: of one model, committed or of the running session.
+
+    Attributes:
+        table: the rows.
+        model: fingerprint of their model.
+        committed: whether they are of an ended session.
+        signatures: of the scans that the rows hold, packed, one a row, empty for a scan that has none; or none at all,
+            as of a whole map, whose signatures would be many times its size.
+        checksums: of those signatures (`checksum_of`), one a row, 0 for a scan that has none; or none at all.
+    """
 
     table: PlaceTable
     model: str
     committed: bool
+    signatures: tuple[bytes, ...] = ()
+    checksums: tuple[int, ...] = ()
 
 
 def descriptors_message(rows: PlaceRows, stamp_ns: int) -> PointCloud2:
-    """Everything that the search needs: position (float64), uncertainty, provenance, embedding[d] and model."""
+    """Everything that the search needs: position (float64), uncertainty, provenance, embedding[d] and model.
+
+    The fields of signatures and of checksums are there if any of the rows has one.
+    """
     table = rows.table
-    points = np.empty(len(table), descriptors_layout(table.means.shape[1]))
+    layout = descriptors_layout(table.means.shape[1])
+    if any(rows.checksums):
+        layout = _with_checksum(layout)
+    if any(rows.signatures):
+        layout = signed_layout(layout, rows.signatures)
+    points = np.empty(len(table), layout)
     points['x'], points['y'], points['z'] = table.positions_m.T
     points['yaw'], points['uncertainty'] = table.yaws_rad, table.uncertainties
     points['place_id'], points['session_id'] = table.place_ids, table.session_ids
@@ -65,15 +95,26 @@ def descriptors_message(rows: PlaceRows, stamp_ns: int) -> PointCloud2:
     if len(points):
         points['model'] = np.frombuffer(bytes.fromhex(rows.model), np.uint8)
     points['embedding'] = table.means
+    if any(rows.checksums):
+        points[CHECKSUM] = rows.checksums
+    if any(rows.signatures):
+        write_signatures(points, rows.signatures)
     return to_cloud(points, header(stamp_ns, MAP_FRAME))
 
 
 def descriptors_record(message: PointCloud2, topic: str) -> PlaceRows:
     """The rows in a message; RefusedInput if it is not one of ours.
 
-    Only what a table cannot hold is checked here; the values of the places are checked where they are taken up.
+    Of the table, only what it cannot hold is checked here; the values of the places are checked where they are taken
+    up. Signatures are sound, or refused with their rows.
     """
-    points = from_cloud(message, descriptors_layout(1), topic, any_count='embedding', max_count=MAX_DIMENSION)
+    names = {field.name for field in message.fields[:MAX_FIELDS]}
+    layout, max_counts = descriptors_layout(1), {'embedding': MAX_DIMENSION}
+    if CHECKSUM in names:
+        layout = _with_checksum(layout)
+    if SIGNATURE in names:
+        layout, max_counts = signed_layout(layout), max_counts | MAX_COUNTS
+    points = from_cloud(message, layout, topic, max_counts)
     if (points['stamp_nanosec'] >= 10**9).any() or (points['session_id'] > MAX_SESSION_ID).any():
         raise RefusedInput('invalid_place', f'{topic}: a place has no valid stamp or session id')
     if (points['committed'] != points['committed'][:1]).any():
@@ -88,7 +129,14 @@ def descriptors_record(message: PointCloud2, topic: str) -> PlaceRows:
         means=points['embedding'].astype(np.float32),
     )
     model = fingerprint_of(points['model'], topic)
-    return PlaceRows(table, model, bool(len(points)) and bool(points['committed'][0]))
+    signatures = read_signatures(points, topic) if SIGNATURE in names else ()
+    checksums = tuple(points[CHECKSUM].tolist()) if CHECKSUM in names else ()
+    require_sound(signatures, topic)
+    return PlaceRows(table, model, bool(len(points)) and bool(points['committed'][0]), signatures, checksums)
+
+
+def _with_checksum(layout: Layout) -> Layout:
+    return np.dtype([*layout.descr, (CHECKSUM, '<u4')])
 
 
 def read_the_file_message(stamp_ns: int) -> PointCloud2:

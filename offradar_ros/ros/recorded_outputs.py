@@ -16,12 +16,21 @@ STATUS_NAME = ': offradar_ros'
 DIAGNOSTICS = 'diagnostic_msgs/msg/DiagnosticArray'
 _CLOUD = 'sensor_msgs/msg/PointCloud2'
 _POSE = 'geometry_msgs/msg/PoseWithCovarianceStamped'
-_CLOUDS = ('/embedding', '/map', '/map/descriptors', '/map/updates', '/matches')
+_CLOUDS = (
+    '/embedding',
+    '/map',
+    '/map/descriptors',
+    '/map/updates',
+    '/map/signatures',
+    '/map/signatures_wanted',
+    '/matches',
+)
 _FIELDS = (
     {'mean', 'variance', 'model'},
     {'place_id', 'intensity'},
     {'place_id', 'embedding'},
     {'place_id', 'query_uncertainty'},
+    {'session_id', 'stamp_sec', 'stamp_nanosec'},
 )
 """Fields by which our clouds are told from others, also under a name that they were remapped to."""
 _READ_THE_FILE = {'read_the_file'}

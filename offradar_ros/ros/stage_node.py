@@ -13,6 +13,7 @@ from typing import Any, TypeVar, cast
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import ParameterDescriptor, SetParametersResult
+from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock
 from rclpy.clock_type import ClockType
 from rclpy.lifecycle import LifecycleState, TransitionCallbackReturn
@@ -20,6 +21,7 @@ from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.task import Future
 
 from offradar_ros.config import Config
 from offradar_ros.entry_point import explain
@@ -89,6 +91,7 @@ class StageNode(SteadyLifecycleNode):
         self.status = NodeStatus(f'{self.get_fully_qualified_name().lstrip("/")}: offradar_ros')
         self.active = False
         self._outputs: list[Publisher] = []
+        self._shared: set[str] = set()
         self._output_types: dict[str, str] = {}
         self._inputs: list[Input] = []
         self._latched: dict[str, _Latched] = {}
@@ -208,8 +211,13 @@ class StageNode(SteadyLifecycleNode):
             return False
         return True
 
-    def publisher(self, message_type: type[MessageT], topic: str, profile: QoSProfile) -> Publisher:
-        """A lifecycle publisher whose quality of service can be overridden by parameters."""
+    def publisher(
+        self, message_type: type[MessageT], topic: str, profile: QoSProfile, *, is_shared: bool = False
+    ) -> Publisher:
+        """A lifecycle publisher whose quality of service can be overridden by parameters.
+
+        Who else publishes a topic that `is_shared` is no rival.
+        """
         publisher: Publisher = self.create_lifecycle_publisher(
             # rclpy writes overrides into the profile that it is given, which other publishers share.
             message_type,
@@ -218,6 +226,8 @@ class StageNode(SteadyLifecycleNode):
             qos_overriding_options=QoSOverridingOptions.with_default_policies(),
         )
         self._outputs.append(publisher)
+        if is_shared:
+            self._shared.add(publisher.topic_name)
         package = message_type.__module__.partition('.')[0]
         self._output_types[publisher.topic_name] = f'{package}/msg/{message_type.__name__}'
         return publisher
@@ -304,6 +314,18 @@ class StageNode(SteadyLifecycleNode):
             return True
         return False
 
+    async def pause(self, seconds: float) -> None:
+        """Let other callbacks run meanwhile; for a service in a reentrant callback group."""
+        elapsed = Future()
+        timer = self.create_timer(
+            seconds,
+            partial(elapsed.set_result, None),
+            ReentrantCallbackGroup(),
+            Clock(clock_type=ClockType.STEADY_TIME),
+        )
+        await elapsed
+        self.destroy_timer(timer)
+
     def log_info(self, text: str) -> None:
         """Log a line; at exit, when rclpy cannot log any more, print it."""
         if self.context.ok():
@@ -374,7 +396,8 @@ class StageNode(SteadyLifecycleNode):
                 'use_sim_time is true, and nothing came on /clock: start who publishes it (ros2 bag play --clock, a '
                 'simulator), or set use_sim_time to false',
             )
-        for other, topics in rivals(self, (output.topic_name for output in self._outputs)).items():
+        own = [output.topic_name for output in self._outputs if output.topic_name not in self._shared]
+        for other, topics in rivals(self, own).items():
             text = f'{other} publishes {topics} too: launched twice? Stop one ({LISTED})'
             yield Trouble(f'rival.{other.rpartition(" ")[2]}', text)
         for topic, types in foreign_types(self, self._output_types).items():

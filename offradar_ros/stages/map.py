@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
+from offradar_ros.alignment.signature_code import checksum_of
 from offradar_ros.config import Config
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.errors import MapError, RefusedInput
@@ -21,7 +22,7 @@ from offradar_ros.positions.motion import positions_apart_m
 from offradar_ros.positions.rules import geo_point, require_pose
 from offradar_ros.stages.map_frame import MapFrame
 from offradar_ros.stages.positioning import Positioning
-from offradar_ros.types import Embedding, PlaceTable, Pose
+from offradar_ros.types import Embedding, PlaceTable, Pose, ScanKey
 
 MAX_MESSAGE_PLACES = 50_000
 """Largest map that is sent as a message: for a larger one the query node reads the file."""
@@ -39,11 +40,13 @@ class MapUpdate:
     Attributes:
         stamp_ns: stamp of the embedding.
         changed: the places that were inserted or replaced with it; may be empty.
+        signature: that of the embedding, which all of them hold now; empty if it has none.
         problem: why it was not merged, or None.
     """
 
     stamp_ns: int
     changed: PlaceTable
+    signature: bytes = b''
     problem: RefusedInput | None = None
 
 
@@ -63,10 +66,12 @@ class CommittedMap:
         form: WHOLE: every place. FILE: the map is too large for a message and is read from its file. CHANGES: the file
             was read before, and only the changes of the last session are sent.
         table: the places to publish; empty for FILE.
+        checksums: of WHOLE, those of the signatures of the scans that the places hold, 0 for a scan that has none.
     """
 
     form: Form
     table: PlaceTable
+    checksums: tuple[int, ...] = ()
 
 
 class MapStage:
@@ -284,7 +289,15 @@ class MapStage:
         self._file_is_read = is_large
         if is_large:
             return CommittedMap(Form.FILE, PlaceTable.from_places([], self.map.dimension))
-        return CommittedMap(Form.WHOLE, self.map.committed())
+        table = self.map.committed()
+        scans = table.scans()
+        signatures = self.signatures(scans)
+        return CommittedMap(Form.WHOLE, table, tuple(checksum_of(signatures[scan]) for scan in scans))
+
+    def signatures(self, scans: Sequence[ScanKey]) -> dict[ScanKey, bytes]:
+        """The signature of each of these scans, empty for one that has none or is not in the map."""
+        held = self.map.signatures.read(scans)
+        return {scan: held.get(scan, b'') for scan in scans}
 
     def changed_view(self) -> PlaceTable | None:
         """Every place; None if nothing changed since the last call, or if the map is too large for a message."""
@@ -329,8 +342,8 @@ class MapStage:
             return self._refused(embedding, refused)
         changed = self.map.changed(merge)
         self._changed_since_view = self._changed_since_view or len(changed) > 0
-        return MapUpdate(embedding.stamp_ns, changed)
+        return MapUpdate(embedding.stamp_ns, changed, embedding.signature)
 
     def _refused(self, embedding: Embedding, problem: RefusedInput) -> MapUpdate:
         self.map.count_dropped(problem.cause)
-        return MapUpdate(embedding.stamp_ns, PlaceTable.from_places([], self.map.dimension), problem)
+        return MapUpdate(embedding.stamp_ns, PlaceTable.from_places([], self.map.dimension), problem=problem)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import collections
 import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -14,11 +15,12 @@ from offradar_ros.mapping.map_reader import status_of
 from offradar_ros.mapping.signature_file import SignatureFile
 from offradar_ros.retrieval.confidence import confidence_for
 from offradar_ros.retrieval.introspective_query import Answer, IntrospectiveQuery
+from offradar_ros.retrieval.received_signatures import ReceivedSignatures
 from offradar_ros.retrieval.searched_map import SearchedMap
 from offradar_ros.retrieval.signature_source import SignatureSource
 from offradar_ros.retrieval.verification import Verifier
 from offradar_ros.stages.localise import LocaliseStage, Relocalisation
-from offradar_ros.types import Embedding, Localisation, Outcome, PlaceTable, Pose, Reason, Rejection
+from offradar_ros.types import Embedding, Localisation, Outcome, PlaceTable, Pose, Reason, Rejection, ScanKey
 
 WINDOW = 256
 """Number of answers in the moving average of U."""
@@ -30,7 +32,8 @@ class QueryStage:
     Args:
         config: of the answers.
         localisation: of the belief over many scans; the default one if left out.
-        signatures: of the scans that the places hold; by default those in the file of `query.map_path`, if set.
+        signatures: of the scans that the places hold; by default those in the file of `query.map_path`, if set, else
+            those that come with `update` and `receive_signatures`.
     """
 
     def __init__(
@@ -39,9 +42,10 @@ class QueryStage:
         localisation: LocalisationConfig | None = None,
         signatures: SignatureSource | None = None,
     ) -> None:
-        if signatures is None and config.map_path:
-            signatures = SignatureFile(Path(config.map_path))
-        self._signatures = signatures
+        self._received = ReceivedSignatures()
+        if signatures is None:
+            signatures = SignatureFile(Path(config.map_path)) if config.map_path else self._received
+        self._is_received = signatures is self._received
         self._query = IntrospectiveQuery(config, SearchedMap(), Verifier(signatures, self._note))
         self._not_aligned = ''
         self._localisation = localisation or LocalisationConfig()
@@ -115,20 +119,42 @@ class QueryStage:
             )
         self._query.map.load_file(Path(self.config.map_path))
 
-    def load(self, table: PlaceTable, model: str) -> None:
-        """As `SearchedMap.load`."""
+    def load(self, table: PlaceTable, model: str, checksums: Sequence[int] = ()) -> None:
+        """As `SearchedMap.load`; `checksums` of the scans' signatures: one a place, 0 for none, or none at all."""
         self._query.map.load(table, model)
+        self._received.expect(dict(zip(table.scans(), checksums or [0] * len(table), strict=True)))
 
-    def update(self, table: PlaceTable, model: str, *, committed: bool) -> None:
-        """As `SearchedMap.update`."""
+    def update(self, table: PlaceTable, model: str, *, committed: bool, signatures: Sequence[bytes] = ()) -> None:
+        """As `SearchedMap.update`; `signatures` are those of the scans that the rows hold, one a row or none."""
         self._query.map.update(table, model, committed=committed)
+        if committed or not self._is_received:
+            return
+        for scan, signature in zip(table.scans(), signatures or [b''] * len(table), strict=True):
+            self._received.put(scan, signature)
+        if self._received.is_check_due:
+            self._received.keep(self._query.map.scans())
+
+    def wanted_signatures(self) -> tuple[ScanKey, ...]:
+        """The scans whose signatures the map server is to be asked for now (`ReceivedSignatures.wanted`); none if no
+        scan is aligned, or they are read elsewhere.
+        """
+        return self._received.wanted() if self.missing_signatures else ()
+
+    def receive_signatures(self, answer: Mapping[ScanKey, bytes]) -> list[RefusedInput]:
+        """As `ReceivedSignatures.receive`."""
+        return self._received.receive(answer)
+
+    @property
+    def missing_signatures(self) -> int:
+        """Number of scans whose signatures are to be asked for, or have not come yet."""
+        return self._received.missing if self._is_received and self.config.verify else 0
 
     def query(self, embedding: Embedding) -> Outcome:
         """As `IntrospectiveQuery.query`: exactly one answer for each embedding."""
         self._not_aligned = '' if embedding.signature else 'the scan has no signature (encoder.signature)'
         answer = self._query.answer(embedding)
         if not self._not_aligned and not any(each.alignment for each in answer.outcome.candidates):
-            self._not_aligned = 'the map has no signatures of the places found: it gains them with the next drives'
+            self._not_aligned = self._why_no_signatures()
         self._last = embedding.stamp_ns, answer
         if math.isfinite(answer.outcome.uncertainty):
             self._uncertainties.append(answer.outcome.uncertainty)
@@ -139,11 +165,14 @@ class QueryStage:
         """Why the last scan was aligned with no place, or none can be, in one line; empty if it was, or had none."""
         if not self.config.verify:
             return 'query.verify is false'
-        if self._signatures is None:
-            return 'query.map_path is not set: set it to the file of the map server'
         if self._last is None or not self._last[1].outcome.candidates:
             return ''
         return self._not_aligned
+
+    def _why_no_signatures(self) -> str:
+        if missing := self.missing_signatures:
+            return f'{missing} signatures of the map have not come yet from the map server, on map/signatures'
+        return 'the map has no signatures of the places found: it gains them with the next drives'
 
     def _note(self, problem: OffradarError) -> None:
         self._not_aligned = str(problem)

@@ -34,7 +34,15 @@ ROUNDS = 100
 MODEL = make_encoder(EncoderConfig(name='ring_key')).info
 DEEP = {
     f'qos_overrides./{topic}.subscription.depth': 1000
-    for topic in ('radar_data/b_scan_image', 'embedding', 'embedding/model', 'map/descriptors', 'map/updates')
+    for topic in (
+        'radar_data/b_scan_image',
+        'embedding',
+        'embedding/model',
+        'map/descriptors',
+        'map/updates',
+        'map/signatures',
+        'map/signatures_wanted',
+    )
 }
 """Every message is handled, however late the nodes are."""
 FIRST = range(100, 180, 20)
@@ -153,7 +161,7 @@ def test_a_hundred_hostile_messages_of_each_kind_change_nothing_for_sound_ones(
             if one.topic != 'ground_truth/odometry':
                 vehicle.send_hostile(one)
                 sent += 1
-        assert sent == 7 * ROUNDS
+        assert sent == 9 * ROUNDS
         wait_until(lambda: all(dropped(counts) > ROUNDS / 4 for counts in vehicle.counts().values()))
         counts = vehicle.settle()
         assert_healthy(nodes)

@@ -108,8 +108,7 @@ def through_nodes(
     **parameters: Any,
 ) -> list[Outcome]:
     outcomes = observer.collect_outcomes()
-    files = {'map.path': str(path), 'query.map_path': str(path)}
-    with stack(PARAMETERS | ROOMY | files | parameters) as nodes:
+    with stack(PARAMETERS | ROOMY | {'map.path': str(path)} | parameters) as nodes:
         nodes.wait_until_ready()
         observer.wait_until_connected()
         for bag, mapped in drives:
@@ -133,11 +132,14 @@ def assert_same_map(one: Path, other: Path) -> None:
     assert set(zip(a.session_ids.tolist(), a.stamps_ns.tolist(), strict=True)) <= stored[0].signatures.keys()
 
 
+@pytest.mark.parametrize('signatures', ['from the file', 'by messages'])
 def test_lockstep_gives_the_answers_and_map_of_the_pipeline(
-    drives: list[tuple[Path, bool]], tmp_path: Path, stack: Callable[..., Stack], observer: Observer
+    drives: list[tuple[Path, bool]], tmp_path: Path, stack: Callable[..., Stack], observer: Observer, signatures: str
 ) -> None:
     expected = through_pipeline(drives, tmp_path / 'pipeline.db')
-    found = through_nodes(drives, tmp_path / 'nodes.db', stack, observer, '--lockstep')
+    path = tmp_path / 'nodes.db'
+    file = {'query.map_path': str(path)} if signatures == 'from the file' else {}
+    found = through_nodes(drives, path, stack, observer, '--lockstep', **file)
     assert [key(outcome) for outcome in found] == [key(outcome) for outcome in expected]
     assert_same_map(tmp_path / 'nodes.db', tmp_path / 'pipeline.db')
     # Without alignments, matches and rejections the comparison would prove nothing.

@@ -181,7 +181,8 @@ def test_each_output_has_one_enclave_that_may_publish_it() -> None:
             assert topic not in written, f'{topic}: {written[topic]} and {enclave}'
             written[topic] = enclave
     assert written['/embedding'] == written['/embedding/model'] == 'encoder'
-    assert written['/map/descriptors'] == written['/map/updates'] == 'map_server'
+    assert written['/map/descriptors'] == written['/map/updates'] == written['/map/signatures'] == 'map_server'
+    assert written['/map/signatures_wanted'] == 'query'
 
 
 @pytest.mark.parametrize('name', ['encoder_node', 'map_server_node', 'query_node'])

@@ -28,12 +28,15 @@ from offradar_ros.ros.place_message import (
     is_read_the_file,
     map_message,
 )
-from offradar_ros.types import Candidate, Embedding, Match, Place, PlaceTable, Pose
+from offradar_ros.ros.signatures_message import signatures_message, signatures_record, wanted_message, wanted_record
+from offradar_ros.types import Candidate, Embedding, Match, Place, PlaceTable, Pose, ScanKey
 
 MODEL = 'ab' * 32
 PROJECT = Path(__file__).resolve().parents[2]
 MEAN = np.arange(4, dtype=np.float32)
 PLACES = PlaceTable.from_places([Place(i, 1, i, Pose(1.0, 2.0), 1.0, MEAN) for i in range(3)], 4)
+SCANS = [ScanKey(1, i) for i in range(3)]
+SIGNATURES = tuple(map(packed_signature, range(3)))
 SOUND: dict[str, tuple[Callable[[], PointCloud2], Callable[[PointCloud2], Any]]] = {
     'embedding': (
         lambda: embedding_message(Embedding(1, MEAN, MEAN, MODEL), 'radar'),
@@ -46,6 +49,18 @@ SOUND: dict[str, tuple[Callable[[], PointCloud2], Callable[[PointCloud2], Any]]]
     'descriptors': (
         lambda: descriptors_message(PlaceRows(PLACES, MODEL, committed=True), 1),
         lambda cloud: descriptors_record(cloud, 'map/descriptors'),
+    ),
+    'signed rows': (
+        lambda: descriptors_message(PlaceRows(PLACES, MODEL, committed=False, signatures=SIGNATURES), 1),
+        lambda cloud: descriptors_record(cloud, 'map/updates'),
+    ),
+    'wanted': (
+        lambda: wanted_message(SCANS, 1),
+        lambda cloud: wanted_record(cloud, 'map/signatures_wanted'),
+    ),
+    'signatures': (
+        lambda: signatures_message(dict(zip(SCANS, SIGNATURES, strict=True)), 1),
+        lambda cloud: signatures_record(cloud, 'map/signatures'),
     ),
     'match': (
         lambda: match_message(Match(1, 1.0, 1.5, (Candidate(1, 0.5, 1.0, Pose(1.0, 2.0)),), 0.5)),
@@ -127,7 +142,7 @@ def test_a_cloud_with_more_data_than_points_is_refused(kind: str) -> None:
 def test_a_field_of_another_type_is_refused(kind: str, datatype: int) -> None:
     make, read = SOUND[kind]
     cloud = make()
-    field = next(field for field in cloud.fields if field.datatype == PointField.FLOAT32)
+    field = next(field for field in cloud.fields if field.datatype in (PointField.FLOAT32, PointField.UINT32))
     field.datatype = datatype
     with pytest.raises(RefusedInput) as refusal:
         read(cloud)

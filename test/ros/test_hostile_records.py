@@ -20,6 +20,7 @@ from offradar_ros.mapping.place_check import place_problem
 from offradar_ros.messages import point_from_fix, pose_from_odometry, scan_from_image, stamp_ns
 from offradar_ros.ros.embedding_message import embedding_message, embedding_record, model_record
 from offradar_ros.ros.place_message import descriptors_record, is_read_the_file
+from offradar_ros.ros.signatures_message import signatures_record, wanted_record
 
 ENCODER = make_encoder(EncoderConfig(name='ring_key'))
 START_NS = 10**12
@@ -28,6 +29,16 @@ CAUSES = {
     'embedding': {'wrong_fields', 'short_data', 'wrong_size', 'invalid_stamp', 'invalid_signature'},
     'embedding/model': {'wrong_fields', 'invalid_model'},
     'map/descriptors': {'wrong_fields', 'short_data', 'wrong_size', 'invalid_place', 'invalid_stamp'},
+    'map/updates': {'wrong_fields', 'short_data', 'wrong_size', 'invalid_place', 'invalid_stamp', 'invalid_signature'},
+    'map/signatures': {
+        'wrong_fields',
+        'short_data',
+        'wrong_size',
+        'invalid_place',
+        'invalid_stamp',
+        'invalid_signature',
+    },
+    'map/signatures_wanted': {'wrong_fields', 'short_data', 'wrong_size', 'invalid_place', 'invalid_stamp'},
     'gps/fix': {'no_fix', 'invalid_position', 'invalid_stamp'},
     'odometry': {'invalid_position', 'invalid_stamp'},
     'radar_data/b_scan_image': {
@@ -73,6 +84,8 @@ READ: dict[str, Callable[[Any], Any]] = {
     'embedding/model': lambda message: model_record(message, 'embedding/model'),
     'map/descriptors': rows,
     'map/updates': rows,
+    'map/signatures': lambda message: signatures_record(message, 'map/signatures'),
+    'map/signatures_wanted': lambda message: wanted_record(message, 'map/signatures_wanted'),
     'gps/fix': fix,
     'odometry': odometry,
     'ground_truth/odometry': odometry,

@@ -23,8 +23,9 @@ from offradar_ros.ros.place_message import (
     read_the_file_message,
 )
 from offradar_ros.ros.recorded_outputs import is_output, is_own_report
+from offradar_ros.ros.signatures_message import signatures_message, wanted_message
 from offradar_ros.ros.stamps import header
-from offradar_ros.types import Candidate, Embedding, Match, PlaceTable, Pose
+from offradar_ros.types import Candidate, Embedding, Match, PlaceTable, Pose, ScanKey
 
 CLOUD = 'sensor_msgs/msg/PointCloud2'
 STAMP_NS = 1_600_000_000_000_000_000
@@ -38,6 +39,8 @@ OURS = {
     '/big/map/descriptors': read_the_file_message(STAMP_NS),
     '/renamed/places': map_message(PLACES, STAMP_NS),
     '/map/updates': descriptors_message(PlaceRows(PLACES, 'ab' * 32, committed=False), STAMP_NS),
+    '/map/signatures': signatures_message({ScanKey(1, 5): b''}, STAMP_NS),
+    '/map/signatures_wanted': wanted_message([ScanKey(1, 5)], STAMP_NS),
     '/matches': match_message(Match(STAMP_NS, 1.0, 1.5, (Candidate(1, 0.1, 1.0, Pose(0.0, 0.0, 0.0, 0.0)),), 0.9)),
 }
 

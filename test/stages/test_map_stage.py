@@ -15,6 +15,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from offradar_ros.alignment.signature_code import checksum_of
 from offradar_ros.config import Config, MapConfig, PositionConfig
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.errors import MapError, RefusedInput
@@ -25,7 +26,7 @@ from offradar_ros.mapping.sessions import SessionMap
 from offradar_ros.mapping.store import MapStore
 from offradar_ros.stages import map as map_stage
 from offradar_ros.stages.map import Form, MapStage, MapUpdate
-from offradar_ros.types import Embedding, Pose
+from offradar_ros.types import Embedding, Pose, ScanKey
 
 SECOND = 10**9
 MODEL = ModelInfo('stub', 'ab' * 32, 2, {})
@@ -970,3 +971,26 @@ def test_a_session_waits_for_the_positions_that_tell_a_heading(session_map: Sess
     assert stage.expects_positions(stage.scans)
     assert np.array(brief(stage.add_pose(*at(8.0)))) == pytest.approx(np.array([(5.75, 57.5)]))
     assert not stage.expects_positions(stage.scans)
+
+
+def test_an_update_has_the_signature_of_its_scan_and_the_map_has_it_too(stage: MapStage) -> None:
+    signed = dataclasses.replace(embedding(1.0), signature=b'signed')
+    stage.add_pose(*at(0.5))
+    stage.add_embedding(signed)
+    (update,) = stage.add_pose(*at(1.5))
+    (scan,) = update.changed.scans()
+    assert (update.signature, update.changed.stamps_ns.tolist()) == (b'signed', [SECOND])
+    unknown = ScanKey(scan.session_id, 7)
+    assert stage.signatures([unknown, scan]) == {unknown: b'', scan: b'signed'}
+
+
+def test_the_committed_map_tells_the_signatures_by_their_checksums(stage: MapStage) -> None:
+    stage.add_pose(*at(0.5))
+    for seconds, signature in ((1.0, b'signed'), (2.0, b'')):
+        stage.add_embedding(dataclasses.replace(embedding(seconds), signature=signature))
+    stage.add_pose(*at(1.5))
+    stage.add_pose(*at(2.5))
+    stage.end_session()
+    committed = stage.committed()
+    assert committed is not None
+    assert committed.checksums == (checksum_of(b'signed'), 0)

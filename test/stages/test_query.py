@@ -8,8 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from street_sequence import StreetSequence
 from unprivileged import obey_permissions
 
+from offradar_ros.alignment.signature import SignatureMaker
+from offradar_ros.alignment.signature_code import checksum_of, pack
 from offradar_ros.config import MapConfig, QueryConfig
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.errors import MapError, RefusedInput
@@ -17,7 +20,7 @@ from offradar_ros.mapping.place_check import MAX_MEAN_VALUE
 from offradar_ros.mapping.sessions import SessionMap
 from offradar_ros.retrieval.confidence import shipped_confidences
 from offradar_ros.stages.query import QueryStage
-from offradar_ros.types import Embedding, Match, Place, PlaceTable, Pose
+from offradar_ros.types import Embedding, Match, Place, PlaceTable, Pose, ScanKey
 
 MODEL = 'a' * 64
 
@@ -29,6 +32,12 @@ def table(*means: tuple[float, float]) -> PlaceTable:
 
 def scan(uncertainty: float = 1.0) -> Embedding:
     return Embedding(5, np.zeros(2, np.float32), np.full(2, uncertainty, np.float32), MODEL)
+
+
+def signed_scan(index: int, stamp_ns: int = 5) -> Embedding:
+    """A scan of the street, whose signature is real."""
+    signature = pack(SignatureMaker()(StreetSequence().scan(index)))
+    return dataclasses.replace(scan(), stamp_ns=stamp_ns, signature=signature)
 
 
 def write_map(path: Path) -> None:
@@ -56,6 +65,58 @@ def test_updates_reach_the_map() -> None:
     assert stage.places == 2
     with pytest.raises(RefusedInput, match='places dropped'):
         stage.update(table((0, 0)), 'b' * 64, committed=True)
+
+
+def aligned(stage: QueryStage) -> list[int]:
+    """The places that a scan of the street is aligned with."""
+    return [c.place_id for c in stage.query(signed_scan(4)).candidates if c.alignment is not None]
+
+
+def test_places_are_aligned_as_their_signatures_come() -> None:
+    stage = QueryStage(QueryConfig())
+    checksum = checksum_of(signed_scan(4).signature)
+    stage.load(table((0, 0), (1, 1), (2, 2)), MODEL, (checksum, checksum, 0))
+    assert (stage.missing_signatures, aligned(stage)) == (2, [])
+    assert stage.not_aligned == '2 signatures of the map have not come yet from the map server, on map/signatures'
+    assert stage.wanted_signatures() == (ScanKey(1, 0), ScanKey(1, 1))
+    stage.receive_signatures({ScanKey(1, 1): signed_scan(4).signature})
+    assert aligned(stage) == [1]
+    assert stage.not_aligned == ''
+    stage.receive_signatures({ScanKey(1, 0): b''})
+    assert (stage.missing_signatures, aligned(stage)) == (0, [1])
+
+
+def test_rows_bring_their_signatures_and_the_map_that_follows_is_not_asked_for() -> None:
+    stage = QueryStage(QueryConfig())
+    rows = table((0, 0), (1, 1))
+    stage.update(rows, MODEL, committed=False, signatures=(signed_scan(4).signature, b''))
+    stage.load(rows, MODEL, (checksum_of(signed_scan(4).signature), 5))
+    assert stage.wanted_signatures() == (ScanKey(1, 1),)
+    assert aligned(stage) == [0]
+    # As a map server without signatures sends it.
+    stage.load(rows, MODEL)
+    assert (stage.missing_signatures, aligned(stage)) == (0, [])
+    assert stage.not_aligned.startswith('the map has no signatures of the places found')
+
+
+def test_rows_that_are_refused_leave_no_signatures() -> None:
+    stage = QueryStage(QueryConfig())
+    stage.load(table((0, 0)), MODEL)
+    with pytest.raises(RefusedInput):
+        stage.update(table((0, 0)), 'b' * 64, committed=False, signatures=(signed_scan(4).signature,))
+    assert aligned(stage) == []
+
+
+def test_signatures_are_asked_for_only_where_scans_are_aligned_and_there_is_no_file(tmp_path: Path) -> None:
+    write_map(tmp_path / 'a.map')
+    of_file = QueryStage(QueryConfig(map_path=str(tmp_path / 'a.map')))
+    of_file.load(table((0, 0)), MODEL, (5,))
+    assert (of_file.wanted_signatures(), of_file.missing_signatures) == ((), 0)
+    stage = QueryStage(QueryConfig(verify=False))
+    stage.load(table((0, 0)), MODEL, (5,))
+    assert (stage.wanted_signatures(), stage.missing_signatures) == ((), 0)
+    stage.reconfigure(dataclasses.replace(stage.config, verify=True))
+    assert stage.wanted_signatures() == (ScanKey(1, 0),)
 
 
 def test_it_warns_of_a_missing_map_and_of_a_mean_u_far_from_1() -> None:

@@ -80,6 +80,12 @@ class Observer:
         self._added.append(node)
         self._executor.add_node(node)
 
+    def remove(self, node: Node) -> None:
+        """End a node that was added: its topics are gone, as after its process was killed."""
+        self._executor.remove_node(node)
+        self._added.remove(node)
+        node.destroy_node()
+
     def collect(self, kind: type, topic: str, profile: QoSProfile = qos.RESULTS, *, raw: bool = False) -> list[Any]:
         received: list[Any] = []
         self.node.create_subscription(kind, topic, received.append, profile, raw=raw)
