@@ -25,9 +25,10 @@ from measuring import ROOT, rounded, single_threaded, write_results
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from sample_signatures import packed_turns
 from scan_sources import REAL, announce_machine, scan_sources
 from sensor_msgs.msg import PointCloud2
-from signatures import PLACES, SCANS, SEED, embedding, packed_turns, write_map
+from signatures import PLACES, SCANS, SEED, embedding, write_map
 from synthetic_maps import synthetic_table
 
 from offradar_ros.alignment.signature import SignatureMaker
@@ -98,7 +99,7 @@ def main() -> None:
             made += map(SignatureMaker(), scans)
     with tempfile.TemporaryDirectory() as name, free_domains(1) as (domain_id,):
         folder, maps = Path(name), dict[str, list[dict[str, float]]]()
-        turns = packed_turns(made)
+        turns = packed_turns(made, PLACES)
         for kind, signatures in (('with', turns), ('without', [b''] * PLACES)):
             write_map(folder / f'{kind}.db', iter(signatures))
             run = functools.partial(transferred, folder / f'{kind}.db', turns[-1], folder / 'logs', domain_id)

@@ -39,12 +39,13 @@ def vehicle_pose(candidate: Candidate, config: QueryConfig) -> VehiclePose:
         x = X + R(Ψ) t,   yaw = Ψ + ψ,   Σ = J diag(σ², σ², σ_Ψ²) Jᵀ + G Σ_a Gᵀ
 
     where J and G are the derivatives by the pose of the place and by the alignment, whose covariance is Σ_a; σ and σ_Ψ
-    are `query.place_sigma_m` and `query.place_sigma_deg`. Without an alignment, the vehicle is somewhere near the
-    place: its position, with `query.position_sigma_m`. Where the place has no heading, t may point anywhere.
+    are `query.place_sigma_m` and `query.place_sigma_deg`. Without an alignment, or with one whose score is below
+    `query.min_pose_score`, the vehicle is somewhere near the place: its position, with `query.position_sigma_m`. Where
+    the place has no heading, t may point anywhere.
     """
     place, found = candidate.pose, candidate.alignment
     at_place = Pose(place.x_m, place.y_m, place.z_m)
-    if found is None:
+    if found is None or found.score < config.min_pose_score:
         return VehiclePose(at_place, np.diag([config.position_sigma_m**2, config.position_sigma_m**2, math.pi**2]))
     variance = config.place_sigma_m**2
     forward_m, left_m, turned_rad = found.pose.tolist()

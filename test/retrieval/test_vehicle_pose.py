@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -46,6 +47,18 @@ def test_without_an_alignment_the_vehicle_is_near_the_place() -> None:
     assert not found.has_heading
     assert (found.pose.x_m, found.pose.y_m, found.pose.z_m) == (1.0, 2.0, 3.0)
     np.testing.assert_allclose(found.covariance, np.diag([100.0, 100.0, math.pi**2]))
+
+
+@pytest.mark.parametrize(('score', 'least', 'taken'), [(0.3, 0.4, False), (0.4, 0.4, True), (-0.2, 0.0, False)])
+def test_a_pose_at_which_the_scans_hardly_agree_is_not_taken(score: float, least: float, taken: bool) -> None:
+    config = dataclasses.replace(CONFIG, min_pose_score=least)
+    place, alignment = Pose(1.0, 2.0, 3.0, 0.5), Alignment(np.array([6.0, 8.0, 0.4]), SPREAD, score)
+    found = vehicle_pose(candidate(place, alignment), config)
+    assert found.has_heading == taken
+    if not taken:
+        without = vehicle_pose(candidate(place, None), config)
+        assert found.pose.x_m == without.pose.x_m
+        np.testing.assert_array_equal(found.covariance, without.covariance)
 
 
 def test_at_a_place_without_heading_the_direction_of_the_shift_is_unknown() -> None:
