@@ -37,7 +37,7 @@ TUNED: dict[str, tuple[Way, ...]] = {
     'Fourier–Mellin': tuple(
         FourierMellin(side, cell_m, blur, weakest, highest)
         for (side, cell_m), blur, weakest, highest in itertools.product(
-            ((512, 0.4), (384, 0.4), (256, 0.8)), (1.0, 2.0), (6.0, 12.0), (0.25, 0.5)
+            ((512, 0.4), (256, 0.8)), (1.0, 2.0), (6.0, 12.0, 20.0), (0.25, 0.5, 0.75)
         )
     ),
     'ORB': tuple(
@@ -47,9 +47,9 @@ TUNED: dict[str, tuple[Way, ...]] = {
         )
     ),
     'ICP': tuple(
-        CfarIcp(above=above, strongest=strongest, reach_m=reach_m, last_m=last_m)
-        for above, strongest, reach_m, last_m in itertools.product(
-            (10.0, 20.0, 30.0), (4, 8, 12), (70.0, 100.0), (0.3, 0.6)
+        CfarIcp(above=above, strongest=strongest, reach_m=reach_m, starts=starts, last_m=last_m)
+        for above, strongest, reach_m, starts, last_m in itertools.product(
+            (20.0, 30.0, 45.0), (4, 8), (70.0, 100.0), (24, 48), (0.3, 0.6)
         )
     ),
 }
@@ -161,7 +161,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('protocol', nargs='?', default='confidence', help='default: confidence')
     parser.add_argument('--cache', type=Path, required=True, help='folder of simulated scans, kept')
-    parser.add_argument('--each', type=int, default=10, help='pairs of each condition in each world')
+    parser.add_argument('--each', type=int, default=8, help='pairs of each condition in each world')
     parser.add_argument('--tune', action='store_true', help='only how settings do on the worlds for tuning')
     parser.add_argument('--out', type=Path, help='JSON file of the figures')
     arguments = parser.parse_args()

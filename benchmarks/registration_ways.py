@@ -138,8 +138,8 @@ class FourierMellin:
     side: int = 512
     cell_m: float = 0.4
     blur: float = 1.0
-    weakest: float = 6.0
-    highest: float = 0.25
+    weakest: float = 20.0
+    highest: float = 0.5
 
     name = 'Fourier–Mellin'
 
@@ -218,9 +218,9 @@ class FeaturePoints:
     side: int = 512
     cell_m: float = 0.4
     blur: float = 1.0
-    features: int = 1500
-    threshold: int = 5
-    within_m: float = 0.8
+    features: int = 2000
+    threshold: int = 3
+    within_m: float = 1.6
 
     name = 'ORB and RANSAC'
 
@@ -296,12 +296,12 @@ class CfarIcp:
 
     guard: int = 3
     reference: int = 24
-    above: float = 20.0
-    strongest: int = 8
+    above: float = 45.0
+    strongest: int = 4
     reach_m: float = 100.0
     starts: int = 24
     refined: int = 4
-    last_m: float = 0.5
+    last_m: float = 0.6
 
     name = 'CFAR and point-to-line ICP'
 
