@@ -47,7 +47,7 @@ def test_places_are_aligned_where_the_truth_has_them() -> None:
     assert np.abs(answers.errors[near][:, :2]).max() < 0.4
     assert np.degrees(np.abs(answers.errors[near][:, 2])).max() < 1.0
     assert (np.linalg.eigvalsh(answers.covariances[near]) > 0.0).all()
-    np.testing.assert_allclose(answers.turned_rad, 0.0, atol=1e-9)
+    np.testing.assert_allclose(answers.truths[..., 2], 0.0, atol=1e-9)
     # The evidence of each place is for that place.
     distances = answers.evidence.distance.reshape(16, 2)
     assert (np.diff(distances, axis=1) >= 0.0).all()
@@ -58,5 +58,5 @@ def test_the_truth_is_seen_from_the_place() -> None:
     drives = [drive(0.0, backwards=True), drive(1.0)]
     made, *_ = aligned_answers(drives, 2.5, TOLERANCE_M, places=2, queries=0, seed=1, whole=True)
     assert len(made) == COUNT
-    np.testing.assert_allclose(np.abs(made.turned_rad), np.pi)
+    np.testing.assert_allclose(np.abs(made.truths[..., 2]), np.pi)
     np.testing.assert_allclose(np.abs(made.errors[..., 2]), np.pi, atol=0.02)
