@@ -25,7 +25,7 @@ from offradar_ros.retrieval.confidence import log_odds
 from offradar_ros.retrieval.evidence import EvidenceTable
 from offradar_ros.retrieval.searched_map import SearchedMap
 from offradar_ros.retrieval.verification import Verifier
-from offradar_ros.types import Candidate, Embedding, Evidence, PlaceTable, ScanKey
+from offradar_ros.types import Candidate, Embedding, Evidence, ScanKey
 
 MODEL = 'evaluated'
 SCANS_BEFORE = 3

@@ -70,7 +70,7 @@ def answer_figures(answers: AlignedAnswers, coefficients: ConfidenceConfig, tole
         places=shape[1],
         recall_at_1_by_distance=share(before[on_map]),
         recall_at_1_aligned=share(after[on_map]),
-        recall_at_k=share(right[on_map].any(axis=1)),
+        recall_at_k=share(np.any(right[on_map], axis=1)),
         at_precision=tuple(
             RecallAtPrecision(precision, recall(odds[:, 0], before, precision), recall(chosen, after, precision))
             for precision in PRECISIONS
@@ -113,7 +113,7 @@ def poses_by_fault(answers: AlignedAnswers) -> dict[str, PoseFigures]:
 def pose_figures(errors: NDArray[np.float64], covariances: NDArray[np.float64]) -> PoseFigures:
     """Figures of N > 0 errors, (N, 3) float64 in metres and radians, and their (N, 3, 3) covariances."""
     distance_m, angle_deg = np.hypot(errors[:, 0], errors[:, 1]), np.degrees(np.abs(errors[:, 2]))
-    right = is_right(errors)
+    right, fine = is_right(errors), is_right(errors, FINE_M, FINE_DEG)
     squares = squared(errors[right], covariances[right])
     return PoseFigures(
         pairs=len(errors),
@@ -122,18 +122,17 @@ def pose_figures(errors: NDArray[np.float64], covariances: NDArray[np.float64]) 
         quantile_90_m=float(np.quantile(distance_m, 0.9)),
         median_deg=float(np.median(angle_deg)),
         quantile_90_deg=float(np.quantile(angle_deg, 0.9)),
-        within_half=share((distance_m <= FINE_M) & (angle_deg <= FINE_DEG)),
+        within_half=share(fine),
         nees=float(squares.mean()) / 3.0 if len(squares) else math.nan,
         in_ellipsoid=share(squares <= chi2.ppf(HELD, 3)),
     )
 
 
-def is_right(errors: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """(...,) whether poses with (..., 3) errors in metres and radians are not wrong altogether; NaN is."""
-    near: NDArray[np.bool_] = (np.hypot(errors[..., 0], errors[..., 1]) <= GROSS_M) & (
-        np.abs(errors[..., 2]) <= math.radians(GROSS_DEG)
-    )
-    return near
+def is_right(errors: NDArray[np.float64], most_m: float = GROSS_M, most_deg: float = GROSS_DEG) -> NDArray[np.bool_]:
+    """(...,) whether poses with (..., 3) errors in metres and radians are at most this far off; none of NaN is."""
+    near: NDArray[np.bool_] = np.hypot(errors[..., 0], errors[..., 1]) <= most_m
+    turned: NDArray[np.bool_] = np.abs(errors[..., 2]) <= math.radians(most_deg)
+    return near & turned
 
 
 def squared(errors: NDArray[np.float64], covariances: NDArray[np.float64]) -> NDArray[np.float64]:

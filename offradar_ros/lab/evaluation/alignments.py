@@ -74,7 +74,7 @@ def _searched(drives: Sequence[Drive], protocol: Protocol) -> list[tuple[Drive, 
 
 
 def _embedded(method: Method, drive: Drive, cache: Path) -> EmbeddedDrive:
-    return cached_embeddings(method.encoder_for(drive), drive, cache / 'embeddings', lambda done, of: None)
+    return cached_embeddings(method.encoder_for(drive), drive, cache / 'embeddings', lambda *_: None)
 
 
 def _aligned(

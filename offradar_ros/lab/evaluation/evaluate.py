@@ -46,7 +46,7 @@ from offradar_ros.lab.evaluation.thresholds import NOT_DEPLOYED, Deployed
 CURVES, PICTURES = 'recall_at_rejection', ('extremes', 'failures', 'alignments', 'severity')
 """Names of picture files: the first shows all methods; the others show one, whose name is appended."""
 ALIGNED = 2
-"""Queries of each pair of drives that are aligned unless another number is asked for: a fifth more time or so."""
+"""Queries of each pair of drives that are aligned unless another number is asked for: enough to see what it gives."""
 
 
 @dataclasses.dataclass(frozen=True)

@@ -57,7 +57,7 @@ def draw_overlays(several: Sequence[AlignedPair], worlds: Worlds, tolerance_m: f
     at = np.unique(np.linspace(0, len(found) - 1, min(SHOWN, len(found))).round().astype(int)).tolist()
     columns = min(COLUMNS, len(at))
     lines = math.ceil(len(at) / columns)
-    figure = new_figure(3.1 * max(columns, 3), 3.55 * lines + 1.0)
+    figure = new_figure(3.1 * max(columns, 3), 3.3 * lines + 0.8)
     axes = figure.subplots(lines, columns, squeeze=False, sharex=True, sharey=True)
     to_image = PolarToCartesian(CartesianConfig(side_px=round(2.0 * REACH_M / _CELL_M), resolution_m=_CELL_M))
     for axis in axes.ravel()[len(at) :]:

@@ -126,11 +126,8 @@ def _maintenance_table(maintenance: ByMap[AblationFigures]) -> Table:
 
 
 def _alignments_table(aligned: ByMap[AlignmentFigures]) -> Table:
-    ways = list(
-        dict.fromkeys(
-            way for spacings in aligned.values() for m in spacings.values() for f in m.values() for way in f.by_way
-        )
-    )
+    every = [figures for spacings in aligned.values() for methods in spacings.values() for figures in methods.values()]
+    ways = list(dict.fromkeys(way for figures in every for way in figures.by_way))
     table = Table(
         '',
         'map every',

@@ -67,8 +67,8 @@ def alignment_tables(source: Source, group: str, spacing: str) -> Iterator[Table
             f'the positions and headings of the drives. By distance on the ground, in the direction of the place or '
             f'{OTHER_WAY} (headings over 120° apart); within {NEAR_M:g} m by direction and lane (another lane: over '
             f'{LANE_M:g} m to the side); and within {NEAR_M:g} m by fault of the query. Those by distance and way are '
-            'of queries that are clean, or whose condition is unknown; places may be degraded. NEES / 3: of the poses within '
-            '2 m and 2°, the squared error in units of its covariance, over its three dimensions: 1 is what the '
+            'of queries that are clean, or whose condition is unknown; places may be degraded. NEES / 3: of the poses '
+            'within 2 m and 2°, the squared error in units of its covariance, over its three dimensions: 1 is what the '
             'covariance says, more is overconfident. In the 95 % ellipsoid: share of them, 95 expected. Parts of few '
             f'pairs say little; {scans}.',
             POSES_HEAD,

@@ -39,12 +39,12 @@ PICTURES = {
     ),
     'alignments': (
         'Alignments',
-        'Ten alignments of {method}, from the smallest error of the position (0%) to the largest (100%), evenly spaced '
-        'in the order of errors, in the map of the first density. In the frame of the vehicle of the place, which looks '
-        'up: the scan of the place (magenta), and that of the query as aligned with it (green), white where both have '
-        'returns. Arrows start at the vehicles: at the place, as aligned, and in truth (yellow, wide; where the '
-        'alignment is right, the green arrow covers its middle). Titles: error of the pose, score, distance from the place '
-        'on the ground, and the fault of query and place; {scans}.',
+        'Ten alignments of {method}, from the smallest error of the position (0%) to the largest (100%), at even steps '
+        'in the order of errors, in the maps of the first density. In the frame of the vehicle at the '
+        'place, which looks up: the scan of the place (magenta), and that of the query as aligned with it (green); '
+        'white where both have returns. Arrows start at a vehicle: at the place, as aligned, and in truth (yellow, '
+        'wide: the green one lies on it where the alignment is right). Titles: error of the pose, score, distance of '
+        'the place on the ground, and the faults of query and place where they have any; {scans}.',
         'Pairs of radar scans in two colours, one laid over the other',
     ),
     'severity': (

@@ -29,8 +29,8 @@ def spacing_key(spacing_m: float) -> str:
 class Results:
     """Every figure of an evaluation, and everything that is needed to repeat it.
 
-    The keys of `groups`, `uncertainty`, `maintenance` and `alignments` are the groups that were measured, and ``all`` for all groups
-    together.
+    The keys of `groups`, `uncertainty`, `maintenance` and `alignments` are the groups that were measured, and ``all``
+    for all groups together.
 
     Attributes:
         created: date and time, ISO 8601.
