@@ -105,8 +105,8 @@ def _overlays(several: Sequence[AlignedPair], worlds: Worlds, tolerance_m: float
 
 
 def _draw(axis: Any, overlay: _Overlay, share: float, to_image: PolarToCartesian) -> None:
-    place = _brightness(overlay.mapped.scan(overlay.place), to_image)
-    query = _moved(_brightness(overlay.drive.scan(overlay.query), to_image), overlay.pose)
+    place = brightness(overlay.mapped.scan(overlay.place), to_image)
+    query = moved(brightness(overlay.drive.scan(overlay.query), to_image), overlay.pose)
     colours = np.clip(place[..., None] * _rgb(PLACE) + query[..., None] * _rgb(QUERY), 0.0, 1.0)
     axis.imshow(colours, extent=(-REACH_M, REACH_M, -REACH_M, REACH_M), interpolation='bilinear')
     for pose, colour, width in (
@@ -132,7 +132,7 @@ def _draw(axis: Any, overlay: _Overlay, share: float, to_image: PolarToCartesian
     )
 
 
-def _brightness(scan: PolarScan, to_image: PolarToCartesian) -> NDArray[np.float32]:
+def brightness(scan: PolarScan, to_image: PolarToCartesian) -> NDArray[np.float32]:
     """(S, S) float32 image of a scan, 0 for noise to 1."""
     image = to_image(scan).astype(np.float32)
     seen = image[image > 0.0]
@@ -143,7 +143,7 @@ def _brightness(scan: PolarScan, to_image: PolarToCartesian) -> NDArray[np.float
     return bright
 
 
-def _moved(image: NDArray[np.float32], pose: NDArray[np.float64]) -> NDArray[np.float32]:
+def moved(image: NDArray[np.float32], pose: NDArray[np.float64]) -> NDArray[np.float32]:
     """The image of a scan at a pose in the frame of the place, x forward and y to the left, in that of the place.
 
     Convention of `PolarToCartesian`: x is up, y to the left.
