@@ -15,12 +15,13 @@ from scipy.stats import chi2
 from verification import PLACES
 
 from offradar_ros.lab.evaluation.aligned import AlignedAnswers, answers_of_worlds, joined_answers
-from offradar_ros.lab.evaluation.alignment_figures import HELD, is_right, squared
+from offradar_ros.lab.evaluation.alignment_figures import is_right, squared
 from offradar_ros.lab.evaluation.confidence import embed
 from offradar_ros.lab.evaluation.protocol_file import read_protocol
 
 WITHIN_M = 15.0
 """Places farther from the query than this are left out."""
+HELD = 0.95
 
 
 def main() -> None:

@@ -6,7 +6,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from offradar_ros.config import ConfidenceConfig
 from offradar_ros.lab.evaluation.aligned import AlignedAnswers, nearest_odds
@@ -33,7 +32,8 @@ OTHER_WAY_RAD = math.radians(120.0)
 """Headings that differ by more than this are those of a road that is driven the other way."""
 LANE_M = 2.0
 """A vehicle farther than this to the side of the place is in another lane."""
-HELD = 0.95
+HELD_95 = 7.814727903
+"""Squared errors, in units of their covariance, up to this are in the 95 % ellipsoid: χ² of three dimensions."""
 OTHER_WAY = 'the other way'
 
 
@@ -124,7 +124,7 @@ def pose_figures(errors: NDArray[np.float64], covariances: NDArray[np.float64]) 
         quantile_90_deg=float(np.quantile(angle_deg, 0.9)),
         within_half=share(fine),
         nees=float(squares.mean()) / 3.0 if len(squares) else math.nan,
-        in_ellipsoid=share(squares <= chi2.ppf(HELD, 3)),
+        in_ellipsoid=share(squares <= HELD_95),
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 from offradar_ros.lab.evaluation.alignment_figures import LANE_M, NEAR_M, OTHER_WAY, PRECISIONS
@@ -13,15 +14,14 @@ from offradar_ros.lab.report.source import Source
 
 ANSWERS_HEAD = (
     'method',
+    'answers by',
     'queries',
     'on the map',
-    'R@1 by distance (%)',
-    'R@1 aligned (%)',
+    'R@1 (%)',
     'R@k (%)',
-    *(f'recall at {precision:g} {how} (%)' for precision in PRECISIONS for how in ('by distance', 'aligned')),
+    *(f'recall at {precision:g} (%)' for precision in PRECISIONS),
+    'AUROC of p_right',
     'AUROC of the score',
-    'AUROC of p_right by distance',
-    'AUROC of p_right aligned',
 )
 POSES_HEAD = (
     'method',
@@ -50,14 +50,14 @@ def alignment_tables(source: Source, group: str, spacing: str) -> Iterator[Table
         yield TableSection(
             f'aligned_answers_{group}_{spacing}m',
             f'Answers with alignments: {where}',
-            f'Some queries of each pair of drives, each aligned with the k = {places} nearest places. R@1 by distance: '
-            'the nearest place in embedding space is right; aligned: the likeliest of the k, by distance and score; '
-            'R@k: one of the k is, more than which no order of them can reach. Recall at a precision: share of the '
+            f'Some queries of each pair of drives, each aligned with the k = {places} nearest places. By distance, the '
+            'answer is the nearest place in embedding space; by distance and score, the likeliest of the k. R@k: one '
+            'of the k is right, more than which no order of them can reach. Recall at a precision: share of the '
             'queries on the map that is answered rightly at the lowest threshold on p_right at which the answers have '
             'this precision; with n answers, precision 1 − 1/n is the last below 1. AUROC: of right answers over wrong '
             f'ones and those off the map. Methods without coefficients for the score have no row; {scans}.',
             ANSWERS_HEAD,
-            tuple((method_label(name), *_answer_cells(found)) for name, found in answers.items()),
+            tuple(row for name, found in answers.items() for row in _answer_rows(name, found)),
         )
     if any(_poses(figures[name]) for name in methods):
         yield TableSection(
@@ -80,15 +80,17 @@ def alignment_tables(source: Source, group: str, spacing: str) -> Iterator[Table
         )
 
 
-def _answer_cells(found: AnswerFigures) -> tuple[str, ...]:
-    recalls = (found.recall_at_1_by_distance, found.recall_at_1_aligned, found.recall_at_k)
-    at_precision = (recall for at in found.at_precision for recall in (at.by_distance, at.aligned))
-    return (
-        str(found.queries),
-        str(found.on_map),
-        *map(percent, (*recalls, *at_precision)),
-        *map(number, (found.auroc_score, found.auroc_p_by_distance, found.auroc_p_aligned)),
-    )
+def _answer_rows(method: str, found: AnswerFigures) -> Iterator[tuple[str, ...]]:
+    """By distance alone, and with alignments."""
+    start = str(found.queries), str(found.on_map)
+    by_distance = [at.by_distance for at in found.at_precision]
+    aligned = [at.aligned for at in found.at_precision]
+    for how, recall, at_precision, of_p, of_score in (
+        ('distance', found.recall_at_1_by_distance, by_distance, found.auroc_p_by_distance, math.nan),
+        ('distance and score', found.recall_at_1_aligned, aligned, found.auroc_p_aligned, found.auroc_score),
+    ):
+        shares = map(percent, (recall, found.recall_at_k, *at_precision))
+        yield method_label(method), how, *start, *shares, number(of_p), number(of_score)
 
 
 def _poses(figures: AlignmentFigures) -> dict[str, PoseFigures]:

@@ -127,17 +127,24 @@ def test_answers_with_alignments_are_reported(source: Source) -> None:
     )
     figures = AlignmentFigures(answers, {}, {}, {})
     results = dataclasses.replace(source.results, alignments={'a': {'5': {'ring_key': figures}}})
-    (table,) = alignment_tables(dataclasses.replace(source, results=results), 'a', '5')
+    changed = dataclasses.replace(source, results=results)
+    (table,) = alignment_tables(changed, 'a', '5')
     assert 'k = 5 nearest places' in table.caption
-    (row,) = table.rows
-    cells = dict(zip(table.head, row, strict=True))
-    assert (cells['queries'], cells['on the map']) == ('40', '30')
-    assert (cells['R@1 by distance (%)'], cells['R@1 aligned (%)'], cells['R@k (%)']) == ('90.00', '95.00', '100.00')
-    assert cells['recall at 0.99 aligned (%)'] == '75.00'
-    assert (cells['recall at 0.999 by distance (%)'], cells['recall at 0.999 aligned (%)']) == ('25.00', '-')
-    assert (cells['AUROC of the score'], cells['AUROC of p_right aligned']) == ('0.875', '0.960')
-    # Without any there is no table.
-    assert not list(alignment_tables(source, 'all', '5'))
+    before, after = (dict(zip(table.head, row, strict=True)) for row in table.rows)
+    assert (before['answers by'], after['answers by']) == ('distance', 'distance and score')
+    for name, expected in {
+        'queries': ('40', '40'),
+        'on the map': ('30', '30'),
+        'R@1 (%)': ('90.00', '95.00'),
+        'R@k (%)': ('100.00', '100.00'),
+        'recall at 0.99 (%)': ('50.00', '75.00'),
+        'recall at 0.999 (%)': ('25.00', '-'),
+        'AUROC of p_right': ('0.900', '0.960'),
+        'AUROC of the score': ('-', '0.875'),
+    }.items():
+        assert (before[name], after[name]) == expected
+    # Where nothing was aligned there is no table.
+    assert not list(alignment_tables(changed, 'a', '15'))
 
 
 def test_the_drives_are_reported(folder: Path) -> None:
