@@ -12,9 +12,10 @@ from embedded_worlds import options_of, worlds_parser
 from numpy.typing import NDArray
 from scipy.optimize import minimize
 from scipy.stats import chi2
-from verification import GROSS_DEG, GROSS_M, PLACES
+from verification import PLACES
 
 from offradar_ros.lab.evaluation.aligned import AlignedAnswers, answers_of_worlds, joined_answers
+from offradar_ros.lab.evaluation.alignment_figures import is_right, squared
 from offradar_ros.lab.evaluation.confidence import embed
 from offradar_ros.lab.evaluation.protocol_file import read_protocol
 
@@ -42,13 +43,8 @@ def main() -> None:
 
 def sound_errors(answers: AlignedAnswers) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """(N, 3) errors and (N, 3, 3) covariances of alignments that are not wrong altogether."""
-    errors = answers.errors
-    with np.errstate(invalid='ignore'):
-        near = (np.hypot(errors[..., 0], errors[..., 1]) <= GROSS_M) & (
-            np.abs(errors[..., 2]) <= math.radians(GROSS_DEG)
-        )
-    chosen = near & (answers.away_m <= WITHIN_M)
-    return errors[chosen], answers.covariances[chosen]
+    chosen = is_right(answers.errors) & (answers.away_m <= WITHIN_M)
+    return answers.errors[chosen], answers.covariances[chosen]
 
 
 def scaled(covariances: NDArray[np.float64], scale: float, floor_m: float, floor_rad: float) -> NDArray[np.float64]:
@@ -58,7 +54,7 @@ def scaled(covariances: NDArray[np.float64], scale: float, floor_m: float, floor
 
 def held(errors: NDArray[np.float64], covariances: NDArray[np.float64]) -> float:
     """Share of the errors in their ellipsoids."""
-    return float((_squares(errors, covariances) <= chi2.ppf(HELD, 3)).mean())
+    return float((squared(errors, covariances) <= chi2.ppf(HELD, 3)).mean())
 
 
 def fitted(errors: NDArray[np.float64], covariances: NDArray[np.float64]) -> tuple[float, float, float]:
@@ -66,19 +62,14 @@ def fitted(errors: NDArray[np.float64], covariances: NDArray[np.float64]) -> tup
 
     def loss(logs: NDArray[np.float64]) -> float:
         after = scaled(covariances, *np.exp(logs).tolist())
-        return float(np.mean(np.linalg.slogdet(after)[1] + _squares(errors, after)))
+        return float(np.mean(np.linalg.slogdet(after)[1] + squared(errors, after)))
 
     found = minimize(loss, np.log([2.0, 0.05, 0.002]), method='Nelder-Mead', options={'maxiter': 400})
     scale, floor_m, floor_rad = np.exp(found.x).tolist()
     growth = math.sqrt(
-        float(np.quantile(_squares(errors, scaled(covariances, scale, floor_m, floor_rad)), HELD)) / chi2.ppf(HELD, 3)
+        float(np.quantile(squared(errors, scaled(covariances, scale, floor_m, floor_rad)), HELD)) / chi2.ppf(HELD, 3)
     )
     return scale * growth, floor_m * growth, floor_rad * growth
-
-
-def _squares(errors: NDArray[np.float64], covariances: NDArray[np.float64]) -> NDArray[np.float64]:
-    squares: NDArray[np.float64] = np.einsum('ni,nij,nj->n', errors, np.linalg.inv(covariances), errors)
-    return squares
 
 
 if __name__ == '__main__':

@@ -3,31 +3,21 @@
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
 
-import numpy as np
 from embedded_worlds import options_of, worlds_parser
 from measuring import rounded
-from numpy.typing import NDArray
-from scipy.stats import chi2
 
 from offradar_ros.config import ConfidenceConfig, QueryConfig
-from offradar_ros.lab.evaluation.aligned import AlignedAnswers, answers_of_worlds, joined_answers
-from offradar_ros.lab.evaluation.confidence import embed, nearest_odds
-from offradar_ros.lab.evaluation.metrics.accepted_at_precision import accepted_at_precision
-from offradar_ros.lab.evaluation.metrics.auroc import auroc
+from offradar_ros.lab.evaluation.aligned import answers_of_worlds, joined_answers
+from offradar_ros.lab.evaluation.alignment_figures import NEAR_M, alignment_figures
+from offradar_ros.lab.evaluation.confidence import embed
 from offradar_ros.lab.evaluation.protocol_file import read_protocol
+from offradar_ros.lab.evaluation.results.alignments import AlignmentFigures, AnswerFigures
 from offradar_ros.records import read_record
-from offradar_ros.retrieval.confidence import confidence_for, log_odds, verified
+from offradar_ros.retrieval.confidence import confidence_for
 
 PLACES = QueryConfig().verify_candidates
-RANGES_M = ((0.0, 2.0), (2.0, 5.0), (5.0, 10.0), (10.0, 15.0), (15.0, 25.0))
-GROSS_M, GROSS_DEG = 2.0, 2.0
-"""A pose that is farther off than this is wrong, whatever its covariance."""
-PRECISIONS = (0.99, 0.999)
-OTHER_WAY_RAD = math.radians(120.0)
-"""Headings that differ by more than this are those of a road that is driven the other way."""
 
 
 def main() -> None:
@@ -54,81 +44,52 @@ def main() -> None:
             made = answers_of_worlds(
                 of_group, protocol, [spacing_m], places=PLACES, queries=arguments.queries, whole=arguments.whole
             )
-            joined = joined_answers(made)
+            figures = alignment_figures(joined_answers(made), coefficients, protocol.tolerance_m)
+            if figures.answers is None:
+                raise SystemExit(f'the coefficients for {arguments.method} leave alignments out (score is 0)')
             name = f'{group}, a map every {spacing_m:g} m'
-            answers[name] = answer_figures(joined, coefficients, protocol.tolerance_m)
-            poses |= {f'{name}: {part}': figures for part, figures in pose_figures(joined).items()}
+            answers[name] = shown_answers(figures.answers)
+            poses |= {f'{name}: {part}': shown for part, shown in shown_poses(figures).items()}
     for table in (answers, poses):
         _print(table)
     if arguments.out:
         arguments.out.write_text(json.dumps({'answers': answers, 'poses': poses}, indent=1) + '\n')
 
 
-def answer_figures(answers: AlignedAnswers, coefficients: ConfidenceConfig, tolerance_m: float) -> dict[str, float]:
-    """Shares of the queries on the map, by distance alone and with alignments."""
-    shape, every = answers.scores.shape, np.arange(len(answers))
-    right, on_map = answers.away_m <= tolerance_m, answers.on_map
-    odds = log_odds(answers.evidence, coefficients).reshape(shape)
-    by_distance = nearest_odds(answers.evidence, shape, coefficients)
-    first = np.argmax(verified(by_distance, answers.scores, coefficients), axis=1)
-    before, after = right[:, 0], right[every, first]
-    chosen = verified(odds, answers.scores, coefficients)[every, first]
-    figures: dict[str, float] = {
-        'queries': len(answers),
-        'on the map': float(on_map.mean()),
-        'Recall@1 by distance': float(before[on_map].mean()),
-        'Recall@1 aligned': float(after[on_map].mean()),
-        f'Recall@{shape[1]}': float(right[on_map].any(axis=1).mean()),
+def shown_answers(figures: AnswerFigures) -> dict[str, float]:
+    """Figures by the titles of their columns; shares of the queries on the map."""
+    shown: dict[str, float] = {
+        'queries': figures.queries,
+        'on the map': figures.on_map / figures.queries,
+        'Recall@1 by distance': figures.recall_at_1_by_distance,
+        'Recall@1 aligned': figures.recall_at_1_aligned,
+        f'Recall@{figures.places}': figures.recall_at_k,
     }
-    for precision in PRECISIONS:
-        for name, odd, one in (('by distance', odds[:, 0], before), ('aligned', chosen, after)):
-            accepted = accepted_at_precision(odd, one, precision)
-            figures[f'recall at {precision:g} {name}'] = float((accepted & one)[on_map].mean())
-    figures['AUROC of the score'] = auroc(answers.scores[every, first], after)
-    figures['AUROC of p by distance'] = auroc(odds[:, 0], before)
-    figures['AUROC of p aligned'] = auroc(chosen, after)
-    return figures
+    for at in figures.at_precision:
+        shown[f'recall at {at.precision:g} by distance'] = at.by_distance
+        shown[f'recall at {at.precision:g} aligned'] = at.aligned
+    shown['AUROC of the score'] = figures.auroc_score
+    shown['AUROC of p by distance'] = figures.auroc_p_by_distance
+    shown['AUROC of p aligned'] = figures.auroc_p_aligned
+    return shown
 
 
-def pose_figures(answers: AlignedAnswers) -> dict[str, dict[str, float]]:
-    """Errors of the poses at the nearest places, by their distance on the ground, direction, and fault."""
-    errors, away_m = answers.errors, answers.away_m
-    other_way = np.abs(answers.turned_rad) > OTHER_WAY_RAD
-    clean = answers.kinds == ''
-    within = away_m <= 10.0
-    parts = {
-        f'{low:g} to {high:g} m': (away_m >= low) & (away_m < high) & clean[:, None] & ~other_way[:, None]
-        for low, high in RANGES_M
-    }
-    parts['within 10 m, the other way'] = within & clean[:, None] & other_way[:, None]
-    kinds = [kind for kind in np.unique(answers.kinds).tolist() if kind]
-    parts |= {f'within 10 m, {kind}': within & (answers.kinds == kind)[:, None] for kind in kinds}
+def shown_poses(figures: AlignmentFigures) -> dict[str, dict[str, float]]:
+    """Figures by part, and by the titles of their columns."""
+    near = {f'within {NEAR_M:g} m, {part}': found for part, found in (figures.by_way | figures.by_fault).items()}
     return {
-        name: _errors(errors[part], answers.covariances[part], answers.scores[part]) for name, part in parts.items()
-    }
-
-
-def _errors(
-    errors: NDArray[np.float64], covariances: NDArray[np.float64], scores: NDArray[np.float64]
-) -> dict[str, float]:
-    known = np.isfinite(scores)
-    errors, covariances = errors[known], covariances[known]
-    if not len(errors):
-        return {'pairs': 0}
-    distance_m, angle_deg = np.hypot(errors[:, 0], errors[:, 1]), np.degrees(np.abs(errors[:, 2]))
-    right = (distance_m <= GROSS_M) & (angle_deg <= GROSS_DEG)
-    sound = errors[right]
-    squares = np.einsum('ni,nij,nj->n', sound, np.linalg.inv(covariances[right]), sound)
-    return {
-        'pairs': len(errors),
-        'right': float(right.mean()),
-        'median m': float(np.median(distance_m)),
-        '90 % m': float(np.quantile(distance_m, 0.9)),
-        'median °': float(np.median(angle_deg)),
-        '90 % °': float(np.quantile(angle_deg, 0.9)),
-        'within .5 m and .5°': float(((distance_m <= 0.5) & (angle_deg <= 0.5)).mean()),
-        'NEES of right ones': float(squares.mean() / 3.0) if len(squares) else math.nan,
-        'in the 95 % ellipsoid': float((squares <= chi2.ppf(0.95, 3)).mean()) if len(squares) else math.nan,
+        part: {
+            'pairs': found.pairs,
+            'right (within 2 m and 2°)': found.right,
+            'median m': found.median_m,
+            '90 % m': found.quantile_90_m,
+            'median °': found.median_deg,
+            '90 % °': found.quantile_90_deg,
+            'within .5 m and .5°': found.within_half,
+            'NEES / 3 of right ones (1 if the covariance is true)': found.nees,
+            'right ones in the 95 % ellipsoid': found.in_ellipsoid,
+        }
+        for part, found in (figures.by_distance | near).items()
     }
 
 

@@ -31,7 +31,7 @@ from offradar_ros.lab.cli.evaluation_options import (
     print_note,
     protocol_of,
 )
-from offradar_ros.lab.evaluation.evaluate import Options
+from offradar_ros.lab.evaluation.evaluate import ALIGNED, Options
 from offradar_ros.lab.evaluation.evaluate import evaluate as run
 from offradar_ros.lab.evaluation.recorded_drives import RecordedSource
 from offradar_ros.lab.evaluation.recorded_uncertainty import RecordedScans
@@ -77,6 +77,15 @@ def evaluate(
     ] = None,
     processes: Processes = 0,
     threads: Threads = 0,
+    alignments: Annotated[
+        int,
+        typer.Option(
+            min=0,
+            metavar='N',
+            help='Queries of each pair of drives that are aligned with the nearest places of each map, for methods '
+            'that are not fitted to each map; 0 for none.',
+        ),
+    ] = ALIGNED,
     pictures: Annotated[bool, typer.Option(help='Draw pictures (needs matplotlib).')] = True,
 ) -> None:
     """Compare encoders on drives of a protocol; an interrupted run continues where it stopped."""
@@ -99,6 +108,7 @@ def evaluate(
         processes=processes,
         threads=threads,
         pictures=pictures,
+        alignments=alignments,
     )
     with resumable():
         results = run(

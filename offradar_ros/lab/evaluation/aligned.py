@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
@@ -13,14 +14,18 @@ from offradar_ros.alignment.scan_odometry import ScanOdometry
 from offradar_ros.alignment.signature import Signature, SignatureMaker
 from offradar_ros.alignment.signature_code import pack
 from offradar_ros.calibration.open_set import halves, joined_evidence
+from offradar_ros.config import ConfidenceConfig
+from offradar_ros.errors import RefusedInput
 from offradar_ros.geometry import wrap_angle
+from offradar_ros.lab.drives.drive import Drive
 from offradar_ros.lab.evaluation.answers import map_rows, places_of
 from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive
 from offradar_ros.lab.evaluation.protocol import Protocol
+from offradar_ros.retrieval.confidence import log_odds
 from offradar_ros.retrieval.evidence import EvidenceTable
 from offradar_ros.retrieval.searched_map import SearchedMap
 from offradar_ros.retrieval.verification import Verifier
-from offradar_ros.types import Candidate, Embedding, Evidence, PlaceTable, ScanKey
+from offradar_ros.types import Candidate, Embedding, Evidence, ScanKey
 
 MODEL = 'evaluated'
 SCANS_BEFORE = 3
@@ -36,59 +41,76 @@ class AlignedAnswers:
         scores: (Q, k) float64 of the alignments, NaN for none.
         errors: (Q, k, 3) float64 of their poses: forward and left in metres, yaw in radians; NaN for none.
         covariances: (Q, k, 3, 3) float64 of their poses.
+        truths: (Q, k, 3) float64, the true pose of the query in the frame of each place, as `errors`; NaN where a
+            heading is unknown.
         away_m: (Q, k) float64, from the query to each place on the ground.
-        turned_rad: (Q,) float64, heading of the query from that of the nearest place in embedding space.
         on_map: (Q,) whether any place is within the tolerance of the query.
         kinds: (Q,) text, how the scan is degraded; empty for a clean one.
+        query_rows: (Q,) int64, rows of the scans in their drive.
+        place_rows: (Q, k) int64, rows of the scans of the places in theirs.
     """
 
     evidence: EvidenceTable
     scores: NDArray[np.float64]
     errors: NDArray[np.float64]
     covariances: NDArray[np.float64]
+    truths: NDArray[np.float64]
     away_m: NDArray[np.float64]
-    turned_rad: NDArray[np.float64]
     on_map: NDArray[np.bool_]
     kinds: NDArray[np.str_]
+    query_rows: NDArray[np.int64]
+    place_rows: NDArray[np.int64]
 
     def __len__(self) -> int:
         return len(self.on_map)
 
 
-class _Signatures:
-    """Packed signatures of drives, by the number of the drive and the stamp, made when they are first read.
+class DriveSignatures:
+    """Packed signatures of the drives of one world, made when they are first read. Not thread-safe.
 
-    Their velocities are those of the drive's few scans before, as a vehicle's are of all scans.
+    Their velocities are those of the drive's few scans before, as a vehicle's are of all scans. Scans that cannot be
+    read have none.
     """
 
-    def __init__(self, drives: Sequence[EmbeddedDrive]) -> None:
+    def __init__(self, drives: Sequence[Drive]) -> None:
         self._drives, self._make = drives, SignatureMaker()
-        self._plain: dict[tuple[int, int], Signature] = {}
+        self._plain: dict[tuple[int, int], Signature | None] = {}
         self._made: dict[ScanKey, bytes] = {}
 
-    def of(self, drive: int, row: int) -> bytes:
-        """The signature of scan `row` of a drive."""
-        stamps_ns = self._drives[drive].drive.stamps_ns
-        key = ScanKey(drive, int(stamps_ns[row]))
-        if key not in self._made:
-            odometry, twist = ScanOdometry(), None
-            for before in range(max(row - SCANS_BEFORE, 0), row + 1):
-                twist = odometry.twist(self._plain_of(drive, before), int(stamps_ns[before]))
-            self._made[key] = pack(dataclasses.replace(self._plain_of(drive, row), twist=twist))
-        return self._made[key]
+    def number_of(self, drive: Drive) -> int:
+        """The session of a drive in the keys of its scans."""
+        return next(number for number, one in enumerate(self._drives) if one is drive)
 
-    def _plain_of(self, drive: int, row: int) -> Signature:
-        if (drive, row) not in self._plain:
-            self._plain[drive, row] = self._make(self._drives[drive].drive.scan(row))
-        return self._plain[drive, row]
+    def of(self, drive: Drive, row: int) -> bytes:
+        """The signature of scan `row`; empty for none."""
+        return self._of(self.number_of(drive), row)
 
     def read(self, scans: Sequence[ScanKey]) -> dict[ScanKey, bytes]:
         """As `SignatureSource.read`."""
         found = {}
         for key in scans:
-            (row, *_) = np.flatnonzero(self._drives[key.session_id].drive.stamps_ns == key.stamp_ns).tolist()
-            found[key] = self.of(key.session_id, row)
+            (row, *_) = np.flatnonzero(self._drives[key.session_id].stamps_ns == key.stamp_ns).tolist()
+            if made := self._of(key.session_id, row):
+                found[key] = made
         return found
+
+    def _of(self, number: int, row: int) -> bytes:
+        stamps_ns = self._drives[number].stamps_ns
+        key = ScanKey(number, int(stamps_ns[row]))
+        if key not in self._made:
+            own, odometry, twist = self._plain_of(number, row), ScanOdometry(), None
+            for before in range(max(row - SCANS_BEFORE, 0), row + 1) if own else ():
+                if plain := self._plain_of(number, before):
+                    twist = odometry.twist(plain, int(stamps_ns[before]))
+            self._made[key] = pack(dataclasses.replace(own, twist=twist)) if own else b''
+        return self._made[key]
+
+    def _plain_of(self, number: int, row: int) -> Signature | None:
+        if (number, row) not in self._plain:
+            self._plain[number, row] = None
+            with contextlib.suppress(RefusedInput):
+                self._plain[number, row] = self._make(self._drives[number].scan(row))
+        return self._plain[number, row]
 
 
 def aligned_answers(
@@ -112,18 +134,22 @@ def aligned_answers(
         seed: of that.
         whole: the map holds the whole road instead.
     """
-    rng, signatures = np.random.default_rng(seed), _Signatures(drives)
-    for (number, mapped), (asked, query) in itertools.permutations(enumerate(drives), 2):
+    rng, signatures = np.random.default_rng(seed), DriveSignatures([drive.drive for drive in drives])
+    for mapped, query in itertools.permutations(drives, 2):
         rows = map_rows(mapped, spacing_m)
         for part in (rows,) if whole else halves(mapped.drive.driven_m, rows):
-            usable = np.flatnonzero(query.usable)
-            if 0 < queries < len(usable):
-                usable = np.sort(rng.choice(usable, queries, replace=False))
-            if len(part) < places or not len(usable):
+            asked = drawn_rows(query, queries, rng)
+            if len(part) < places or not len(asked):
                 continue
-            table = dataclasses.replace(places_of(mapped, part), session_ids=np.full(len(part), number, np.int32))
-            asked_of = _AlignedMap(table, signatures, tolerance_m, places)
-            yield asked_of.answers(query, usable, [signatures.of(asked, row) for row in usable.tolist()])
+            yield AlignedMap(mapped, part, signatures, tolerance_m, places).answers(query, asked)
+
+
+def drawn_rows(query: EmbeddedDrive, count: int, rng: np.random.Generator) -> NDArray[np.intp]:
+    """Rows of `count` usable scans of a drive, drawn at random, in their order; of all if they are fewer, or for 0."""
+    usable = np.flatnonzero(query.usable)
+    if 0 < count < len(usable):
+        usable = np.sort(rng.choice(usable, count, replace=False))
+    return usable
 
 
 def answers_of_worlds(
@@ -144,22 +170,40 @@ def answers_of_worlds(
     return found
 
 
-class _AlignedMap:
-    """A map whose places are aligned with queries."""
+class AlignedMap:
+    """A map whose nearest places are aligned with queries.
 
-    def __init__(self, table: PlaceTable, signatures: _Signatures, tolerance_m: float, places: int) -> None:
-        self._table, self._tolerance_m, self._places = table, tolerance_m, places
+    Args:
+        mapped: the drive that is mapped.
+        rows: (P,) of its scans that the map holds, at least `places`.
+        signatures: of the mapped drive and of those that are searched for.
+        tolerance_m: an answer within this of the query is right.
+        places: k.
+    """
+
+    def __init__(
+        self,
+        mapped: EmbeddedDrive,
+        rows: NDArray[np.intp],
+        signatures: DriveSignatures,
+        tolerance_m: float,
+        places: int,
+    ) -> None:
+        session = np.full(len(rows), signatures.number_of(mapped.drive), np.int32)
+        self._table = dataclasses.replace(places_of(mapped, rows), session_ids=session)
+        self._rows, self._signatures = rows, signatures
+        self._tolerance_m, self._places = tolerance_m, places
         self._searched, self._verifier = SearchedMap(), Verifier(signatures)
-        self._searched.load(table, MODEL)
+        self._searched.load(self._table, MODEL)
 
-    def answers(self, query: EmbeddedDrive, rows: NDArray[np.intp], signatures: Sequence[bytes]) -> AlignedAnswers:
-        """The answers to these scans of a drive, with their signatures."""
+    def answers(self, query: EmbeddedDrive, rows: NDArray[np.intp]) -> AlignedAnswers:
+        """The answers to (Q,) scans of a drive."""
         shape = len(rows), self._places
         nearest, scores = np.empty(shape, np.int64), np.full(shape, np.nan)
         poses, covariances = np.full((*shape, 3), np.nan), np.full((*shape, 3, 3), np.nan)
         evidence: list[Evidence] = []
-        for number, (row, signature) in enumerate(zip(rows.tolist(), signatures, strict=True)):
-            candidates, of_each = self._answer(query, row, signature)
+        for number, row in enumerate(rows.tolist()):
+            candidates, of_each = self._answer(query, row, self._signatures.of(query.drive, row))
             evidence += of_each
             for place, candidate in enumerate(candidates):
                 nearest[number, place] = candidate.place_id
@@ -168,8 +212,8 @@ class _AlignedMap:
                     poses[number, place], covariances[number, place] = found.pose, found.covariance
         truth = query.drive.poses[rows]
         positions_m, yaws_rad = self._table.positions_m[:, :2], self._table.yaws_rad
-        relative = _relative(positions_m[nearest], yaws_rad[nearest], truth)
-        errors = poses - relative
+        truths = _relative(positions_m[nearest], yaws_rad[nearest], truth)
+        errors = poses - truths
         errors[..., 2] = wrap_angle(errors[..., 2])
         away_m = np.hypot(*(positions_m[None] - truth[:, None, :2]).transpose(2, 0, 1))
         return AlignedAnswers(
@@ -177,10 +221,12 @@ class _AlignedMap:
             scores,
             errors,
             covariances,
+            truths,
             np.take_along_axis(away_m, nearest, axis=1),
-            relative[:, 0, 2],
             away_m.min(axis=1) <= self._tolerance_m,
             query.drive.kinds[rows],
+            rows.astype(np.int64),
+            self._rows[nearest].astype(np.int64),
         )
 
     def _answer(self, query: EmbeddedDrive, row: int, signature: bytes) -> tuple[list[Candidate], list[Evidence]]:
@@ -220,3 +266,12 @@ def joined_answers(several: Sequence[AlignedAnswers]) -> AlignedAnswers:
         for field in dataclasses.fields(AlignedAnswers)[1:]
     ]
     return AlignedAnswers(tables, *rest)
+
+
+def nearest_odds(
+    evidence: EvidenceTable, shape: tuple[int, ...], coefficients: ConfidenceConfig
+) -> NDArray[np.float64]:
+    """(Q, k) float64 log-odds with the distance of each of k places, and all other evidence of the nearest."""
+    columns = [getattr(evidence, field.name).reshape(shape) for field in dataclasses.fields(evidence)[2:]]
+    of_nearest = [np.repeat(column[:, :1], shape[1], axis=1).ravel() for column in columns]
+    return log_odds(EvidenceTable(evidence.nearest, evidence.distance, *of_nearest), coefficients).reshape(shape)

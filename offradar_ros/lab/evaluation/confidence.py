@@ -16,7 +16,7 @@ from offradar_ros.calibration.open_set import joined_evidence
 from offradar_ros.config import ConfidenceConfig
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.errors import ConfigError
-from offradar_ros.lab.evaluation.aligned import AlignedAnswers, answers_of_worlds, joined_answers
+from offradar_ros.lab.evaluation.aligned import AlignedAnswers, answers_of_worlds, joined_answers, nearest_odds
 from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive
 from offradar_ros.lab.evaluation.evaluate import Options, open_worlds
 from offradar_ros.lab.evaluation.methods import open_method
@@ -129,13 +129,6 @@ def fit_alignments(
     weights = np.concatenate([np.full(len(one), 1.0 / len(one)) for one in made])
     right = answers.away_m <= protocol.tolerance_m
     return fit_verified(odds[kept], answers.scores[kept], right[kept], by_distance[kept], weights[kept], found)
-
-
-def nearest_odds(evidence: EvidenceTable, shape: tuple[int, ...], found: ConfidenceConfig) -> NDArray[np.float64]:
-    """(Q, k) float64 log-odds with the distance of each of k places, and all other evidence of the nearest."""
-    columns = [getattr(evidence, field.name).reshape(shape) for field in dataclasses.fields(evidence)[2:]]
-    of_nearest = [np.repeat(column[:, :1], shape[1], axis=1).ravel() for column in columns]
-    return log_odds(EvidenceTable(evidence.nearest, evidence.distance, *of_nearest), found).reshape(shape)
 
 
 def write_confidence(path: Path, found: ConfidenceConfig, comment: str) -> None:

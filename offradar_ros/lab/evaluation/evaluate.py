@@ -5,19 +5,21 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from offradar_ros.config import EncoderConfig, QueryConfig
 from offradar_ros.errors import ConfigError, DataError
+from offradar_ros.lab.evaluation.alignments import AlignedPair, Aligning, measure_alignments
 from offradar_ros.lab.evaluation.answers import Answers
 from offradar_ros.lab.evaluation.distances import nearest_m
 from offradar_ros.lab.evaluation.extremes import draw_extremes
 from offradar_ros.lab.evaluation.failures import draw_failures
 from offradar_ros.lab.evaluation.left_out import require_left_out
 from offradar_ros.lab.evaluation.methods import OURS, Method, open_method
+from offradar_ros.lab.evaluation.overlays import draw_overlays
 from offradar_ros.lab.evaluation.plots import draw_rejection_curves, draw_severity
 from offradar_ros.lab.evaluation.protocol import VALIDATION, Protocol
 from offradar_ros.lab.evaluation.recorded_drives import RecordedSource, recorded_drives
@@ -41,8 +43,10 @@ from offradar_ros.lab.evaluation.runner import (
 from offradar_ros.lab.evaluation.simulated_drives import simulated_drives
 from offradar_ros.lab.evaluation.thresholds import NOT_DEPLOYED, Deployed
 
-CURVES, PICTURES = 'recall_at_rejection', ('extremes', 'failures', 'severity')
+CURVES, PICTURES = 'recall_at_rejection', ('extremes', 'failures', 'alignments', 'severity')
 """Names of picture files: the first shows all methods; the others show one, whose name is appended."""
+ALIGNED = 2
+"""Queries of each pair of drives that are aligned unless another number is asked for: enough to see what it gives."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -64,6 +68,7 @@ class Options:
         processes: that simulate; 0 for one per core.
         threads: of a learned encoder; 0 for one per core.
         pictures: whether pictures are drawn.
+        alignments: most queries of each pair of drives that are aligned with the places found; 0 for none.
     """
 
     out: Path
@@ -80,6 +85,7 @@ class Options:
     processes: int = 0
     threads: int = 0
     pictures: bool = True
+    alignments: int = ALIGNED
 
 
 def evaluate(protocol: Protocol, methods: Sequence[str], options: Options) -> Results:
@@ -99,6 +105,8 @@ def evaluate(protocol: Protocol, methods: Sequence[str], options: Options) -> Re
         measure(method, worlds, protocol, options.cache, options.bar, options.deployed, options.query)
         for method in opened
     ]
+    aligning = Aligning(options.alignments, options.query.verify_candidates)
+    aligned = measure_alignments(opened, worlds, protocol, options.cache, options.bar, aligning)
     missing += _noted(options, [*_unmapped(measured[0], worlds), *_without_threshold(measured, options.deployed)])
     rows, maps = scan_rows(measured, worlds), map_arrays(measured)
     results = assemble(
@@ -110,6 +118,7 @@ def evaluate(protocol: Protocol, methods: Sequence[str], options: Options) -> Re
         command=options.command,
         skipped=missing,
         recorded=_recorded(opened, worlds, protocol, options),
+        aligned=aligned,
     )
     # Pictures of an earlier evaluation do not show this one.
     for kind in (CURVES, *PICTURES):
@@ -118,7 +127,7 @@ def evaluate(protocol: Protocol, methods: Sequence[str], options: Options) -> Re
     write_arrays(options.out, rows.rows, maps.arrays)
     write_results(options.out / RESULTS_FILE, results)
     if options.pictures:
-        _draw(measured, worlds, protocol, options.out)
+        _draw(measured, aligned, worlds, protocol, options.out)
     return results
 
 
@@ -242,7 +251,13 @@ def _without_threshold(measured: Sequence[Measured], deployed: Deployed) -> Iter
             )
 
 
-def _draw(measured: Sequence[Measured], worlds: Worlds, protocol: Protocol, out: Path) -> None:
+def _draw(
+    measured: Sequence[Measured],
+    aligned: Mapping[str, Sequence[AlignedPair]],
+    worlds: Worlds,
+    protocol: Protocol,
+    out: Path,
+) -> None:
     found = [answers for m in measured for answers in m.answers]
     draw_rejection_curves(found, protocol, out / f'{CURVES}.png')
     for method in sorted({m.method for m in measured} & {OURS} or {measured[0].method}):
@@ -250,5 +265,7 @@ def _draw(measured: Sequence[Measured], worlds: Worlds, protocol: Protocol, out:
         paths = [out / f'{kind}_{method}.png' for kind in PICTURES]
         draw_extremes(own, worlds, paths[0])
         draw_failures(own, worlds, paths[1])
+        dense = [one for one in aligned.get(method, ()) if one.pair.spacing_m == protocol.map_spacings_m[0]]
+        draw_overlays(dense, worlds, protocol.tolerance_m, paths[2])
         if any(np.isfinite(a.severities).any() for a in own):
-            draw_severity(own, paths[2])
+            draw_severity(own, paths[3])

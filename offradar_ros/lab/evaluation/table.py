@@ -11,6 +11,7 @@ from offradar_ros.lab.evaluation.confidences import CONFIDENCES
 from offradar_ros.lab.evaluation.open_set_summary import PRECISIONS
 from offradar_ros.lab.evaluation.protocol import ALL
 from offradar_ros.lab.evaluation.results.ablation import CASES, AblationFigures
+from offradar_ros.lab.evaluation.results.alignments import AlignmentFigures, PoseFigures
 from offradar_ros.lab.evaluation.results.figure import Interval
 from offradar_ros.lab.evaluation.results.results import ByMap, FiguresT, Results
 from offradar_ros.lab.evaluation.results.search import SearchFigures
@@ -18,7 +19,7 @@ from offradar_ros.lab.evaluation.results.uncertainty import RecordedUncertainty
 
 
 def tables(results: Results) -> Iterator[Table]:
-    """One table for each group and map spacing, one of the ablation of the system, one of recorded scans.
+    """One table for each group and map spacing, one of the ablation of the system, of alignments, of recorded scans.
 
     Where a part of each map is left out, there is also a table of confidences for each group and map spacing.
     """
@@ -31,6 +32,9 @@ def tables(results: Results) -> Iterator[Table]:
     maintenance = reported_groups(results.maintenance)
     if any(methods for spacings in maintenance.values() for methods in spacings.values()):
         yield _maintenance_table(maintenance)
+    aligned = reported_groups(results.alignments)
+    if any(methods for spacings in aligned.values() for methods in spacings.values()):
+        yield _alignments_table(aligned)
     if results.recorded:
         yield _recorded_table(results.recorded)
 
@@ -119,6 +123,32 @@ def _maintenance_table(maintenance: ByMap[AblationFigures]) -> Table:
                 cells = [number(figures.recall_at_1[case]) for case in CASES]
                 table.add_row(group, f'{spacing} m', method, *cells, number(figures.rejected))
     return table
+
+
+def _alignments_table(aligned: ByMap[AlignmentFigures]) -> Table:
+    every = [figures for spacings in aligned.values() for methods in spacings.values() for figures in methods.values()]
+    ways = list(dict.fromkeys(way for figures in every for way in figures.by_way))
+    table = Table(
+        '',
+        'map every',
+        'method',
+        'Recall@1 by distance, aligned',
+        *ways,
+        title='Alignments: pairs within 10 m, share within 2 m and 2°, median error',
+    )
+    for group, spacings in aligned.items():
+        for spacing, methods in spacings.items():
+            for method, figures in methods.items():
+                found = figures.answers
+                recalls = (
+                    f'{number(found.recall_at_1_by_distance)}, {number(found.recall_at_1_aligned)}' if found else '-'
+                )
+                table.add_row(group, f'{spacing} m', method, recalls, *(_pose(figures.by_way.get(way)) for way in ways))
+    return table
+
+
+def _pose(found: PoseFigures | None) -> str:
+    return f'{found.pairs}, {number(found.right)}, {found.median_m:.2f} m {found.median_deg:.2f}°' if found else '-'
 
 
 def _recorded_table(recorded: RecordedUncertainty) -> Table:

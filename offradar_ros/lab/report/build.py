@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from offradar_ros.lab.evaluation.protocol import Protocol
 from offradar_ros.lab.report.ablation_tables import ablation_tables
+from offradar_ros.lab.report.alignment_tables import alignment_tables
 from offradar_ros.lab.report.cost_table import cost_table
 from offradar_ros.lab.report.curves import precision_recall_figures, rejection_figures
 from offradar_ros.lab.report.drives_table import drives_table
@@ -35,6 +36,16 @@ PICTURES = {
         'The wrong answers of {method} with the lowest U, whatever the threshold, at most one within 50 m: the query, '
         'the place found with its distance from the query, and the place nearest to the query; {scans}.',
         'Radar scans of queries, of the places found and of the nearest places',
+    ),
+    'alignments': (
+        'Alignments',
+        'Ten alignments of {method}, from the smallest error of the position (0%) to the largest (100%), at even steps '
+        'in the order of errors, in the maps of the first density. In the frame of the vehicle at the '
+        'place, which looks up: the scan of the place (magenta), and that of the query as aligned with it (green); '
+        'white where both have returns. Arrows start at a vehicle: at the place, as aligned, and in truth (yellow, '
+        'wide: the green one lies on it where the alignment is right). Titles: error of the pose, score, distance of '
+        'the place on the ground, and the faults of query and place where they have any; {scans}.',
+        'Pairs of radar scans in two colours, one laid over the other',
     ),
     'severity': (
         'U against severity',
@@ -68,12 +79,13 @@ def build_report(source: Source) -> Report:
 
 
 def _tables(source: Source) -> Iterator[TableSection]:
-    """The drives, then recognition, queries on and off the map, ablation, uncertainty and cost."""
+    """The drives, then recognition, queries on and off the map, alignments, ablation, uncertainty and cost."""
     yield drives_table(source)
     places = [(group, spacing) for group in source.groups for spacing in source.spacings]
     for group, spacing in places:
         yield recognition_table(source, group, spacing)
         yield from open_set_tables(source, group, spacing)
+        yield from alignment_tables(source, group, spacing)
     yield from ablation_tables(source)
     for group, spacing in places:
         yield uncertainty_table(source, group, spacing)

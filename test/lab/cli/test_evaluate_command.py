@@ -57,6 +57,7 @@ def test_an_evaluation_is_repeated_from_its_cache(folder: Path) -> None:
     pytest.importorskip('matplotlib')
     output = evaluate(folder, 'first')
     assert 'toy: maps and traversals are not given' in output
+    assert 'Alignments: pairs within 10 m' not in output
     cached = {path: path.stat().st_mtime_ns for path in (folder / 'cache').rglob('*.*')}
     evaluate(folder, 'second', '--no-pictures')
     assert {path: path.stat().st_mtime_ns for path in (folder / 'cache').rglob('*.*')} == cached
@@ -102,8 +103,9 @@ def test_the_papers_oxford_experiment(oxford: Path, tmp_path: Path, done: Callab
     assert '83.68 / 86.49 / 88.32 | 0.85 / 0.81 / 0.71 | 0.94 |' in text
     assert 'simulated' not in text
     # A missing test sequence is named, and the others are measured.
+    fast = ('--no-pictures', '--alignments', 0)
     (oxford / results.drives[0].name).rename(oxford / 'elsewhere')
-    again = done('evaluate', 'oxford', '--data', oxford, '--method', 'ring_key', '--out', out, '--no-pictures')
+    again = done('evaluate', 'oxford', '--data', oxford, '--method', 'ring_key', '--out', out, *fast)
     assert 'oxford: not found: 2019-01-18-14-46-59-radar-oxford-10k in' in again
 
 
@@ -252,6 +254,20 @@ def test_stretches_of_the_mapped_road_are_left_out(
     assert f'| RingKey | {figures.open_set.on_map} | {figures.open_set.off_map} |' in text
     long = refused('evaluate', *named, '--leave-out-m', 500, '--out', tmp_path / 'long')
     assert 'leave_out_m: expected less than the path length of day_0, ' in long
+
+
+def test_some_queries_are_aligned(street_bag: Callable[..., Path], tmp_path: Path, done: Callable[..., str]) -> None:
+    bags = [street_bag(f'day_{number}', count=32, noise_seed=number, lane_m=3.0 * number) for number in range(2)]
+    named = ['--map', bags[0], '--query', bags[1], '--method', 'ring_key', '--cache', tmp_path / 'cache']
+    done('evaluate', *named, '--out', tmp_path / 'none', '--no-pictures', '--alignments', 0)
+    assert read_results(tmp_path / 'none' / 'results.json').alignments == {}
+    output = done('evaluate', *named, '--out', tmp_path / 'some', '--no-pictures', '--alignments', 4)
+    assert 'Alignments: pairs within 10 m' in output
+    found = read_results(tmp_path / 'some' / 'results.json').alignments['own']['5']['ring_key']
+    near = found.by_way['same way, other lane']
+    assert 0 < near.pairs <= 4 * 5
+    assert near.right == 1.0
+    assert near.median_m < 0.5
 
 
 def test_a_drive_off_the_map_has_no_recall(

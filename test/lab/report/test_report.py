@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import csv
+import dataclasses
 import html
 import json
+import math
 import re
 import shutil
 import subprocess
@@ -16,7 +18,9 @@ from typer.testing import CliRunner
 
 from offradar_ros.cli.main import app
 from offradar_ros.errors import DataError
+from offradar_ros.lab.evaluation.results.alignments import AlignmentFigures, AnswerFigures, RecallAtPrecision
 from offradar_ros.lab.evaluation.results.file import read_results
+from offradar_ros.lab.report.alignment_tables import alignment_tables
 from offradar_ros.lab.report.paper_tables import PAPER_TABLES
 from offradar_ros.lab.report.source import Source, read_source
 
@@ -84,6 +88,63 @@ def test_the_tables_hold_the_results(folder: Path) -> None:
     assert 1 <= len(thresholds) <= 21
     assert [row[2] for row in thresholds].count('0') <= 1
     assert [float(row[1]) for row in thresholds] == sorted((float(row[1]) for row in thresholds), reverse=True)
+
+
+def test_the_poses_are_those_of_the_results(folder: Path) -> None:
+    results = read_results(folder / 'results.json')
+    found = results.alignments['a']['5']['ring_key']
+    # Its coefficients know no score.
+    assert found.answers is None
+    assert not (folder / 'report' / 'tables' / 'aligned_answers_a_5m.csv').exists()
+    head, *rows = rows_of(folder, 'aligned_poses_a_5m')
+    cells = {row[1]: dict(zip(head, row, strict=True)) for row in rows}
+    near = {f'within 10 m, {name}': figures for name, figures in (found.by_way | found.by_fault).items()}
+    assert list(cells) == [*found.by_distance, *near]
+    assert 'within 10 m, same way, same lane' in cells
+    for name, figures in (found.by_distance | near).items():
+        row = cells[name]
+        assert row['pairs'] == str(figures.pairs)
+        assert row['within 2 m, 2° (%)'] == f'{100 * figures.right:.2f}'
+        assert (row['median (m)'], row['90 % (°)']) == (f'{figures.median_m:.2f}', f'{figures.quantile_90_deg:.2f}')
+        assert row['NEES / 3'] == ('-' if math.isnan(figures.nees) else f'{figures.nees:.2f}')
+    assert (folder / 'alignments_ring_key.png').read_bytes() == (
+        folder / 'report' / 'figures' / 'alignments.png'
+    ).read_bytes()
+
+
+def test_answers_with_alignments_are_reported(source: Source) -> None:
+    answers = AnswerFigures(
+        queries=40,
+        on_map=30,
+        places=5,
+        recall_at_1_by_distance=0.9,
+        recall_at_1_aligned=0.95,
+        recall_at_k=1.0,
+        at_precision=(RecallAtPrecision(0.99, 0.5, 0.75), RecallAtPrecision(0.999, 0.25, math.nan)),
+        auroc_score=0.875,
+        auroc_p_by_distance=0.9,
+        auroc_p_aligned=0.96,
+    )
+    figures = AlignmentFigures(answers, {}, {}, {})
+    results = dataclasses.replace(source.results, alignments={'a': {'5': {'ring_key': figures}}})
+    changed = dataclasses.replace(source, results=results)
+    (table,) = alignment_tables(changed, 'a', '5')
+    assert 'k = 5 nearest places' in table.caption
+    before, after = (dict(zip(table.head, row, strict=True)) for row in table.rows)
+    assert (before['answers by'], after['answers by']) == ('distance', 'distance and score')
+    for name, expected in {
+        'queries': ('40', '40'),
+        'on the map': ('30', '30'),
+        'R@1 (%)': ('90.00', '95.00'),
+        'R@k (%)': ('100.00', '100.00'),
+        'recall at 0.99 (%)': ('50.00', '75.00'),
+        'recall at 0.999 (%)': ('25.00', '-'),
+        'AUROC of p_right': ('0.900', '0.960'),
+        'AUROC of the score': ('-', '0.875'),
+    }.items():
+        assert (before[name], after[name]) == expected
+    # Where nothing was aligned there is no table.
+    assert not list(alignment_tables(changed, 'a', '15'))
 
 
 def test_the_drives_are_reported(folder: Path) -> None:

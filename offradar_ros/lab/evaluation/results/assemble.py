@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import datetime
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 from offradar_ros.lab.drives.drive import Drive
 from offradar_ros.lab.evaluation.ablation_summary import summarise_ablation
+from offradar_ros.lab.evaluation.aligned import joined_answers
+from offradar_ros.lab.evaluation.alignment_figures import alignment_figures
+from offradar_ros.lab.evaluation.alignments import AlignedPair
 from offradar_ros.lab.evaluation.answers import Answers
 from offradar_ros.lab.evaluation.protocol import ALL, VALIDATION, Protocol
 from offradar_ros.lab.evaluation.results.ablation import AblationFigures
+from offradar_ros.lab.evaluation.results.alignments import AlignmentFigures
 from offradar_ros.lab.evaluation.results.arrays import MapArrays, ScanRows
 from offradar_ros.lab.evaluation.results.method import MethodRecord
 from offradar_ros.lab.evaluation.results.provenance import this_machine, versions
@@ -33,8 +37,9 @@ def assemble(
     command: str = '',
     skipped: Sequence[str] = (),
     recorded: RecordedUncertainty | None = None,
+    aligned: Mapping[str, Sequence[AlignedPair]] | None = None,
 ) -> Results:
-    """The results; `rows` and `maps` are the arrays that are written with them."""
+    """The results; `rows` and `maps` are the arrays that are written with them, `aligned` is by method."""
     groups = [g.name for g in protocol.groups if any(a.pair.group == g.name for m in measured for a in m.answers)]
     named = [*groups, ALL]
     splits = {road.split for group in protocol.groups for road in group.recorded if road.split}
@@ -61,6 +66,7 @@ def assemble(
         kinds=rows.kinds,
         maps=maps.maps,
         rows=len(rows.rows),
+        alignments={group: _alignments(measured, aligned, protocol, group) for group in named} if aligned else {},
     )
 
 
@@ -118,6 +124,24 @@ def _maintenance(measured: Sequence[Measured], protocol: Protocol, group: str) -
             several = [ablation for key in keys for ablation in m.ablations[key]]
             if several:
                 by_method[m.method] = summarise_ablation(several, m.thresholds.deployed, protocol)
+    return found
+
+
+def _alignments(
+    measured: Sequence[Measured], aligned: Mapping[str, Sequence[AlignedPair]], protocol: Protocol, group: str
+) -> dict[str, dict[str, AlignmentFigures]]:
+    found: dict[str, dict[str, AlignmentFigures]] = {}
+    for spacing_m in protocol.map_spacings_m:
+        by_method = found[spacing_key(spacing_m)] = {}
+        for m in measured:
+            several = [
+                one.answers
+                for one in aligned.get(m.method, ())
+                if group in (ALL, one.pair.group) and one.pair.spacing_m == spacing_m
+            ]
+            if several:
+                joined = joined_answers(several)
+                by_method[m.method] = alignment_figures(joined, m.gate.coefficients, protocol.tolerance_m)
     return found
 
 

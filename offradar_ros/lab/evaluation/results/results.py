@@ -7,6 +7,7 @@ from typing import TypeVar
 
 from offradar_ros.lab.evaluation.protocol import ALL, Protocol
 from offradar_ros.lab.evaluation.results.ablation import AblationFigures
+from offradar_ros.lab.evaluation.results.alignments import AlignmentFigures
 from offradar_ros.lab.evaluation.results.method import MethodRecord
 from offradar_ros.lab.evaluation.results.provenance import Machine
 from offradar_ros.lab.evaluation.results.search import SearchFigures
@@ -28,8 +29,8 @@ def spacing_key(spacing_m: float) -> str:
 class Results:
     """Every figure of an evaluation, and everything that is needed to repeat it.
 
-    The keys of `groups`, `uncertainty` and `maintenance` are the groups that were measured, and ``all`` for all groups
-    together.
+    The keys of `groups`, `uncertainty`, `maintenance` and `alignments` are the groups that were measured, and ``all``
+    for all groups together.
 
     Attributes:
         created: date and time, ISO 8601.
@@ -51,6 +52,8 @@ class Results:
         kinds: kinds of degradation, which `kind` of ``scans.npy`` is an index of.
         maps: which the K of the arrays of ``maps.npz`` is an index of.
         rows: number of rows of ``scans.npy``.
+        alignments: figures of queries that were aligned with the places found; methods that are fitted to each map
+            have none. Empty if none was aligned, and in files of earlier versions.
     """
 
     created: str
@@ -72,6 +75,7 @@ class Results:
     kinds: tuple[str, ...]
     maps: tuple[MaintainedMap, ...]
     rows: int
+    alignments: ByMap[AlignmentFigures] = dataclasses.field(default_factory=dict)
 
     def title(self, group: str) -> str:
         """Title of a group."""

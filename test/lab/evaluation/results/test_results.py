@@ -15,6 +15,7 @@ from street_evaluation import StreetEvaluation
 
 from offradar_ros.errors import DataError
 from offradar_ros.lab.evaluation.results.ablation import AblationFigures
+from offradar_ros.lab.evaluation.results.alignments import AlignmentFigures
 from offradar_ros.lab.evaluation.results.arrays import SCANS, map_arrays, read_arrays, scan_rows, write_arrays
 from offradar_ros.lab.evaluation.results.file import FORMAT, read_results, write_results
 from offradar_ros.lab.evaluation.results.method import MethodRecord
@@ -32,7 +33,7 @@ def test_results_are_read_as_written(street_evaluation: StreetEvaluation, tmp_pa
     assert json.loads(path.read_text())['methods']['ours']['cost']['search_ms'] is None
 
 
-RECORDS = (SearchFigures, AblationFigures, UncertaintyFigures, RecordedUncertainty, MethodRecord)
+RECORDS = (SearchFigures, AblationFigures, AlignmentFigures, UncertaintyFigures, RecordedUncertainty, MethodRecord)
 
 
 @pytest.mark.parametrize('kind', RECORDS)
@@ -55,6 +56,16 @@ def test_a_file_without_results_is_refused(content: str, tmp_path: Path) -> None
     with pytest.raises(DataError, match=r'expected the results\.json') as refused:
         read_results(path)
     assert str(refused.value).startswith(f'{path}: ')
+
+
+def test_results_without_alignments_are_read(street_evaluation: StreetEvaluation, tmp_path: Path) -> None:
+    """As versions before them wrote it."""
+    path = tmp_path / 'r.json'
+    write_results(path, street_evaluation.results)
+    tree = json.loads(path.read_text())
+    assert tree.pop('alignments') == {}
+    path.write_text(json.dumps(tree))
+    assert repr(read_results(path)) == repr(street_evaluation.results)
 
 
 def test_results_of_an_older_format_are_refused(tmp_path: Path) -> None:
