@@ -53,9 +53,8 @@ def steps(scans: Sequence[PolarScan]) -> dict[str, Callable[[], object]]:
     held = HeldSignatures({ScanKey(1, number): content for number, content in enumerate(turned)})
     cold, warm = Verifier(held), Verifier(held)
     numbers = itertools.cycle(range(0, len(turned) - CANDIDATES, CANDIDATES))
-    following = {
-        name: itertools.cycle(range(len(scans))) for name in ('make', 'unpack', 'place', 'query', 'velocity', 'five')
-    }
+    names = ('signature', 'unpack', 'place', 'query', 'velocity', 'five')
+    following = {name: itertools.cycle(range(len(scans))) for name in names}
     pair = itertools.cycle(pairs)
 
     odometry, stamps_ns = ScanOdometry(), itertools.count(0, 250_000_000)
@@ -69,7 +68,7 @@ def steps(scans: Sequence[PolarScan]) -> dict[str, Callable[[], object]]:
         return warm.align(contents[next(following['five'])], [ScanKey(1, number) for number in range(CANDIDATES)])
 
     return {
-        'make and pack': lambda: pack(make(scans[next(following['make'])])),
+        'signature': lambda: pack(make(scans[next(following['signature'])])),
         'unpack': lambda: unpack(contents[next(following['unpack'])]),
         'place': lambda: prepare_place(signatures[next(following['place'])]),
         'query': lambda: prepare_query(signatures[next(following['query'])]),

@@ -38,7 +38,7 @@ def test_a_scan_without_a_return_is_somewhere(way: Way) -> None:
 
 
 def drive(reverse: bool, kinds: list[str]) -> Drive:
-    x_m = np.arange(40, dtype=np.float64) * 5.0
+    x_m = np.linspace(0.0, 195.0, 40)
     yaw_rad = math.pi if reverse else 0.0
     poses = np.column_stack([x_m, np.full(40, 3.0 * reverse), np.full(40, yaw_rad)])
 
