@@ -29,6 +29,12 @@ errors lie in their ellipsoids.
 """
 _FLOOR = np.diag([0.02**2, 0.02**2, 0.0016**2])
 """No pose is known better, in m² and rad²: stamps, the mounting of the sensor, the levels of a signature."""
+_ELSEWHERE_M = 5.0
+_ALIKE_FROM, _ALIKE = 0.85, 0.95
+"""Where scans agree as well so far from the pose, in the direction in which it is known least, that direction is not
+known at all, as between walls without end. What shows in every scan of a sensor, as its beam that widens and its power
+that falls with range, makes the curvature there larger than it is. In ordinary streets it is 0.75 at most."""
+_LEAST_SCORE = 1e-3
 _UNKNOWN = np.diag([REACH_M**2, REACH_M**2, math.pi**2])
 
 
@@ -110,20 +116,42 @@ def _refined(places: Sequence[PreparedPlace], query: PreparedQuery, starts: Sequ
     reached = zip(np.split(rough.poses, ends), np.split(rough.correlations, ends), strict=True)
     best = np.array([poses[np.argmax(correlations)] for poses, correlations in reached])
     fine = refine([place.fine for place in places], query.fine, best, _FINE_STEPS)
-    return [
-        _alignment(pose, float(score), covariance, place.seen_share * query.seen_share)
-        for place, pose, score, covariance in zip(places, fine.poses, fine.correlations, fine.covariances, strict=True)
+    spreads = [
+        _covariance(pose, covariance, place.seen_share * query.seen_share)
+        for place, pose, covariance in zip(places, fine.poses, fine.covariances, strict=True)
     ]
+    spreads = _widened(places, query, fine.poses, spreads)
+    return [_alignment(*one) for one in zip(fine.poses, fine.correlations.tolist(), spreads, strict=True)]
 
 
-def _alignment(pose: Array, score: float, covariance: Array, seen_share: float) -> Alignment:
-    """With the covariance of the refined pose, in the frame of the query, turned into that of the place and scaled."""
-    if score <= 0.0:
-        return Alignment(np.zeros(3), _UNKNOWN.copy(), score)
-    x_m, y_m, yaw_rad = pose.tolist()
-    cos, sin = math.cos(yaw_rad), math.sin(yaw_rad)
+def _covariance(pose: Array, covariance: Array, seen_share: float) -> Array:
+    """(3, 3) of a refined pose, from that in the frame of the query: turned into that of the place, and scaled."""
+    cos, sin = math.cos(pose[2]), math.sin(pose[2])
     turn = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
     # Where sectors are missing, the pixels that are left lie at their edges.
     spread = _SPREAD / seen_share**2
-    pose = np.array([x_m, y_m, math.remainder(yaw_rad, 2.0 * math.pi)])
-    return Alignment(pose, turn @ (spread * covariance) @ turn.T + _FLOOR, score)
+    return np.asarray(turn @ (spread * covariance) @ turn.T + _FLOOR, np.float64)
+
+
+def _widened(
+    places: Sequence[PreparedPlace], query: PreparedQuery, poses: Array, covariances: Sequence[Array]
+) -> list[Array]:
+    """The covariances, each as wide as the reach along a direction in which the scans agree as well elsewhere."""
+    least_known = [np.append(np.linalg.eigh(covariance[:2, :2])[1][:, 1], 0.0) for covariance in covariances]
+    surfaces = [place.coarse for place in places]
+    away = _ELSEWHERE_M * np.array(least_known)
+    found = refine(surfaces * 3, query.coarse, np.concatenate([poses, poses + away, poses - away]), 0)
+    here, ahead, behind = np.split(found.correlations, 3)
+    alike = np.maximum(ahead, behind) / np.maximum(here, _LEAST_SCORE)
+    unknown = np.clip((alike - _ALIKE_FROM) / (_ALIKE - _ALIKE_FROM), 0.0, 1.0)
+    return [
+        covariance + share * (REACH_M / 2.0) ** 2 * np.outer(direction, direction)
+        for covariance, direction, share in zip(covariances, least_known, unknown.tolist(), strict=True)
+    ]
+
+
+def _alignment(pose: Array, score: float, covariance: Array) -> Alignment:
+    if score <= 0.0:
+        return Alignment(np.zeros(3), _UNKNOWN.copy(), score)
+    x_m, y_m, yaw_rad = pose.tolist()
+    return Alignment(np.array([x_m, y_m, math.remainder(yaw_rad, 2.0 * math.pi)]), covariance, score)

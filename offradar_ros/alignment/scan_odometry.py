@@ -70,8 +70,8 @@ class ScanOdometry:
 
 
 def _aligned(before: _Before, signature: Signature, seconds: float) -> Alignment:
-    """Where the vehicle is expected, else wherever the scans agree best: far poses may look alike."""
-    query, expected = prepare_query(signature), before.trusted or before.seemed
+    """Where the vehicle is expected, else wherever the scans agree best: far poses may look alike, and take longer."""
+    query, expected = prepare_query(signature), before.seemed or before.trusted
     if expected:
         found = align(before.place, query, expected.pose_after(seconds))
         if found.score >= _AGREEING:

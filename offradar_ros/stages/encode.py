@@ -62,8 +62,6 @@ class EncodeStage:
         restarted = False
         try:
             restarted = self._gates[topic].check(stamp_ns)
-            if restarted:
-                self._odometry.restart()
             scan = decode()
             embedding = self._embedding(scan, stamp_ns)
             signature, no_signature = self._signature(scan)

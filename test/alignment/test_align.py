@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from plane import Plane, make_plane
+from plane import Plane, make_plane, make_walls
 
 from offradar_ros.alignment.align import align, align_each, prepare_place, prepare_query
 from offradar_ros.alignment.signature import SignatureMaker
@@ -162,3 +162,30 @@ def test_several_places_at_once_give_what_each_gives() -> None:
         np.testing.assert_allclose(found.covariance, alone.covariance, rtol=1e-3)
         assert found.score == pytest.approx(alone.score, abs=1e-5)
     assert align_each([], query) == []
+
+
+def test_near_an_expected_pose_only_that_is_found() -> None:
+    """Which is faster, and is not led astray by what looks alike far away."""
+    pose = (1.0, 0.5, math.radians(4.0))
+    place, query = prepare_place(MAKE(PLANE.scan())), prepare_query(MAKE(PLANE.scan(pose, seed=1)))
+    metres, degrees = errors(align(place, query, np.array([0.4, 0.0, 0.05])), pose)
+    assert metres < 0.1
+    assert degrees < 0.2
+    elsewhere = align(place, query, np.array([13.0, 0.0, 1.0]))
+    assert errors(elsewhere, pose)[0] > 3.0 or elsewhere.score < 0.3
+    assert elsewhere.score < 0.5 * align(place, query).score
+
+
+@pytest.mark.parametrize('heading_deg', [0.0, 22.5, 70.0, -45.0])
+@pytest.mark.parametrize('along_m', [0.0, 2.0, 5.0])
+def test_between_walls_without_end_nothing_is_known_along_them(along_m: float, heading_deg: float) -> None:
+    """Not even that the vehicle stands, which is what looks likeliest. Across them and in heading it is known."""
+    heading = math.radians(heading_deg)
+    walls, direction = make_walls(heading), np.array([math.cos(heading), math.sin(heading)])
+    found = aligned(walls.scan(), walls.scan((along_m * direction[0], along_m * direction[1], 0.0), seed=1))
+    across = np.array([-direction[1], direction[0]])
+    assert direction @ found.covariance[:2, :2] @ direction > 9.0**2
+    assert across @ found.covariance[:2, :2] @ across < 1.0
+    assert abs(across @ found.pose[:2]) < 0.3
+    assert found.covariance[2, 2] < math.radians(1.0) ** 2
+    assert np.linalg.eigvalsh(found.covariance).min() > 0.0

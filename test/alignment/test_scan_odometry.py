@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 import pytest
-from plane import STAMP_NS, TURN_S, Plane, make_plane
+from plane import STAMP_NS, TURN_S, Plane, make_plane, make_walls
 
 from offradar_ros.alignment.scan_odometry import LONGEST_S, ScanOdometry
 from offradar_ros.alignment.signature import Signature, SignatureMaker
@@ -82,3 +82,29 @@ def test_a_velocity_that_no_vehicle_reaches_at_once_is_not_trusted() -> None:
     scans = driven(Twist(4.0), 8)
     jump = MAKE(PLANE.scan((13.0, 0.0, 0.0), twist=Twist(4.0), seed=3))
     assert found([*scans[:3], jump])[-1] is None
+
+
+def test_scans_that_do_not_agree_show_no_velocity() -> None:
+    """Also where nothing was expected."""
+    assert found([*driven(Twist(), 1), *driven(Twist(), 1, make_plane(8))]) == [None, None]
+
+
+def test_between_walls_without_end_it_is_unknown() -> None:
+    """Nothing tells how far along them the vehicle is."""
+    assert found(driven(Twist(8.0), 3, make_walls())) == [None, None, None]
+
+
+def test_faster_than_any_vehicle_is_an_error() -> None:
+    scans = [MAKE(PLANE.scan((x_m, 0.0, 0.0))) for x_m in (0.0, 12.0)]
+    odometry = ScanOdometry()
+    assert odometry.twist(scans[0], STAMP_NS) is None
+    assert odometry.twist(scans[1], STAMP_NS + 10**8) is None
+    slower = ScanOdometry()
+    slower.twist(scans[0], STAMP_NS)
+    assert_near(slower.twist(scans[1], STAMP_NS + 4 * 10**8), Twist(30.0))
+
+
+def test_a_turn_that_no_vehicle_makes_at_once_is_not_trusted() -> None:
+    scans = driven(Twist(4.0), 4)
+    turned = MAKE(PLANE.scan((4.0, 0.0, math.radians(25.0)), twist=Twist(4.0), seed=3))
+    assert found([*scans, turned])[-1] is None

@@ -67,3 +67,11 @@ def make_plane(seed: int, reflectors: int = 160, reach_m: float = 90.0) -> Plane
     rng = np.random.default_rng(seed)
     points_m = rng.uniform(-reach_m, reach_m, (reflectors, 2))
     return Plane(points_m[np.hypot(*points_m.T) > 8.0], rng.uniform(40.0, 120.0, reflectors)[: len(points_m)])
+
+
+def make_walls(heading_rad: float = 0.0, reach_m: float = 100.0) -> Plane:
+    """Two walls without end, 8 m to the right of a vehicle of this heading at the origin and 9 m to its left."""
+    along_m = np.arange(-reach_m, reach_m, 0.2)
+    points_m = np.concatenate([np.column_stack([along_m, np.full_like(along_m, y_m)]) for y_m in (-8.0, 9.0)])
+    cos, sin = math.cos(heading_rad), math.sin(heading_rad)
+    return Plane(points_m @ np.array([[cos, sin], [-sin, cos]]), np.full(len(points_m), 90.0))
