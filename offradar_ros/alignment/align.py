@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import dataclasses
+import functools
 import math
 from collections.abc import Sequence
 
@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros.alignment.coarse import REACH_M, Spectra, rough_poses, spectra
-from offradar_ros.alignment.refine import Edges, Surface, edges, refine, surface
+from offradar_ros.alignment.refine import edges, refine, surface
 from offradar_ros.alignment.signature import Signature
-from offradar_ros.alignment.top_down import half, top_down
+from offradar_ros.alignment.top_down import TopDown, half, top_down
 from offradar_ros.alignment.twist import STANDING, Twist
 from offradar_ros.errors import RefusedInput
 from offradar_ros.types import Alignment
@@ -38,44 +38,61 @@ _LEAST_SCORE = 1e-3
 _UNKNOWN = np.diag([REACH_M**2, REACH_M**2, math.pi**2])
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class PreparedPlace:
-    """The scan of a place, ready for queries to be aligned with it; `seen_share` is that of its sectors."""
+class _Prepared:
+    """What places and queries have alike; the spectra, which only rough poses need, are made when they are first read.
 
-    spectra: Spectra
-    coarse: Surface
-    fine: Surface
-    seen_share: float
+    Attributes:
+        signature: of the scan.
+        view: the scan from above at the resolution of rough poses.
+    """
+
+    def __init__(self, signature: Signature, view: TopDown) -> None:
+        self.signature, self.view = signature, view
+
+    @functools.cached_property
+    def spectra(self) -> Spectra:
+        """For rough poses."""
+        return spectra(self.signature, self.view)
+
+    @property
+    def seen_share(self) -> float:
+        """Share of the sectors that the scan has; without any nothing agrees, whatever its variance."""
+        return max(float(self.signature.seen.mean()), 1.0 / len(self.signature.seen))
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class PreparedQuery:
-    """The scan of a query, ready to be aligned with places; `seen_share` is that of its sectors."""
+class PreparedPlace(_Prepared):
+    """The scan of a place, ready for queries to be aligned with it."""
 
-    spectra: Spectra
-    coarse: Edges
-    fine: Edges
-    seen_share: float
+    def __init__(self, signature: Signature, fine: TopDown, coarse: TopDown) -> None:
+        super().__init__(signature, coarse)
+        self.coarse, self.fine = surface(coarse), surface(fine)
+
+
+class PreparedQuery(_Prepared):
+    """The scan of a query, ready to be aligned with places."""
+
+    def __init__(self, signature: Signature, fine: TopDown, coarse: TopDown) -> None:
+        super().__init__(signature, coarse)
+        self.coarse, self.fine = edges(coarse, _COARSE_PIXELS), edges(fine, _FINE_PIXELS)
 
 
 def prepare_place(signature: Signature, twist: Twist = STANDING) -> PreparedPlace:
     """What an alignment needs of a place; `twist` is the velocity of its vehicle at the stamp."""
     fine = top_down(signature, twist)
-    coarse = half(fine)
-    return PreparedPlace(spectra(signature, coarse), surface(coarse), surface(fine), _seen_share(signature))
+    return PreparedPlace(signature, fine, half(fine))
 
 
 def prepare_query(signature: Signature, twist: Twist = STANDING) -> PreparedQuery:
     """What an alignment needs of a query; `twist` is the velocity of its vehicle at the stamp."""
     fine = top_down(signature, twist)
+    return PreparedQuery(signature, fine, half(fine))
+
+
+def prepare_both(signature: Signature, twist: Twist = STANDING) -> tuple[PreparedPlace, PreparedQuery]:
+    """`prepare_place` and `prepare_query` of one scan, which is seen from above once."""
+    fine = top_down(signature, twist)
     coarse = half(fine)
-    coarse_edges, fine_edges = edges(coarse, _COARSE_PIXELS), edges(fine, _FINE_PIXELS)
-    return PreparedQuery(spectra(signature, coarse), coarse_edges, fine_edges, _seen_share(signature))
-
-
-def _seen_share(signature: Signature) -> float:
-    # Without any sector nothing agrees, whatever its variance.
-    return max(float(signature.seen.mean()), 1.0 / len(signature.seen))
+    return PreparedPlace(signature, fine, coarse), PreparedQuery(signature, fine, coarse)
 
 
 def align(place: PreparedPlace, query: PreparedQuery, expected: Array | None = None) -> Alignment:
@@ -100,11 +117,11 @@ def align_each(places: Sequence[PreparedPlace], query: PreparedQuery) -> list[Al
 
 def require_alike(place: PreparedPlace, query: PreparedQuery) -> None:
     """RefusedInput (`unlike_signatures`) if the signatures were made with other settings."""
-    if place.spectra.config != query.spectra.config:
+    if place.signature.config != query.signature.config:
         raise RefusedInput(
             'unlike_signatures',
-            f'the signature of a place was made with {place.spectra.config}, that of the scan with '
-            f'{query.spectra.config}: expected the same; not aligned',
+            f'the signature of a place was made with {place.signature.config}, that of the scan with '
+            f'{query.signature.config}: expected the same; not aligned',
         )
 
 

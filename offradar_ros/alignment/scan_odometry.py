@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from offradar_ros.alignment.align import PreparedPlace, align, prepare_place, prepare_query
+from offradar_ros.alignment.align import PreparedPlace, PreparedQuery, align, prepare_both
 from offradar_ros.alignment.signature import Signature
 from offradar_ros.alignment.twist import FASTEST, Twist
 from offradar_ros.types import Alignment
@@ -48,12 +48,12 @@ class ScanOdometry:
 
     def twist(self, signature: Signature, stamp_ns: int) -> Twist | None:
         """The velocity at the next scan; None where it is unknown, as at the first one or after a gap."""
-        before, place = self._before, prepare_place(signature)
+        before, (place, query) = self._before, prepare_both(signature)
         if before is None or not _SHORTEST_S <= (stamp_ns - before.stamp_ns) / 1e9 <= LONGEST_S:
             self._before = _Before(stamp_ns, place, None, None, stamp_ns)
             return None
         seconds = (stamp_ns - before.stamp_ns) / 1e9
-        found = _aligned(before, signature, seconds)
+        found = _aligned(before, query, seconds)
         seemed = _velocity(found, signature, seconds)
         trusted, trusted_ns = before.trusted, before.trusted_ns
         if seemed:
@@ -69,10 +69,9 @@ class ScanOdometry:
         self._before = None
 
 
-def _aligned(before: _Before, signature: Signature, seconds: float) -> Alignment:
+def _aligned(before: _Before, query: PreparedQuery, seconds: float) -> Alignment:
     """Where the vehicle is expected, else wherever the scans agree best: far poses may look alike, and take longer."""
-    query, expected = prepare_query(signature), before.seemed or before.trusted
-    if expected:
+    if expected := before.seemed or before.trusted:
         found = align(before.place, query, expected.pose_after(seconds))
         if found.score >= _AGREEING:
             return found
