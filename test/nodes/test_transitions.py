@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
 from collections.abc import Callable
 
@@ -121,7 +122,8 @@ def test_a_transition_that_fails_leaves_the_node_as_it_was(
     asked.lead_to(state)
 
     def fail() -> None:
-        raise error
+        # Anew: one that is raised keeps the frames, and so this test's nodes, for as long as the parameter lives.
+        raise copy.copy(error)
 
     with monkeypatch.context() as patch:
         patch.setattr(asked.node, step, fail)

@@ -14,11 +14,19 @@ import pytest
 
 # Domains above 101 use ports that Linux gives to other programs; the campaigns of benchmarks/faults have the last ten.
 DOMAINS = range(10, 90)
+MOST_PARTICIPANTS = 8
+"""That may live when a test starts; only the first 32 of a process are found on one machine."""
 
 
 def domains_of(worker: int) -> range:
     """Where a worker of pytest-xdist looks for a free one: of more than four, some look in the same range."""
     return DOMAINS[20 * worker % len(DOMAINS) :][:20]
+
+
+def participants() -> int:
+    """Number of this process's participants: each has one thread for its events."""
+    names = [path.read_text() for path in Path('/proc/self/task').glob('*/comm')]
+    return sum(name.startswith('dds.ev.') for name in names)
 
 
 _domains = itertools.cycle(domains_of(int(os.environ.get('PYTEST_XDIST_WORKER', 'gw0').removeprefix('gw'))))
@@ -32,6 +40,8 @@ def domain_id() -> Iterator[int]:
     numbered through, and where discovery is limited to one machine, those from the 32nd on are never found.
     """
     gc.collect()
+    if (living := participants()) > MOST_PARTICIPANTS:
+        pytest.fail(f'{living} participants of earlier tests live: something keeps their nodes, as a raised exception')
     for domain in itertools.islice(_domains, 20):
         with Path(tempfile.gettempdir(), f'offradar_ros_test_domain_{domain}').open('w') as lock:
             try:
