@@ -201,13 +201,20 @@ class Accounts:
 
 
 def growth(samples: list[tuple[float, float]]) -> tuple[float, float]:
-    """Robust slope in MB a minute, and rise in MB, of (seconds, MB) after the warm-up."""
-    later = np.array(samples[int(len(samples) * WARM_UP_SHARE) :])
-    if len(later) < 4:
+    """Robust slope in MB a minute, and rise in MB, of (seconds, MB) after the warm-up.
+
+    Of the most in each session: within one, the map server's memory rises with what it keeps until the end, and falls.
+    """
+    most: dict[int, float] = {}
+    for seconds, megabytes in samples[int(len(samples) * WARM_UP_SHARE) :]:
+        session = int(seconds // SESSION_S)
+        most[session] = max(most.get(session, megabytes), megabytes)
+    if len(most) < 3:
         return 0.0, 0.0
-    quarter = max(1, len(later) // 4)
-    rise = float(np.median(later[-quarter:, 1]) - np.median(later[:quarter, 1]))
-    return float(theilslopes(later[:, 1], later[:, 0] / 60.0)[0]), rise
+    peaks, minutes = np.array(list(most.values())), np.array(list(most)) * SESSION_S / 60.0
+    quarter = max(1, len(peaks) // 4)
+    rise = float(np.median(peaks[-quarter:]) - np.median(peaks[:quarter]))
+    return float(theilslopes(peaks, minutes)[0]), rise
 
 
 def drive(nodes: Stack, radar: Radar, seconds: float) -> dict[str, list[tuple[float, float]]]:

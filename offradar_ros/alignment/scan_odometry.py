@@ -47,7 +47,13 @@ class ScanOdometry:
         self._before: _Before | None = None
 
     def twist(self, signature: Signature, stamp_ns: int) -> Twist | None:
-        """The velocity at the next scan; None where it is unknown, as at the first one or after a gap."""
+        """The velocity at the next scan; None where it is unknown, as at the first one or after a gap.
+
+        It is not looked for if nothing could be straightened with it, since the rows have no stamps.
+        """
+        if not signature.turn_s:
+            self._before = None
+            return None
         before, (place, query) = self._before, prepare_both(signature)
         if before is None or not _SHORTEST_S <= (stamp_ns - before.stamp_ns) / 1e9 <= LONGEST_S:
             self._before = _Before(stamp_ns, place, None, None, stamp_ns)

@@ -38,7 +38,7 @@ from offradar_ros.ros import qos
 from offradar_ros.ros.answer_log import HANDLED, REPLIES, TOPICS, AnswerLog, Answers
 from offradar_ros.ros.connections import Connections
 from offradar_ros.ros.recorded_outputs import DIAGNOSTICS, is_output, is_own_report
-from offradar_ros.ros.replay_subscribers import ReplaySubscribers
+from offradar_ros.ros.replay_subscribers import ANNOUNCED_S, UNCHANGED_S, ReplaySubscribers
 from offradar_ros.ros.spin import spin_for, spin_until
 from offradar_ros.ros.stamps import time_message
 
@@ -47,7 +47,7 @@ ANNOUNCED_TO = {'embedding': 'encoder', HANDLED: 'map_server', REPLIES[0]: 'quer
 CLOCK_PERIOD_S = 0.025
 DISCOVERY_S = 7.0
 """A node that starts late, or whose announcement was lost, is announced again every three seconds."""
-CONNECT_S = 8.0
+CONNECT_S = ANNOUNCED_S + UNCHANGED_S + 0.5
 """Shortest wait for the nodes to connect; a longer --timeout holds."""
 QUIET_S = 1.0
 """After this time without an answer, no more answers are expected."""

@@ -110,10 +110,8 @@ class EncodeStage:
             return b'', ''
         try:
             signature = self._make_signature(scan)
-            if signature.turn_s:
-                twist = self._odometry.twist(signature, scan.stamp_ns)
-                signature = dataclasses.replace(signature, twist=twist)
-            return pack(signature), ''
+            twist = self._odometry.twist(signature, scan.stamp_ns)
+            return pack(dataclasses.replace(signature, twist=twist)), ''
         except Exception as error:
             return b'', _in_one_line(error)
 

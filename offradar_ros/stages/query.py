@@ -122,7 +122,8 @@ class QueryStage:
     def load(self, table: PlaceTable, model: str, checksums: Sequence[int] = ()) -> None:
         """As `SearchedMap.load`; `checksums` of the scans' signatures: one a place, 0 for none, or none at all."""
         self._query.map.load(table, model)
-        self._received.expect(dict(zip(table.scans(), checksums or [0] * len(table), strict=True)))
+        if self._is_received:
+            self._received.expect(dict(zip(table.scans(), checksums or [0] * len(table), strict=True)))
 
     def update(self, table: PlaceTable, model: str, *, committed: bool, signatures: Sequence[bytes] = ()) -> None:
         """As `SearchedMap.update`; `signatures` are those of the scans that the rows hold, one a row or none."""

@@ -84,6 +84,11 @@ def test_a_velocity_that_no_vehicle_reaches_at_once_is_not_trusted() -> None:
     assert found([*scans[:3], jump])[-1] is None
 
 
+def test_without_stamps_of_rows_it_is_not_looked_for() -> None:
+    scans = [dataclasses.replace(one, turn_s=0.0, start_s=0.0) for one in driven(Twist(4.0), 3)]
+    assert found(scans) == [None, None, None]
+
+
 def test_scans_that_do_not_agree_show_no_velocity() -> None:
     """Also where nothing was expected."""
     assert found([*driven(Twist(), 1), *driven(Twist(), 1, make_plane(8))]) == [None, None]

@@ -20,6 +20,18 @@ def test_growth_is_a_slope_after_the_warm_up() -> None:
     assert rise == pytest.approx(4.0, abs=0.8)
 
 
+def test_memory_that_falls_at_the_end_of_each_session_does_not_grow() -> None:
+    """Whatever part of a session the measurement begins and ends with."""
+    for phase in range(10):
+        seconds = np.arange(60.0)
+        saw = 160.0 + 0.4 * ((seconds + phase) % 10.0)
+        assert abs(growth(list(zip(seconds.tolist(), saw.tolist(), strict=True)))[1]) < 0.5
+        leaking = saw + seconds / 10.0
+        slope, rise = growth(list(zip(seconds.tolist(), leaking.tolist(), strict=True)))
+        assert slope == pytest.approx(6.0, abs=1.0)
+        assert rise > 2.5
+
+
 def test_what_is_lost_and_what_is_counted_twice() -> None:
     tallies = [
         Tally(sent=10, answered=6, twice=0, counted=4),
