@@ -209,8 +209,9 @@ class Vehicle:
         # Whether the nodes have discovered each of these publishers cannot be seen from here: it shows.
         for attempt in range(ATTEMPTS):
             report = self._session([WARM_UP + 40 * (self._warmed_up + attempt)])
-            self.call('undo_session')
+            # A session without a change cannot be taken back: the one before it would be.
             if '1 inserted' in report:
+                self.call('undo_session')
                 self._warmed_up += attempt + 1
                 return
             time.sleep(0.5)
