@@ -143,9 +143,9 @@ def test_more_places_are_aligned_than_returned() -> None:
 
 def test_the_probability_rises_with_the_score() -> None:
     odds = np.array([-2.0, 0.0, 2.0])
-    low, high = (logistic(verified(odds, score, COEFFICIENTS)) for score in (0.2, 0.8))
+    low, high = (logistic(verified(odds, score, 0.0, COEFFICIENTS)) for score in (0.2, 0.8))
     assert (low < high).all()
-    np.testing.assert_array_equal(verified(odds, math.nan, COEFFICIENTS), odds)
+    np.testing.assert_array_equal(verified(odds, math.nan, 0.0, COEFFICIENTS), odds)
 
 
 class Signatures:
