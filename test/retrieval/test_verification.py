@@ -102,6 +102,18 @@ def test_a_scan_that_agrees_with_no_place_is_unverified() -> None:
     assert ids(answer) == [1, 2]
 
 
+def test_what_agrees_as_well_elsewhere_makes_an_answer_ambiguous() -> None:
+    wary = dataclasses.replace(COEFFICIENTS, score_elsewhere=-8.0)
+    sure, rival = ask(Scored(p1=0.8), confidence=wary), ask(Scored(p1=0.8, p3=0.75), confidence=wary)
+    assert isinstance(sure.outcome, Match)
+    assert isinstance(rival.outcome, Rejection)
+    assert rival.outcome.p_right < sure.outcome.p_right
+    assert rival.outcome.reason is Reason.AMBIGUOUS
+    assert 'score 0.75, here 0.8' in rival.outcome.detail
+    # Without the coefficient it is none of its business.
+    assert ask(Scored(p1=0.8, p3=0.75)).outcome.p_right == sure.outcome.p_right
+
+
 @pytest.mark.parametrize(
     ('signature', 'changes'),
     [
