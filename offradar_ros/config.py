@@ -352,6 +352,14 @@ class ConfidenceConfig:
         maximum=1e6,
         read_only=False,
     )
+    score_elsewhere: float = parameter(
+        0.0,
+        'times the best score of an alignment with another of the nearest places by which the vehicle would be '
+        'elsewhere',
+        minimum=-1e6,
+        maximum=0.0,
+        read_only=False,
+    )
     usual_uncertainty: float = parameter(
         1.0,
         'U of an ordinary scan of this sensor, which both uncertainties are divided by (offradar calibrate)',

@@ -98,6 +98,7 @@ def fit_confidence(
 def fit_verified(
     odds: NDArray[np.float64],
     scores: NDArray[np.float64],
+    elsewhere: NDArray[np.float64],
     right: NDArray[np.bool_],
     nearest_odds: NDArray[np.float64],
     weights: NDArray[np.float64],
@@ -106,11 +107,12 @@ def fit_verified(
     """`found`, with the coefficients of highest likelihood of answers whose places were aligned with the query.
 
     Which place comes first depends on the coefficients, so they are fitted to the first places by the ones before,
-    a few times. Their likelihood is that of `fit_confidence`, with bounds at 0 from below.
+    a few times. Their likelihood is that of `fit_confidence`, with bounds at 0, so that each one says what it means.
 
     Args:
         odds: (Q, k) float64 log-odds of `found` for each of the nearest places, as if it were the answer.
         scores: (Q, k) float64 of the alignments.
+        elsewhere: (Q, k) float64, those of `scores_elsewhere`.
         right: (Q, k) whether the place is within the tolerance of the query.
         nearest_odds: (Q, k) float64 log-odds by which the places are ordered: those of the nearest place, with the
             distances of each (`similar_places`).
@@ -126,8 +128,9 @@ def fit_verified(
     weights = weights * (len(weights) / weights.sum())
     every = np.arange(len(odds))
     for _ in range(_ROUNDS):
-        first = np.argmax(verified(nearest_odds, scores, found), axis=1)
-        design = np.column_stack([np.ones(len(odds)), odds[every, first], scores[every, first]])
+        first = np.argmax(verified(nearest_odds, scores, elsewhere, found), axis=1)
+        terms = [np.ones(len(odds)), odds[every, first], scores[every, first], elsewhere[every, first]]
+        design = np.column_stack(terms)
         signs = np.where(right[every, first], 1.0, -1.0)
 
         def loss(
@@ -137,9 +140,16 @@ def fit_verified(
             slopes = -weights * signs * 0.5 * (1.0 - np.tanh(0.5 * margins))
             return float(weights @ np.logaddexp(0.0, -margins)), design.T @ slopes
 
-        bounds = [(None, None), (0.0, None), (0.0, None)]
-        intercept, by_odds, score = minimize(loss, np.array([0.0, 1.0, 0.0]), jac=True, bounds=bounds).x.tolist()
-        found = dataclasses.replace(found, verified_intercept=intercept, verified_log_odds=by_odds, score=score)
+        bounds = [(None, None), (0.0, None), (0.0, None), (None, 0.0)]
+        start = np.array([0.0, 1.0, 0.0, 0.0])
+        intercept, by_odds, score, by_elsewhere = minimize(loss, start, jac=True, bounds=bounds).x.tolist()
+        found = dataclasses.replace(
+            found,
+            verified_intercept=intercept,
+            verified_log_odds=by_odds,
+            score=score,
+            score_elsewhere=by_elsewhere,
+        )
     return found
 
 

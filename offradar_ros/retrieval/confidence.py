@@ -62,16 +62,24 @@ def log_odds(evidence: Evidence | EvidenceTable, coefficients: ConfidenceConfig)
 
 
 def verified(
-    odds: NDArray[np.float64], scores: NDArray[np.float64] | float, coefficients: ConfidenceConfig
+    odds: NDArray[np.float64],
+    scores: NDArray[np.float64] | float,
+    elsewhere: NDArray[np.float64] | float,
+    coefficients: ConfidenceConfig,
 ) -> NDArray[np.float64]:
-    """The log-odds with the score of an alignment, too, in the shape of `odds`; unchanged where the score is NaN.
+    """The log-odds with alignments, too, in the shape of `odds`; unchanged where the score is NaN.
 
-    They are ``a + b · odds + c · score``, with `verified_intercept`, `verified_log_odds` and `score`; c = 0 leaves all
-    alignments out.
+    They are ``a + b · odds + c · score + d · elsewhere``, with `verified_intercept`, `verified_log_odds`, `score`,
+    `score_elsewhere`, and the scores of `scores_elsewhere`; c = 0 leaves all alignments out.
     """
     if not coefficients.score:
         return odds
-    with_score = coefficients.verified_intercept + coefficients.verified_log_odds * odds + coefficients.score * scores
+    with_score = (
+        coefficients.verified_intercept
+        + coefficients.verified_log_odds * odds
+        + coefficients.score * scores
+        + coefficients.score_elsewhere * elsewhere
+    )
     return np.where(np.isnan(scores), odds, with_score)
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from offradar_ros.config import ConfidenceConfig, QueryConfig
@@ -20,6 +21,7 @@ from offradar_ros.retrieval.confidence import (
     similar_places,
     without_rival,
 )
+from offradar_ros.retrieval.rival_alignments import scores_elsewhere
 from offradar_ros.retrieval.searched_map import MapSearch, SearchedMap
 from offradar_ros.retrieval.thresholds import threshold_at
 from offradar_ros.retrieval.verification import Verifier, ranked, verified_log_odds
@@ -93,17 +95,18 @@ class IntrospectiveQuery:
             candidates = ranked(candidates, evidence, coefficients)
         if candidates[0] is not nearest:
             evidence = search.evidence(candidates[0], tolerance_m)
-        first, candidates = candidates[0], candidates[: self.config.top_k]
-        by_distance, odds = float(log_odds(evidence, coefficients)), verified_log_odds(evidence, first, coefficients)
+        first, by_distance = candidates[0], float(log_odds(evidence, coefficients))
+        odds = verified_log_odds(evidence, candidates, coefficients)
         p_right = float(logistic(odds))
         if by_probability:
-            rejected = self._improbable(evidence, first, p_right, coefficients)
+            rejected = self._improbable(evidence, candidates, p_right, coefficients)
         else:
             rejected = self._paper_rule(evidence)
         similar = similar_places(*search.near(first, tolerance_m), evidence, coefficients)
         # What the alignment tells is told of the place and those around it.
         similar = similar._replace(log_odds=similar.log_odds + (odds - by_distance))
-        return Answer(self._decided(embedding, candidates, evidence, p_right, rejected), similar)
+        returned = candidates[: self.config.top_k]
+        return Answer(self._decided(embedding, returned, evidence, p_right, rejected), similar)
 
     @property
     def _verified(self) -> int:
@@ -148,7 +151,7 @@ class IntrospectiveQuery:
         return None
 
     def _improbable(
-        self, evidence: Evidence, first: Candidate, p_right: float, coefficients: ConfidenceConfig
+        self, evidence: Evidence, candidates: Sequence[Candidate], p_right: float, coefficients: ConfidenceConfig
     ) -> tuple[Reason, str] | None:
         """Why the gate on the probability rejects, or None.
 
@@ -162,10 +165,13 @@ class IntrospectiveQuery:
         low = f'right with probability {p_right:.3g}, below {least:g}'
         if evidence.uncertainty > self.threshold:
             return Reason.UNCERTAIN, f'{low}: U {evidence.uncertainty:.4g} is above {self.threshold:.4g}'
-        if first.alignment is not None and logistic(log_odds(evidence, coefficients)) >= least:
-            score = first.alignment.score
+        if (aligned := candidates[0].alignment) and logistic(log_odds(evidence, coefficients)) >= least:
+            score = aligned.score
+            if logistic(verified_log_odds(evidence, candidates[:1], coefficients)) >= least:
+                elsewhere = f'score {scores_elsewhere(candidates)[0]:.3g}, here {score:.3g}'
+                return Reason.AMBIGUOUS, f'{low}: the scan agrees nearly as well with another place ({elsewhere})'
             return Reason.UNVERIFIED, f'{low}: the scan does not agree with that of the place (score {score:.3g})'
-        if logistic(verified_log_odds(without_rival(evidence), first, coefficients)) >= least:
+        if logistic(verified_log_odds(without_rival(evidence), candidates, coefficients)) >= least:
             rival = f'at {evidence.distance_apart:.4g}, elsewhere, after the nearest at {evidence.distance:.4g}'
             return Reason.AMBIGUOUS, f'{low}: another place resembles the scan nearly as well ({rival})'
         return Reason.UNKNOWN_PLACE, f'{low}: the scan resembles no place (the nearest is at {evidence.distance:.4g})'

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import collections
-import math
 from collections.abc import Callable, Sequence
 from typing import Generic, TypeVar
 
@@ -23,6 +22,7 @@ from offradar_ros.alignment.twist import STANDING, Twist
 from offradar_ros.config import ConfidenceConfig
 from offradar_ros.errors import OffradarError, RefusedInput
 from offradar_ros.retrieval.confidence import log_odds, similar_places, verified
+from offradar_ros.retrieval.rival_alignments import scores_elsewhere
 from offradar_ros.retrieval.signature_source import SignatureSource
 from offradar_ros.types import Alignment, Candidate, Evidence, ScanKey
 
@@ -135,14 +135,17 @@ def ranked(
     distances = np.array([candidate.distance for candidate in aligned], np.float32)
     odds = similar_places(np.array(rows, np.int64), distances, evidence, coefficients).log_odds
     scores = np.array([candidate.alignment.score for candidate in aligned if candidate.alignment is not None])
-    order = np.argsort(-verified(odds, scores, coefficients), kind='stable')
+    order = np.argsort(-verified(odds, scores, scores_elsewhere(aligned), coefficients), kind='stable')
     result = list(candidates)
     for row, better in zip(rows, order.tolist(), strict=True):
         result[row] = aligned[better]
     return tuple(result)
 
 
-def verified_log_odds(evidence: Evidence, first: Candidate, coefficients: ConfidenceConfig) -> float:
-    """Log-odds that the first place is right, from its evidence and, where it is aligned, the score."""
-    score = first.alignment.score if first.alignment is not None else math.nan
-    return float(verified(log_odds(evidence, coefficients), score, coefficients))
+def verified_log_odds(evidence: Evidence, candidates: Sequence[Candidate], coefficients: ConfidenceConfig) -> float:
+    """Log-odds that the first place is right, from its evidence and, where it is aligned, the scores of all."""
+    alignment = candidates[0].alignment
+    if alignment is None:
+        return float(log_odds(evidence, coefficients))
+    elsewhere = float(scores_elsewhere(candidates)[0])
+    return float(verified(log_odds(evidence, coefficients), alignment.score, elsewhere, coefficients))

@@ -116,10 +116,10 @@ def aligned(count: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArr
 
 def test_what_agrees_is_believed_and_comes_first() -> None:
     odds, scores, right = aligned(4000)
-    found = fit_verified(odds, scores, right, odds, np.ones(len(odds)), SCALES)
+    found = fit_verified(odds, scores, np.zeros_like(scores), right, odds, np.ones(len(odds)), SCALES)
     assert found.score > 0.0
     assert found.verified_log_odds >= 0.0
-    together = verified(odds, scores, found)
+    together = verified(odds, scores, 0.0, found)
     first = np.argmax(together, axis=1)
     chosen = right[np.arange(len(odds)), first]
     assert chosen.mean() > right[:, 0].mean() + 0.1
@@ -133,7 +133,7 @@ def test_what_agrees_is_believed_and_comes_first() -> None:
 def test_scores_that_tell_nothing_leave_the_probability_as_it_is() -> None:
     odds, scores, right = aligned(4000)
     noise = np.random.default_rng(1).permutation(scores.ravel()).reshape(scores.shape)
-    found = fit_verified(odds, noise, right, odds, np.ones(len(odds)), SCALES)
+    found = fit_verified(odds, noise, np.zeros_like(noise), right, odds, np.ones(len(odds)), SCALES)
     assert found.score < 1.0
 
 
@@ -141,4 +141,4 @@ def test_alignments_need_right_and_wrong_answers() -> None:
     odds, scores, right = aligned(100)
     for all_are in (True, False):
         with pytest.raises(DataError, match='right and wrong answers'):
-            fit_verified(odds, scores, np.full_like(right, all_are), odds, np.ones(100), SCALES)
+            fit_verified(odds, scores, scores, np.full_like(right, all_are), odds, np.ones(100), SCALES)

@@ -102,6 +102,18 @@ def test_a_scan_that_agrees_with_no_place_is_unverified() -> None:
     assert ids(answer) == [1, 2]
 
 
+def test_what_agrees_as_well_elsewhere_makes_an_answer_ambiguous() -> None:
+    wary = dataclasses.replace(COEFFICIENTS, score_elsewhere=-8.0)
+    sure, rival = ask(Scored(p1=0.8), confidence=wary), ask(Scored(p1=0.8, p3=0.75), confidence=wary)
+    assert isinstance(sure.outcome, Match)
+    assert isinstance(rival.outcome, Rejection)
+    assert rival.outcome.p_right < sure.outcome.p_right
+    assert rival.outcome.reason is Reason.AMBIGUOUS
+    assert 'score 0.75, here 0.8' in rival.outcome.detail
+    # Without the coefficient it is none of its business.
+    assert ask(Scored(p1=0.8, p3=0.75)).outcome.p_right == sure.outcome.p_right
+
+
 @pytest.mark.parametrize(
     ('signature', 'changes'),
     [
@@ -143,9 +155,9 @@ def test_more_places_are_aligned_than_returned() -> None:
 
 def test_the_probability_rises_with_the_score() -> None:
     odds = np.array([-2.0, 0.0, 2.0])
-    low, high = (logistic(verified(odds, score, COEFFICIENTS)) for score in (0.2, 0.8))
+    low, high = (logistic(verified(odds, score, 0.0, COEFFICIENTS)) for score in (0.2, 0.8))
     assert (low < high).all()
-    np.testing.assert_array_equal(verified(odds, math.nan, COEFFICIENTS), odds)
+    np.testing.assert_array_equal(verified(odds, math.nan, 0.0, COEFFICIENTS), odds)
 
 
 class Signatures:

@@ -23,6 +23,7 @@ from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive
 from offradar_ros.lab.evaluation.protocol import Protocol
 from offradar_ros.retrieval.confidence import log_odds
 from offradar_ros.retrieval.evidence import EvidenceTable
+from offradar_ros.retrieval.rival_alignments import scores_elsewhere
 from offradar_ros.retrieval.searched_map import SearchedMap
 from offradar_ros.retrieval.verification import Verifier
 from offradar_ros.types import Candidate, Embedding, Evidence, ScanKey
@@ -39,6 +40,7 @@ class AlignedAnswers:
     Attributes:
         evidence: Q · k rows, query by query and nearest first: the evidence for each place, as if it were the answer.
         scores: (Q, k) float64 of the alignments, NaN for none.
+        elsewhere: (Q, k) float64, those of `scores_elsewhere`.
         errors: (Q, k, 3) float64 of their poses: forward and left in metres, yaw in radians; NaN for none.
         covariances: (Q, k, 3, 3) float64 of their poses.
         truths: (Q, k, 3) float64, the true pose of the query in the frame of each place, as `errors`; NaN where a
@@ -52,6 +54,7 @@ class AlignedAnswers:
 
     evidence: EvidenceTable
     scores: NDArray[np.float64]
+    elsewhere: NDArray[np.float64]
     errors: NDArray[np.float64]
     covariances: NDArray[np.float64]
     truths: NDArray[np.float64]
@@ -199,12 +202,13 @@ class AlignedMap:
     def answers(self, query: EmbeddedDrive, rows: NDArray[np.intp]) -> AlignedAnswers:
         """The answers to (Q,) scans of a drive."""
         shape = len(rows), self._places
-        nearest, scores = np.empty(shape, np.int64), np.full(shape, np.nan)
+        nearest, scores, elsewhere = np.empty(shape, np.int64), np.full(shape, np.nan), np.zeros(shape)
         poses, covariances = np.full((*shape, 3), np.nan), np.full((*shape, 3, 3), np.nan)
         evidence: list[Evidence] = []
         for number, row in enumerate(rows.tolist()):
             candidates, of_each = self._answer(query, row, self._signatures.of(query.drive, row))
             evidence += of_each
+            elsewhere[number] = scores_elsewhere(candidates)
             for place, candidate in enumerate(candidates):
                 nearest[number, place] = candidate.place_id
                 if found := candidate.alignment:
@@ -219,6 +223,7 @@ class AlignedMap:
         return AlignedAnswers(
             _table_of(evidence, nearest),
             scores,
+            elsewhere,
             errors,
             covariances,
             truths,

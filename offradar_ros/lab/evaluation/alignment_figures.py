@@ -56,9 +56,10 @@ def answer_figures(answers: AlignedAnswers, coefficients: ConfidenceConfig, tole
     right, on_map = answers.away_m <= tolerance_m, answers.on_map
     odds = log_odds(answers.evidence, coefficients).reshape(shape)
     by_distance = nearest_odds(answers.evidence, shape, coefficients)
-    first = np.argmax(verified(by_distance, answers.scores, coefficients), axis=1)
+    first = np.argmax(verified(by_distance, answers.scores, answers.elsewhere, coefficients), axis=1)
     before, after = right[:, 0], right[every, first]
-    chosen, scores = verified(odds, answers.scores, coefficients)[every, first], answers.scores[every, first]
+    together = verified(odds, answers.scores, answers.elsewhere, coefficients)
+    chosen, scores = together[every, first], answers.scores[every, first]
     scored = np.isfinite(scores)
 
     def recall(confidences: NDArray[np.float64], correct: NDArray[np.bool_], precision: float) -> float:

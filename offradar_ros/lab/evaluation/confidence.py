@@ -128,7 +128,9 @@ def fit_alignments(
     by_distance = nearest_odds(answers.evidence, shape, found)
     weights = np.concatenate([np.full(len(one), 1.0 / len(one)) for one in made])
     right = answers.away_m <= protocol.tolerance_m
-    return fit_verified(odds[kept], answers.scores[kept], right[kept], by_distance[kept], weights[kept], found)
+    return fit_verified(
+        odds[kept], answers.scores[kept], answers.elsewhere[kept], right[kept], by_distance[kept], weights[kept], found
+    )
 
 
 def write_confidence(path: Path, found: ConfidenceConfig, comment: str) -> None:

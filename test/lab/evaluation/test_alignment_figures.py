@@ -16,7 +16,13 @@ from offradar_ros.retrieval.evidence import EvidenceTable
 
 QUERIES, PLACES, TOLERANCE_M = 300, 3, 25.0
 COEFFICIENTS = ConfidenceConfig(
-    model='m', intercept=2.0, distance=-1.0, verified_intercept=-3.0, verified_log_odds=0.5, score=8.0
+    model='m',
+    intercept=2.0,
+    distance=-1.0,
+    verified_intercept=-3.0,
+    verified_log_odds=0.5,
+    score=8.0,
+    score_elsewhere=-4.0,
 )
 RANGES_M = ((0, 2), (2, 5), (5, 10), (10, 15), (15, 25))
 
@@ -35,6 +41,7 @@ def answers() -> AlignedAnswers:
     covariances = np.einsum('qki,ij->qkij', sigmas**2, np.eye(3))
     errors = rng.normal(0.0, 1.0, (*shape, 3)) * sigmas
     scores = np.where(right, rng.normal(0.6, 0.15, shape), rng.normal(0.3, 0.15, shape))
+    elsewhere = rng.uniform(0.0, 0.4, shape)
     scores[:7], errors[:7], covariances[:7] = np.nan, np.nan, np.nan
     distances = np.sort(np.where(right, rng.gamma(4.0, 0.3, shape), rng.gamma(6.0, 0.4, shape)), axis=1).ravel()
     apart = np.full(QUERIES * PLACES, 3.0)
@@ -42,6 +49,7 @@ def answers() -> AlignedAnswers:
     return AlignedAnswers(
         evidence=EvidenceTable(np.zeros(QUERIES * PLACES, np.int64), distances, apart, apart, ones, ones),
         scores=scores,
+        elsewhere=elsewhere,
         errors=errors,
         covariances=covariances,
         truths=truths,
@@ -57,7 +65,8 @@ def odds_of(answers: AlignedAnswers, query: int, place: int) -> tuple[float, flo
     """Log-odds by distance, which are all that these coefficients use, and with the score."""
     odds = 2.0 - float(answers.evidence.distance.reshape(QUERIES, PLACES)[query, place])
     score = float(answers.scores[query, place])
-    return odds, odds if math.isnan(score) else -3.0 + 0.5 * odds + 8.0 * score
+    elsewhere = float(answers.elsewhere[query, place])
+    return odds, odds if math.isnan(score) else -3.0 + 0.5 * odds + 8.0 * score - 4.0 * elsewhere
 
 
 def test_answers_against_a_loop(answers: AlignedAnswers) -> None:
