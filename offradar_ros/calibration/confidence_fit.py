@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from offradar_ros.calibration.aligned_places import AlignedPlaces
 from offradar_ros.config import ConfidenceConfig
 from offradar_ros.errors import DataError
-from offradar_ros.retrieval.confidence import TERMS, verified
+from offradar_ros.retrieval.confidence import TERMS
 from offradar_ros.retrieval.evidence import EvidenceTable
 
 RIDGE = 1.0
@@ -60,24 +62,92 @@ def fit_confidence(
 
     DataError if no answer is right, or none is wrong, and there is no prior.
     """
-    from scipy.optimize import minimize  # noqa: PLC0415
-
     if prior is None and (right.all() or not right.any()):
         raise DataError(
             f'expected right and wrong answers to learn from, got {int(right.sum())} right of {len(right)}: leave out '
             'a part of the map, or drive further'
         )
     weights = weights * (len(weights) / weights.sum())
+    known = None if prior is None else np.array([prior.intercept, *(getattr(prior, name) for name in TERMS)])
+    intercept, *coefficients = _likeliest(terms, right, weights, [-1.0] * len(TERMS), known).tolist()
+    found = dataclasses.replace(scales, base_rate=_base_rate(right, weights, prior), intercept=intercept)
+    return dataclasses.replace(found, **dict(zip(TERMS, coefficients, strict=True)))
+
+
+def fit_verified(
+    aligned: AlignedPlaces,
+    weights: NDArray[np.float64],
+    found: ConfidenceConfig,
+    prior: ConfidenceConfig | None = None,
+) -> ConfidenceConfig:
+    """`found`, with the coefficients of highest likelihood of answers whose places were aligned with the query.
+
+    Which place comes first depends on the coefficients, so they are fitted to the first places by the ones before,
+    a few times. The loss is that of `fit_confidence`, with bounds at 0, so that each one says what it means. A prior
+    that leaves alignments out draws to the log-odds as they are without them.
+
+    Args:
+        aligned: Q queries; those of which a place is not aligned are left out.
+        weights: (Q,) float64, how much each query counts; their sum is scaled to Q.
+        found: all other coefficients.
+        prior: coefficients that few queries keep and many replace.
+
+    DataError if no answer is right, or none is wrong, and there is no prior.
+    """
+    whole = aligned.are_aligned
+    aligned, weights = aligned.only(whole), weights[whole]
+    if prior is None and (aligned.right.all() or not aligned.right.any()):
+        raise DataError('expected right and wrong answers to learn from: leave out a part of the map')
+    if not len(aligned):
+        return found
+    known = None if prior is None else _verified_of(prior)
+    found = _with_verified(found, _BY_DISTANCE if known is None else known)
+    odds, every = aligned.by_distance(found), np.arange(len(aligned))
+    for _ in range(_ROUNDS):
+        columns, _, right = aligned.firsts(found)
+        terms = [odds[every, columns], aligned.scores[every, columns], aligned.elsewhere[every, columns]]
+        found = _with_verified(found, _likeliest(np.column_stack(terms), right, weights, _VERIFIED_WAYS, known))
+    return found
+
+
+_VERIFIED = ('verified_intercept', 'verified_log_odds', 'score', 'score_elsewhere')
+_VERIFIED_WAYS = (1.0, 1.0, -1.0)
+_BY_DISTANCE = np.array([0.0, 1.0, 0.0, 0.0])
+"""These values of them leave alignments out."""
+
+
+def _verified_of(known: ConfidenceConfig) -> NDArray[np.float64]:
+    return np.array([getattr(known, name) for name in _VERIFIED]) if known.score else _BY_DISTANCE
+
+
+def _with_verified(found: ConfidenceConfig, values: NDArray[np.float64]) -> ConfidenceConfig:
+    return dataclasses.replace(found, **dict(zip(_VERIFIED, values.tolist(), strict=True)))
+
+
+def _likeliest(
+    terms: NDArray[np.float64],
+    right: NDArray[np.bool_],
+    weights: NDArray[np.float64],
+    ways: Sequence[float],
+    known: NDArray[np.float64] | None,
+) -> NDArray[np.float64]:
+    """(n + 1,) the intercept and the coefficients of (Q, n) terms with the least loss of `fit_confidence`.
+
+    A coefficient is not negative where its one of (n,) `ways` is 1, and not positive where it is −1. (n + 1,) `known`
+    are those of the prior.
+    """
+    from scipy.optimize import minimize  # noqa: PLC0415
+
+    weights = weights * (len(weights) / weights.sum())
     mean = np.average(terms, axis=0, weights=weights)
     spread = np.sqrt(np.average((terms - mean) ** 2, axis=0, weights=weights))
     spread[spread == 0.0] = 1.0
     design = np.column_stack([np.ones(len(terms)), (terms - mean) / spread])
-    centre, ridge = np.zeros(design.shape[1]), np.full(design.shape[1], RIDGE if prior is None else PRIOR_QUERIES)
-    if prior is None:
+    centre, ridge = np.zeros(design.shape[1]), np.full(design.shape[1], RIDGE if known is None else PRIOR_QUERIES)
+    if known is None:
         ridge[0] = 0.0
     else:
-        known = np.array([getattr(prior, name) for name in TERMS])
-        centre = np.array([prior.intercept + known @ mean, *(known * spread)])
+        centre = np.array([known[0] + known[1:] @ mean, *(known[1:] * spread)])
     signs = np.where(right, 1.0, -1.0)
 
     def loss(vector: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
@@ -88,69 +158,10 @@ def fit_confidence(
         value = float(weights @ np.logaddexp(0.0, -margins) + 0.5 * drawn @ (vector - centre))
         return value, design.T @ slopes + drawn
 
-    found = minimize(loss, centre, jac=True, method='L-BFGS-B', bounds=[(None, None), *[(None, 0.0)] * len(TERMS)])
-    coefficients = np.minimum(found.x[1:], 0.0) / spread
-    values = dict(zip(TERMS, coefficients.tolist(), strict=True))
-    intercept = float(found.x[0] - coefficients @ mean)
-    return dataclasses.replace(scales, base_rate=_base_rate(right, weights, prior), intercept=intercept, **values)
-
-
-def fit_verified(
-    odds: NDArray[np.float64],
-    scores: NDArray[np.float64],
-    elsewhere: NDArray[np.float64],
-    right: NDArray[np.bool_],
-    nearest_odds: NDArray[np.float64],
-    weights: NDArray[np.float64],
-    found: ConfidenceConfig,
-) -> ConfidenceConfig:
-    """`found`, with the coefficients of highest likelihood of answers whose places were aligned with the query.
-
-    Which place comes first depends on the coefficients, so they are fitted to the first places by the ones before,
-    a few times. Their likelihood is that of `fit_confidence`, with bounds at 0, so that each one says what it means.
-
-    Args:
-        odds: (Q, k) float64 log-odds of `found` for each of the nearest places, as if it were the answer.
-        scores: (Q, k) float64 of the alignments.
-        elsewhere: (Q, k) float64, those of `scores_elsewhere`.
-        right: (Q, k) whether the place is within the tolerance of the query.
-        nearest_odds: (Q, k) float64 log-odds by which the places are ordered: those of the nearest place, with the
-            distances of each (`similar_places`).
-        weights: (Q,) float64, how much each query counts; their sum is scaled to Q.
-        found: all other coefficients.
-
-    DataError if no answer is right, or none is wrong.
-    """
-    from scipy.optimize import minimize  # noqa: PLC0415
-
-    if right.all() or not right.any():
-        raise DataError('expected right and wrong answers to learn from: leave out a part of the map')
-    weights = weights * (len(weights) / weights.sum())
-    every = np.arange(len(odds))
-    for _ in range(_ROUNDS):
-        first = np.argmax(verified(nearest_odds, scores, elsewhere, found), axis=1)
-        terms = [np.ones(len(odds)), odds[every, first], scores[every, first], elsewhere[every, first]]
-        design = np.column_stack(terms)
-        signs = np.where(right[every, first], 1.0, -1.0)
-
-        def loss(
-            vector: NDArray[np.float64], design: NDArray[np.float64] = design, signs: NDArray[np.float64] = signs
-        ) -> tuple[float, NDArray[np.float64]]:
-            margins = signs * (design @ vector)
-            slopes = -weights * signs * 0.5 * (1.0 - np.tanh(0.5 * margins))
-            return float(weights @ np.logaddexp(0.0, -margins)), design.T @ slopes
-
-        bounds = [(None, None), (0.0, None), (0.0, None), (None, 0.0)]
-        start = np.array([0.0, 1.0, 0.0, 0.0])
-        intercept, by_odds, score, by_elsewhere = minimize(loss, start, jac=True, bounds=bounds).x.tolist()
-        found = dataclasses.replace(
-            found,
-            verified_intercept=intercept,
-            verified_log_odds=by_odds,
-            score=score,
-            score_elsewhere=by_elsewhere,
-        )
-    return found
+    bounds = [(None, None), *((0.0, None) if way > 0.0 else (None, 0.0) for way in ways)]
+    vector = minimize(loss, centre, jac=True, method='L-BFGS-B', bounds=bounds).x
+    coefficients = np.maximum(vector[1:] * ways, 0.0) * ways / spread
+    return np.concatenate([[vector[0] - coefficients @ mean], coefficients])
 
 
 def _base_rate(right: NDArray[np.bool_], weights: NDArray[np.float64], prior: ConfidenceConfig | None) -> float:

@@ -7,10 +7,10 @@ import dataclasses
 import numpy as np
 from numpy.typing import NDArray
 
-from offradar_ros.calibration.confidence_fit import fit_confidence, scales_of
+from offradar_ros.calibration.confidence_fit import fit_confidence, fit_verified, scales_of
 from offradar_ros.calibration.left_out_queries import LeftOutQueries
 from offradar_ros.config import ConfidenceConfig
-from offradar_ros.retrieval.confidence import log_odds, terms_of
+from offradar_ros.retrieval.confidence import logistic, terms_of
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -21,17 +21,18 @@ class CrossFit:
         queries: the queries.
         coefficients: learned from all of them.
         log_odds: (R,) float64 that each answer is right, by coefficients learned without the scans of its stretch.
+        right: (R,) whether it is: which place comes first depends on the coefficients, too.
     """
 
     queries: LeftOutQueries
     coefficients: ConfidenceConfig
     log_odds: NDArray[np.float64]
+    right: NDArray[np.bool_]
 
     @property
     def p_right(self) -> NDArray[np.float64]:
         """(R,) float64 cross-fitted probability that each answer is right."""
-        p_right: NDArray[np.float64] = 0.5 * (1.0 + np.tanh(0.5 * self.log_odds))
-        return p_right
+        return logistic(self.log_odds)
 
 
 def cross_fit(queries: LeftOutQueries, prior: ConfidenceConfig | None) -> CrossFit:
@@ -40,10 +41,13 @@ def cross_fit(queries: LeftOutQueries, prior: ConfidenceConfig | None) -> CrossF
     terms = terms_of(queries.evidence, scales)
 
     def learned(rows: NDArray[np.bool_]) -> ConfidenceConfig:
-        return fit_confidence(terms[rows], queries.right[rows], np.ones(int(rows.sum())), scales, prior)
+        weights = np.ones(int(rows.sum()))
+        found = fit_confidence(terms[rows], queries.right[rows], weights, scales, prior)
+        return found if queries.aligned is None else fit_verified(queries.aligned.only(rows), weights, found, prior)
 
-    crossed = np.empty(len(queries))
+    crossed, right = np.empty(len(queries)), np.empty(len(queries), np.bool_)
     for stretch in np.unique(queries.stretch):
         here = queries.stretch == stretch
-        crossed[here] = log_odds(queries.evidence, learned(~here))[here]
-    return CrossFit(queries, learned(np.ones(len(queries), np.bool_)), crossed)
+        judged = queries.judged(learned(~here))
+        crossed[here], right[here] = judged.log_odds[here], judged.right[here]
+    return CrossFit(queries, learned(np.ones(len(queries), np.bool_)), crossed, right)

@@ -77,7 +77,7 @@ class GateChoice:
     def error_rate_by_squares(self) -> float:
         """Upper bound on the share of wrong answers if a square, not a scan, is one draw; for this gate alone."""
         queries, accepted = self.fit.queries, self._accepted
-        count, mistaken = int(queries.square.max()) + 1, accepted[~queries.right[accepted]]
+        count, mistaken = int(queries.square.max()) + 1, accepted[~self.fit.right[accepted]]
         answered, wrong = (np.bincount(queries.square[rows], minlength=count) for rows in (accepted, mistaken))
         return clustered_upper_bound(answered, wrong, self.limit.confidence)
 
@@ -103,7 +103,7 @@ def choose_gate(fit: CrossFit, limit: ErrorLimit) -> GateChoice:
     """
     queries, scores, each = fit.queries, _scores(fit), confidence_of_each(limit)
     mixed, off = queries.mixed, queries.off_map
-    answers = counts_at(scores[mixed], ~queries.right[mixed], _thresholds())
+    answers = counts_at(scores[mixed], ~fit.right[mixed], _thresholds())
     answered_off = counts_at(scores[off], np.ones(len(off), np.bool_), _thresholds()).answered
     off_map = Counts(np.full(len(answered_off), len(off), np.int64), answered_off)
     kept = passing(answers, limit.error_rate, each) & passing(off_map, limit.off_map_rate, each)

@@ -44,7 +44,7 @@ def draw_gate(choice: GateChoice, path: Path) -> None:
 
 def _draw_bins(axis: Any, choice: GateChoice) -> None:
     """Share of right answers in equal intervals of p, with the number of answers in each."""
-    p_right, right = choice.fit.p_right, choice.fit.queries.right
+    p_right, right = choice.fit.p_right, choice.fit.right
     bins = np.minimum((p_right * BINS).astype(np.int64), BINS - 1)
     for number in np.unique(bins).tolist():
         rows = bins == number
@@ -70,7 +70,7 @@ def _draw_bins(axis: Any, choice: GateChoice) -> None:
 
 def _draw_answers(axis: Any, choice: GateChoice) -> None:
     queries, mixed = choice.fit.queries, choice.fit.queries.mixed
-    on_map, found = int(queries.on_map[mixed].sum()), int(queries.right[mixed].sum())
+    on_map, found = int(queries.on_map[mixed].sum()), int(choice.fit.right[mixed].sum())
     right = choice.answers.answered - choice.answers.wrong
     axis.plot(right / on_map, 'o-', markersize=3, color='tab:blue', label='answered rightly, of the scans on the map')
     axis.plot(1.0 - right / found, 'o-', markersize=3, color='tab:orange', label='rejected, of the right answers')

@@ -22,6 +22,7 @@ from offradar_ros.calibration.parameters import (
     calibrated_parameters,
     shipped_confidence,
 )
+from offradar_ros.calibration.road_alignments import RoadAlignments
 from offradar_ros.calibration.road_report import gate_lines, threshold_lines
 from offradar_ros.calibration.threshold_choice import ThresholdChoice, choose_threshold
 from offradar_ros.calibration.validation_queries import validation_queries
@@ -55,11 +56,11 @@ def calibrate_road(
     """Parameters for the encoder and the query, from two drives or more in one frame; N is the configuration's.
 
     With `query.gate: probability`, the coefficients are learned from left-out halves of the maps, and the gate keeps
-    both promises of `limit`. With `query.gate: paper`, the threshold on U keeps the error rate, and the shipped
-    coefficients are kept.
+    both promises of `limit`. With `query.verify` and `encoder.signature`, both are about answers with alignments. With
+    `query.gate: paper`, the threshold on U keeps the error rate, and the shipped coefficients are kept.
 
-    DataError for drives of different roads, and where nothing keeps the promises. `progress` gets (done, scans) over
-    the scans of all drives.
+    DataError for drives of different roads, and where nothing keeps the promises. `progress` gets (done, total), where
+    each scan of each drive counts once, and twice more if it is aligned.
     """
     tolerance_m = config.query.tolerance_m
     for drive in drives:
@@ -69,13 +70,26 @@ def calibrate_road(
                 f'{drive.name}: no scan within {tolerance_m:g} m of another drive, the nearest {away_m:.0f} m away: '
                 'expected drives of one road'
             )
-    encoded = _encoded(drives, config, progress)
+    scans = sum(len(drive) for drive in drives)
+    report: Progress = progress or (lambda _, __: None)
     if config.query.gate == 'paper':
-        return _by_threshold(encoded, config, limit)
-    return _by_probability(encoded, config, limit)
+        return _by_threshold(_encoded(drives, config, report), config, limit)
+    if not (config.query.verify and config.encoder.signature):
+        return _by_probability(_encoded(drives, config, report), config, limit)
+    encoded = _encoded(drives, config, lambda done, _: report(done, 3 * scans))
+    alignments = RoadAlignments(
+        encoded.drives,
+        [drive.sequence for drive in drives],
+        [drive.rows for drive in drives],
+        config.query.verify_candidates,
+        lambda done: report(scans + done, 3 * scans),
+    )
+    found = _by_probability(encoded, config, limit, alignments)
+    report(3 * scans, 3 * scans)
+    return found
 
 
-def _encoded(drives: Sequence[PositionedDrive], config: Config, progress: Progress | None) -> _Encoded:
+def _encoded(drives: Sequence[PositionedDrive], config: Config, progress: Progress) -> _Encoded:
     encoder = make_encoder(config.encoder)
     encoded = encoded_drives(drives, encoder, progress)
     usable = np.concatenate([drive.uncertainties[drive.usable] for drive in encoded])
@@ -84,13 +98,15 @@ def _encoded(drives: Sequence[PositionedDrive], config: Config, progress: Progre
     return _Encoded(scaled, encoder, factor, float(np.median(usable * factor)), spanning_delta(usable * factor))
 
 
-def _by_probability(encoded: _Encoded, config: Config, limit: ErrorLimit) -> tuple[Calibration, GateChoice]:
+def _by_probability(
+    encoded: _Encoded, config: Config, limit: ErrorLimit, alignments: RoadAlignments | None = None
+) -> tuple[Calibration, GateChoice]:
     """The threshold on U refuses nothing here. It is the lowest that few right answers exceed, and names the others."""
     prior = shipped_confidence(config, encoded.usual)
-    queries = left_out_queries(encoded.drives, MAP_SPACING_M, config.query.tolerance_m)
+    queries = left_out_queries(encoded.drives, MAP_SPACING_M, config.query.tolerance_m, alignments)
     choice = choose_gate(cross_fit(queries, prior), limit)
     thresholds = static_thresholds(encoded.delta, config.query.levels)
-    right = queries.evidence.uncertainty[queries.right]
+    right = queries.evidence.uncertainty[choice.fit.right]
     level = int(np.searchsorted(thresholds, conformal_quantile(right, UNCERTAIN_AT_MOST)))
     values = calibrated_parameters(
         config,

@@ -11,7 +11,7 @@ from offradar_ros.calibration.probability_scores import brier_score, expected_ca
 from offradar_ros.calibration.stretches import SQUARE_M
 from offradar_ros.calibration.threshold_choice import ThresholdChoice
 from offradar_ros.config import ConfidenceConfig
-from offradar_ros.retrieval.confidence import probability
+from offradar_ros.retrieval.confidence import logistic
 
 FEW_SQUARES = 60
 """With fewer squares of ground the bound is weak: above 5 % even without a wrong answer."""
@@ -27,11 +27,15 @@ def gate_lines(choice: GateChoice, prior: ConfidenceConfig | None, threshold: fl
     fit, limit = choice.fit, choice.limit
     queries, each = fit.queries, confidence_of_each(limit)
     mixed, off = queries.mixed, choice.off_map_scans
-    right, on_map = queries.right, queries.on_map
+    right, on_map = fit.right, queries.on_map
     share_off = float(np.mean(~on_map[mixed]))
     kept, found = choice.answered - choice.wrong, int(right[mixed].sum())
     share, low, high = 1.0 - kept / found, *interval(found - kept, found, limit.confidence)
-    before = '' if prior is None else f' (shipped coefficients: {_scores(probability(queries.evidence, prior), right)})'
+    before = ''
+    if prior is not None:
+        known = queries.judged(prior)
+        before = f' (shipped coefficients: {_scores(logistic(known.log_odds), known.right)})'
+    with_places = '' if queries.aligned is None else f', and aligned with the {queries.aligned.scores.shape[1]} nearest'
     few = ': too few squares to say more' if choice.squares < FEW_SQUARES else ''
     bounds = [
         upper_bound(count, total, each)
@@ -39,8 +43,8 @@ def gate_lines(choice: GateChoice, prior: ConfidenceConfig | None, threshold: fl
     ]
     return [
         f'{queries.scans} scans of {queries.drives} drives, {queries.refused} refused; each is searched in both halves '
-        f'of the map of another drive: {int(right.sum())} of {int(on_map.sum())} answers on the map are right, '
-        f'{int((~on_map).sum())} searches are off it',
+        f'of the map of another drive{with_places}: {int(right.sum())} of {int(on_map.sum())} answers on the map are '
+        f'right, {int((~on_map).sum())} searches are off it',
         f'probability, learned from other stretches of the road than it judges: {_scores(fit.p_right, right)}{before}',
         f'min_probability {choice.min_probability:g}: {choice.wrong} of {choice.answered} answers are wrong '
         f'({choice.wrong / choice.answered:.4f}), with {share_off:.2f} of the scans off the map; '

@@ -8,10 +8,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from offradar_ros.calibration.aligned_places import AlignedPlaces
 from offradar_ros.calibration.confidence_fit import fit_confidence, fit_verified
 from offradar_ros.config import ConfidenceConfig
 from offradar_ros.errors import DataError
-from offradar_ros.retrieval.confidence import TERMS, logistic, verified
+from offradar_ros.retrieval.confidence import TERMS, logistic
+from offradar_ros.retrieval.evidence import EvidenceTable
 
 TRUE = np.array([-6.0, -4.0, -2.0, -1.0, -0.5])
 SCALES = ConfidenceConfig(model='a' * 64, unrelated_distance=0.9)
@@ -104,41 +106,79 @@ def test_answers_of_one_kind_teach_nothing(right: bool) -> None:
         fit_confidence(np.zeros((5, 5)), np.full(5, right), np.ones(5), SCALES)
 
 
-def aligned(count: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-    """Log-odds, scores and whether each of two places is right, of which at most one is."""
+def aligned(count: int, *, kind: str = 'telling') -> AlignedPlaces:
+    """Two places of each query, of which at most one is right; by distance, their log-odds are about 0."""
     rng = np.random.default_rng(4)
     right = np.zeros((count, 2), np.bool_)
     right[np.arange(count), rng.integers(0, 2, count)] = rng.random(count) < 0.7
     odds = np.sort(rng.normal(0.0, 1.0, (count, 2)) + right, axis=1)[:, ::-1]
     scores = rng.normal(np.where(right, 0.6, 0.3), 0.1)
-    return odds, scores, right
+    if kind == 'noise':
+        scores = np.random.default_rng(1).permutation(scores.ravel()).reshape(scores.shape)
+    ones = np.ones(2 * count)
+    evidence = EvidenceTable(np.zeros(2 * count, np.int64), OFFSET - odds.ravel(), ones, ones, ones, ones)
+    return AlignedPlaces(evidence, scores, np.zeros_like(scores), right)
+
+
+OFFSET = 10.0
+ONLY_DISTANCE = ConfidenceConfig(intercept=OFFSET, distance=-1.0)
+"""Log-odds are how much the distance is below the offset."""
 
 
 def test_what_agrees_is_believed_and_comes_first() -> None:
-    odds, scores, right = aligned(4000)
-    found = fit_verified(odds, scores, np.zeros_like(scores), right, odds, np.ones(len(odds)), SCALES)
+    places = aligned(4000)
+    found = fit_verified(places, np.ones(4000), ONLY_DISTANCE)
     assert found.score > 0.0
     assert found.verified_log_odds >= 0.0
-    together = verified(odds, scores, 0.0, found)
-    first = np.argmax(together, axis=1)
-    chosen = right[np.arange(len(odds)), first]
-    assert chosen.mean() > right[:, 0].mean() + 0.1
+    firsts = places.firsts(found)
+    assert firsts.right.mean() > places.right[:, 0].mean() + 0.1
     # As probable as it says.
-    p_right = logistic(together[np.arange(len(odds)), first])
+    p_right = logistic(firsts.log_odds)
     for low, high in ((0.0, 0.2), (0.2, 0.8), (0.8, 1.0)):
         part = (p_right >= low) & (p_right <= high)
-        assert p_right[part].mean() == pytest.approx(chosen[part].mean(), abs=0.05)
+        assert p_right[part].mean() == pytest.approx(firsts.right[part].mean(), abs=0.05)
 
 
 def test_scores_that_tell_nothing_leave_the_probability_as_it_is() -> None:
-    odds, scores, right = aligned(4000)
-    noise = np.random.default_rng(1).permutation(scores.ravel()).reshape(scores.shape)
-    found = fit_verified(odds, noise, np.zeros_like(noise), right, odds, np.ones(len(odds)), SCALES)
-    assert found.score < 1.0
+    assert fit_verified(aligned(4000, kind='noise'), np.ones(4000), ONLY_DISTANCE).score < 1.0
 
 
-def test_alignments_need_right_and_wrong_answers() -> None:
-    odds, scores, right = aligned(100)
-    for all_are in (True, False):
-        with pytest.raises(DataError, match='right and wrong answers'):
-            fit_verified(odds, scores, scores, np.full_like(right, all_are), odds, np.ones(100), SCALES)
+@pytest.mark.parametrize('right', [True, False])
+def test_alignments_need_right_and_wrong_answers(right: bool) -> None:
+    places = aligned(100)
+    alike = dataclasses.replace(places, right=np.full_like(places.right, right))
+    with pytest.raises(DataError, match='right and wrong answers'):
+        fit_verified(alike, np.ones(100), ONLY_DISTANCE)
+
+
+KNOWN = dataclasses.replace(
+    ONLY_DISTANCE, verified_intercept=-2.0, verified_log_odds=0.5, score=9.0, score_elsewhere=-3.0
+)
+
+
+def test_few_aligned_queries_keep_a_prior_and_many_replace_it() -> None:
+    away = []
+    for count in (4, 100, 4000):
+        found = fit_verified(aligned(count), np.ones(count), ONLY_DISTANCE, KNOWN)
+        away.append(abs(found.score - KNOWN.score))
+    learned = fit_verified(aligned(4000), np.ones(4000), ONLY_DISTANCE).score
+    assert away[0] < away[1] < away[2]
+    assert away[2] == pytest.approx(abs(learned - KNOWN.score), rel=0.2)
+
+
+def test_without_a_prior_for_scores_few_queries_leave_them_out() -> None:
+    found = fit_verified(aligned(2), np.ones(2), ONLY_DISTANCE, ONLY_DISTANCE)
+    assert 0.0 <= found.score < 1.0
+    assert found.verified_log_odds == pytest.approx(1.0, abs=0.5)
+
+
+def test_queries_of_which_a_place_is_not_aligned_teach_nothing() -> None:
+    places = aligned(500)
+    scores = places.scores.copy()
+    scores[::2, 1] = np.nan
+    partly = dataclasses.replace(places, scores=scores)
+    assert fit_verified(partly, np.ones(500), ONLY_DISTANCE) == fit_verified(
+        places.only(np.isfinite(scores[:, 1])), np.ones(250), ONLY_DISTANCE
+    )
+    nothing = dataclasses.replace(places, scores=np.full_like(scores, np.nan))
+    assert fit_verified(nothing, np.ones(500), ONLY_DISTANCE, KNOWN) == ONLY_DISTANCE

@@ -92,7 +92,7 @@ def fitted(p_right: NDArray[np.float64], right: NDArray[np.bool_], on_map: NDArr
     scan = np.arange(count) // 2
     in_turn = np.arange(count) % 2 == scan % 2
     queries = LeftOutQueries(2, 0, evidence, right, on_map, scan, in_turn, scan % 8, scan // 10)
-    return CrossFit(queries, ConfidenceConfig(), np.log(p_right) - np.log1p(-p_right))
+    return CrossFit(queries, ConfidenceConfig(), np.log(p_right) - np.log1p(-p_right), right)
 
 
 def test_the_lowest_gate_that_keeps_both_is_chosen() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import itertools
 from collections.abc import Iterable, Iterator, Sequence
@@ -10,27 +9,15 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from offradar_ros.alignment.scan_odometry import ScanOdometry
-from offradar_ros.alignment.signature import Signature, SignatureMaker
-from offradar_ros.alignment.signature_code import pack
+from offradar_ros.calibration.aligned_places import AlignedPlaces
+from offradar_ros.calibration.aligned_search import AlignedSearch
+from offradar_ros.calibration.drive_signatures import DriveSignatures
 from offradar_ros.calibration.open_set import halves, joined_evidence
-from offradar_ros.config import ConfidenceConfig
-from offradar_ros.errors import RefusedInput
 from offradar_ros.geometry import wrap_angle
-from offradar_ros.lab.drives.drive import Drive
 from offradar_ros.lab.evaluation.answers import map_rows, places_of
 from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive
 from offradar_ros.lab.evaluation.protocol import Protocol
-from offradar_ros.retrieval.confidence import log_odds
 from offradar_ros.retrieval.evidence import EvidenceTable
-from offradar_ros.retrieval.rival_alignments import scores_elsewhere
-from offradar_ros.retrieval.searched_map import SearchedMap
-from offradar_ros.retrieval.verification import Verifier
-from offradar_ros.types import Candidate, Embedding, Evidence, ScanKey
-
-MODEL = 'evaluated'
-SCANS_BEFORE = 3
-"""Scans from which the velocity at a scan is found: three give two estimates that can agree, or one that is held."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -67,53 +54,9 @@ class AlignedAnswers:
     def __len__(self) -> int:
         return len(self.on_map)
 
-
-class DriveSignatures:
-    """Packed signatures of the drives of one world, made when they are first read. Not thread-safe.
-
-    Their velocities are those of the drive's few scans before, as a vehicle's are of all scans. Scans that cannot be
-    read have none.
-    """
-
-    def __init__(self, drives: Sequence[Drive]) -> None:
-        self._drives, self._make = drives, SignatureMaker()
-        self._plain: dict[tuple[int, int], Signature | None] = {}
-        self._made: dict[ScanKey, bytes] = {}
-
-    def number_of(self, drive: Drive) -> int:
-        """The session of a drive in the keys of its scans."""
-        return next(number for number, one in enumerate(self._drives) if one is drive)
-
-    def of(self, drive: Drive, row: int) -> bytes:
-        """The signature of scan `row`; empty for none."""
-        return self._of(self.number_of(drive), row)
-
-    def read(self, scans: Sequence[ScanKey]) -> dict[ScanKey, bytes]:
-        """As `SignatureSource.read`."""
-        found = {}
-        for key in scans:
-            (row, *_) = np.flatnonzero(self._drives[key.session_id].stamps_ns == key.stamp_ns).tolist()
-            if made := self._of(key.session_id, row):
-                found[key] = made
-        return found
-
-    def _of(self, number: int, row: int) -> bytes:
-        stamps_ns = self._drives[number].stamps_ns
-        key = ScanKey(number, int(stamps_ns[row]))
-        if key not in self._made:
-            own, odometry, twist = self._plain_of(number, row), ScanOdometry(), None
-            for before in range(max(row - SCANS_BEFORE, 0), row + 1) if own else ():
-                if plain := self._plain_of(number, before):
-                    twist = odometry.twist(plain, int(stamps_ns[before]))
-            self._made[key] = pack(dataclasses.replace(own, twist=twist)) if own else b''
-        return self._made[key]
-
-    def _plain_of(self, number: int, row: int) -> Signature | None:
-        if (number, row) not in self._plain:
-            self._plain[number, row] = None
-            with contextlib.suppress(RefusedInput):
-                self._plain[number, row] = self._make(self._drives[number].scan(row))
-        return self._plain[number, row]
+    def judged(self, tolerance_m: float) -> AlignedPlaces:
+        """The places, and whether each is within the tolerance of the query."""
+        return AlignedPlaces(self.evidence, self.scores, self.elsewhere, self.away_m <= tolerance_m)
 
 
 def aligned_answers(
@@ -194,56 +137,47 @@ class AlignedMap:
     ) -> None:
         session = np.full(len(rows), signatures.number_of(mapped.drive), np.int32)
         self._table = dataclasses.replace(places_of(mapped, rows), session_ids=session)
-        self._rows, self._signatures = rows, signatures
-        self._tolerance_m, self._places = tolerance_m, places
-        self._searched, self._verifier = SearchedMap(), Verifier(signatures)
-        self._searched.load(self._table, MODEL)
+        self._rows, self._signatures, self._tolerance_m = rows, signatures, tolerance_m
+        self._search = AlignedSearch(self._table, signatures, places, tolerance_m)
 
     def answers(self, query: EmbeddedDrive, rows: NDArray[np.intp]) -> AlignedAnswers:
         """The answers to (Q,) scans of a drive."""
-        shape = len(rows), self._places
-        nearest, scores, elsewhere = np.empty(shape, np.int64), np.full(shape, np.nan), np.zeros(shape)
+        drive = query.drive
+        found = [
+            self._search.nearest(
+                int(drive.stamps_ns[row]),
+                query.means[row],
+                float(query.uncertainties[row]),
+                self._signatures.of(drive, row),
+            )
+            for row in rows.tolist()
+        ]
+        truth = drive.poses[rows]
+        judged = self._search.judged(found, truth[:, :2])
+        shape = judged.scores.shape
         poses, covariances = np.full((*shape, 3), np.nan), np.full((*shape, 3, 3), np.nan)
-        evidence: list[Evidence] = []
-        for number, row in enumerate(rows.tolist()):
-            candidates, of_each = self._answer(query, row, self._signatures.of(query.drive, row))
-            evidence += of_each
-            elsewhere[number] = scores_elsewhere(candidates)
-            for place, candidate in enumerate(candidates):
-                nearest[number, place] = candidate.place_id
-                if found := candidate.alignment:
-                    scores[number, place] = found.score
-                    poses[number, place], covariances[number, place] = found.pose, found.covariance
-        truth = query.drive.poses[rows]
+        for place in itertools.product(*map(range, shape)):
+            if alignment := found[place[0]][place[1]][0].alignment:
+                poses[place], covariances[place] = alignment.pose, alignment.covariance
+        nearest = judged.evidence.nearest.reshape(shape)
         positions_m, yaws_rad = self._table.positions_m[:, :2], self._table.yaws_rad
         truths = _relative(positions_m[nearest], yaws_rad[nearest], truth)
         errors = poses - truths
         errors[..., 2] = wrap_angle(errors[..., 2])
         away_m = np.hypot(*(positions_m[None] - truth[:, None, :2]).transpose(2, 0, 1))
         return AlignedAnswers(
-            _table_of(evidence, nearest),
-            scores,
-            elsewhere,
+            judged.evidence,
+            judged.scores,
+            judged.elsewhere,
             errors,
             covariances,
             truths,
             np.take_along_axis(away_m, nearest, axis=1),
             away_m.min(axis=1) <= self._tolerance_m,
-            query.drive.kinds[rows],
+            drive.kinds[rows],
             rows.astype(np.int64),
             self._rows[nearest].astype(np.int64),
         )
-
-    def _answer(self, query: EmbeddedDrive, row: int, signature: bytes) -> tuple[list[Candidate], list[Evidence]]:
-        mean, uncertainty = query.means[row], query.uncertainties[row]
-        variance = np.full(len(mean), uncertainty, np.float32)
-        scan = Embedding(int(query.drive.stamps_ns[row]), mean, variance, MODEL, signature)
-        search = self._searched.around(scan)
-        candidates = search.nearest(self._places)
-        scans = [search.scan_of(candidate) for candidate in candidates]
-        found = self._verifier.align(signature, scans)
-        aligned = [dataclasses.replace(c, alignment=found.get(s)) for c, s in zip(candidates, scans, strict=True)]
-        return aligned, [search.evidence(candidate, self._tolerance_m) for candidate in candidates]
 
 
 def _relative(
@@ -256,13 +190,6 @@ def _relative(
     return np.stack([cos * x_m + sin * y_m, cos * y_m - sin * x_m, yaw_rad], axis=-1)
 
 
-def _table_of(evidence: Sequence[Evidence], nearest: NDArray[np.int64]) -> EvidenceTable:
-    columns = [
-        np.array([getattr(one, field.name) for one in evidence], np.float64) for field in dataclasses.fields(Evidence)
-    ]
-    return EvidenceTable(nearest.ravel(), *columns)
-
-
 def joined_answers(several: Sequence[AlignedAnswers]) -> AlignedAnswers:
     """The queries of all, one after another; places remain rows of each one's own map."""
     tables = joined_evidence([one.evidence for one in several])
@@ -271,12 +198,3 @@ def joined_answers(several: Sequence[AlignedAnswers]) -> AlignedAnswers:
         for field in dataclasses.fields(AlignedAnswers)[1:]
     ]
     return AlignedAnswers(tables, *rest)
-
-
-def nearest_odds(
-    evidence: EvidenceTable, shape: tuple[int, ...], coefficients: ConfidenceConfig
-) -> NDArray[np.float64]:
-    """(Q, k) float64 log-odds with the distance of each of k places, and all other evidence of the nearest."""
-    columns = [getattr(evidence, field.name).reshape(shape) for field in dataclasses.fields(evidence)[2:]]
-    of_nearest = [np.repeat(column[:, :1], shape[1], axis=1).ravel() for column in columns]
-    return log_odds(EvidenceTable(evidence.nearest, evidence.distance, *of_nearest), coefficients).reshape(shape)

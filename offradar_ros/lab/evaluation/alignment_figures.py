@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros.config import ConfidenceConfig
-from offradar_ros.lab.evaluation.aligned import AlignedAnswers, nearest_odds
+from offradar_ros.lab.evaluation.aligned import AlignedAnswers
 from offradar_ros.lab.evaluation.metrics.accepted_at_precision import accepted_at_precision
 from offradar_ros.lab.evaluation.metrics.auroc import auroc
 from offradar_ros.lab.evaluation.open_set_summary import share
@@ -18,7 +18,6 @@ from offradar_ros.lab.evaluation.results.alignments import (
     PoseFigures,
     RecallAtPrecision,
 )
-from offradar_ros.retrieval.confidence import log_odds, verified
 
 PRECISIONS = (0.99, 0.999)
 """Precisions at which recall is reported."""
@@ -52,14 +51,10 @@ def alignment_figures(
 
 def answer_figures(answers: AlignedAnswers, coefficients: ConfidenceConfig, tolerance_m: float) -> AnswerFigures:
     """What at least one query is answered, by distance alone and with alignments."""
-    shape, every = answers.scores.shape, np.arange(len(answers))
-    right, on_map = answers.away_m <= tolerance_m, answers.on_map
-    odds = log_odds(answers.evidence, coefficients).reshape(shape)
-    by_distance = nearest_odds(answers.evidence, shape, coefficients)
-    first = np.argmax(verified(by_distance, answers.scores, answers.elsewhere, coefficients), axis=1)
-    before, after = right[:, 0], right[every, first]
-    together = verified(odds, answers.scores, answers.elsewhere, coefficients)
-    chosen, scores = together[every, first], answers.scores[every, first]
+    judged, on_map = answers.judged(tolerance_m), answers.on_map
+    by_distance, first = judged.by_distance(coefficients)[:, 0], judged.firsts(coefficients)
+    before, after = judged.right[:, 0], first.right
+    scores = answers.scores[np.arange(len(answers)), first.columns]
     scored = np.isfinite(scores)
 
     def recall(confidences: NDArray[np.float64], correct: NDArray[np.bool_], precision: float) -> float:
@@ -68,17 +63,19 @@ def answer_figures(answers: AlignedAnswers, coefficients: ConfidenceConfig, tole
     return AnswerFigures(
         queries=len(answers),
         on_map=int(on_map.sum()),
-        places=shape[1],
+        places=answers.scores.shape[1],
         recall_at_1_by_distance=share(before[on_map]),
         recall_at_1_aligned=share(after[on_map]),
-        recall_at_k=share(np.any(right[on_map], axis=1)),
+        recall_at_k=share(np.any(judged.right[on_map], axis=1)),
         at_precision=tuple(
-            RecallAtPrecision(precision, recall(odds[:, 0], before, precision), recall(chosen, after, precision))
+            RecallAtPrecision(
+                precision, recall(by_distance, before, precision), recall(first.log_odds, after, precision)
+            )
             for precision in PRECISIONS
         ),
         auroc_score=auroc(scores[scored], after[scored]),
-        auroc_p_by_distance=auroc(odds[:, 0], before),
-        auroc_p_aligned=auroc(chosen, after),
+        auroc_p_by_distance=auroc(by_distance, before),
+        auroc_p_aligned=auroc(first.log_odds, after),
     )
 
 

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from offradar_ros.calibration.drive_signatures import DriveSignatures
 from offradar_ros.lab.drives.drive import Drive
-from offradar_ros.lab.evaluation.aligned import AlignedAnswers, AlignedMap, DriveSignatures, drawn_rows
+from offradar_ros.lab.evaluation.aligned import AlignedAnswers, AlignedMap, drawn_rows
 from offradar_ros.lab.evaluation.answers import Pair, map_rows
 from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive, cached_embeddings
 from offradar_ros.lab.evaluation.left_out import maps_of, rows_in_map, stretch_m

@@ -11,19 +11,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros.bounded_input import parse_yaml
+from offradar_ros.calibration.aligned_places import AlignedPlaces, joined_places
 from offradar_ros.calibration.confidence_fit import fit_confidence, fit_verified, scales_of
 from offradar_ros.calibration.open_set import joined_evidence
 from offradar_ros.config import ConfidenceConfig
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.errors import ConfigError
-from offradar_ros.lab.evaluation.aligned import AlignedAnswers, answers_of_worlds, joined_answers, nearest_odds
+from offradar_ros.lab.evaluation.aligned import answers_of_worlds
 from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive
 from offradar_ros.lab.evaluation.evaluate import Options, open_worlds
 from offradar_ros.lab.evaluation.methods import open_method
 from offradar_ros.lab.evaluation.open_set import OpenSet, open_sets, other_roads
 from offradar_ros.lab.evaluation.protocol import VALIDATION, Protocol
 from offradar_ros.lab.evaluation.runner import embedded_worlds
-from offradar_ros.retrieval.confidence import log_odds, terms_of
+from offradar_ros.retrieval.confidence import terms_of
 from offradar_ros.retrieval.evidence import EvidenceTable
 from offradar_ros.whole_file import write_whole_file
 from offradar_ros.yaml_digest import digest_line
@@ -116,21 +117,14 @@ def fit_alignments(
     `queries` of each drive, drawn by the seed of the protocol, are aligned with the nearest `places` of each map.
     """
     _, worlds = embed(protocol, method, options)
-    made: list[AlignedAnswers] = []
+    made: list[AlignedPlaces] = []
     with options.bar('aligning') as progress:
         for number, drives in enumerate(worlds.values()):
-            made += answers_of_worlds([drives], protocol, protocol.map_spacings_m, places=places, queries=queries)
+            found_here = answers_of_worlds([drives], protocol, protocol.map_spacings_m, places=places, queries=queries)
+            made += [answers.judged(protocol.tolerance_m) for answers in found_here]
             progress(number + 1, len(worlds))
-    answers = joined_answers(made)
-    kept = np.isfinite(answers.scores).all(axis=1)
-    shape = answers.scores.shape
-    odds = log_odds(answers.evidence, found).reshape(shape)
-    by_distance = nearest_odds(answers.evidence, shape, found)
     weights = np.concatenate([np.full(len(one), 1.0 / len(one)) for one in made])
-    right = answers.away_m <= protocol.tolerance_m
-    return fit_verified(
-        odds[kept], answers.scores[kept], answers.elsewhere[kept], right[kept], by_distance[kept], weights[kept], found
-    )
+    return fit_verified(joined_places(made), weights, found)
 
 
 def write_confidence(path: Path, found: ConfidenceConfig, comment: str) -> None:
