@@ -465,7 +465,7 @@ class QueryConfig:
         5, 'nearest places that a scan is aligned with', minimum=1, maximum=100, read_only=False
     )
     min_pose_score: float = parameter(
-        0.4,
+        0.3,
         'where the scan and that of the place agree with a lower score, match_pose has no heading and the position of '
         'the place: the pose of the alignment may be wrong altogether; 0 takes every pose',
         minimum=0.0,

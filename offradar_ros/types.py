@@ -161,8 +161,8 @@ class Alignment:
             vehicle in the frame of the place's vehicle, each at its stamp.
         covariance: (3, 3) float64 of the pose in m², m·rad and rad². It holds for right alignments; which are wrong is
             for the score to say.
-        score: correlation of the two scans there, over the edges of the query, −1 to 1. Where they do not agree at all,
-            0 or less, the pose is that of the place, and the covariance that of no knowledge.
+        score: mean correlation of the two scans there, over the edges in each patch of the query, −1 to 1. Where they
+            do not agree at all, 0 or less, the pose is that of the place, and the covariance that of no knowledge.
     """
 
     pose: NDArray[np.float64]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros.alignment.coarse import REACH_M, Spectra, rough_poses, spectra
-from offradar_ros.alignment.refine import edges, refine, surface
+from offradar_ros.alignment.refine import agreement, edges, refine, surface
 from offradar_ros.alignment.signature import Signature
 from offradar_ros.alignment.top_down import TopDown, half, top_down
 from offradar_ros.alignment.twist import STANDING, Twist
@@ -129,16 +129,19 @@ def _refined(places: Sequence[PreparedPlace], query: PreparedQuery, starts: Sequ
     """The best pose at each place, of those that are reached from (K, 3) `starts` of each."""
     surfaces = [place.coarse for place, of_place in zip(places, starts, strict=True) for _ in of_place]
     rough = refine(surfaces, query.coarse, np.concatenate(starts), _COARSE_STEPS)
+    fine_surfaces = [place.fine for place, of_place in zip(places, starts, strict=True) for _ in of_place]
+    agreeing = agreement(fine_surfaces, query.fine, rough.poses)
     ends = np.cumsum([len(of_place) for of_place in starts])[:-1]
-    reached = zip(np.split(rough.poses, ends), np.split(rough.correlations, ends), strict=True)
-    best = np.array([poses[np.argmax(correlations)] for poses, correlations in reached])
+    reached = zip(np.split(rough.poses, ends), np.split(agreeing, ends), strict=True)
+    best = np.array([poses[np.argmax(scores)] for poses, scores in reached])
     fine = refine([place.fine for place in places], query.fine, best, _FINE_STEPS)
     spreads = [
         _covariance(pose, covariance, place.seen_share * query.seen_share)
         for place, pose, covariance in zip(places, fine.poses, fine.covariances, strict=True)
     ]
     spreads = _widened(places, query, fine.poses, spreads)
-    return [_alignment(*one) for one in zip(fine.poses, fine.correlations.tolist(), spreads, strict=True)]
+    scores = agreement([place.fine for place in places], query.fine, fine.poses)
+    return [_alignment(*one) for one in zip(fine.poses, scores.tolist(), spreads, strict=True)]
 
 
 def _covariance(pose: Array, covariance: Array, seen_share: float) -> Array:

@@ -30,23 +30,33 @@ _OUTLYING = 3.0
 """Standard deviations at which a pixel counts half."""
 _LEAST_COSINE, _LEAST_POWER = 0.1, 1e-6
 _REGULAR = 1e-6 * np.eye(4)
+_SECTORS, _RINGS_M = 12, (14.0, 26.0, 44.0)
+"""Patches of the query: sectors between its ranges. Nearly as many pixels lie in each ring."""
+_FEWEST = 20
+"""Pixels of a patch from which on its correlation counts."""
+_CONVINCING_PATCHES = 2.0
+"""Patches whose mean correlation counts half."""
+_FLAT = 1e-3
+"""Variance of a patch without structure, in squared levels."""
 _UNSEEN = -1e6
 """Stands for no value: values are not negative, and no mean of this and a few of them is either."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
 class Edges:
-    """The pixels of a query where its image changes most.
+    """The pixels of a query where its image changes most, patch by patch.
 
     Attributes:
         points_m: (3, N) float32, x, y and 1.
         terms: (5, N) float32: 1, derivatives of the value as the query moves along x and y and turns, and the value.
         products: (25, N) float32, of each two terms.
+        starts: (B,) int64, the first pixel of each patch that has any.
     """
 
     points_m: Image
     terms: Image
     products: Image
+    starts: NDArray[np.int64]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -88,11 +98,22 @@ def edges(view: TopDown, most: int) -> Edges:
         chosen = chosen[np.argpartition(-slope[chosen], most)[:most]]
     middle_m = across_m(view.side, view.cell_m)
     y_m, x_m = middle_m[chosen // view.side], middle_m[chosen % view.side]
+    patch = _patch_of(x_m, y_m)
+    order = np.argsort(patch, kind='stable')
+    chosen, x_m, y_m = chosen[order], x_m[order], y_m[order]
+    starts = np.flatnonzero(np.diff(patch[order], prepend=-1))
     value, dx, dy = (image.ravel()[chosen] for image in (view.image, dx, dy))
     ones = np.ones_like(value)
     terms = np.stack([ones, dx, dy, dy * x_m - dx * y_m, value])
     products = (terms[:, None, :] * terms[None, :, :]).reshape(25, -1)
-    return Edges(np.stack([x_m, y_m, ones]), terms, products)
+    return Edges(np.stack([x_m, y_m, ones]), terms, products, starts)
+
+
+def _patch_of(x_m: Image, y_m: Image) -> NDArray[np.int64]:
+    """(N,) int64 number of the patch of each of (N,) points, 0 or more."""
+    sector = np.floor((np.arctan2(y_m, x_m) / (2.0 * np.pi) + 0.5) * _SECTORS).astype(np.int64) % _SECTORS
+    ring = np.digitize(np.hypot(x_m, y_m), _RINGS_M)
+    return np.asarray(sector * (len(_RINGS_M) + 1) + ring, np.int64)
 
 
 def surface(view: TopDown) -> Surface:
@@ -116,6 +137,29 @@ def refine(places: Sequence[Surface], query: Edges, poses: Array, most_steps: in
             before[moving] = after
     covariances = np.asarray(np.linalg.inv(found.information), np.float64)
     return Refined(poses, found.correlations, covariances[:, 1:, 1:])
+
+
+def agreement(places: Sequence[Surface], query: Edges, poses: Array) -> Array:
+    """(K,) how well the scans agree at (K, 3) poses, −1 to 1: the mean of the correlations in each patch of the query.
+
+    One strong return, or a row of walls, makes scans of different places correlate as a whole. In most patches at once
+    only scans of one place do. A mean of few patches is drawn to 0.
+    """
+    if not query.terms.size:
+        return np.zeros(len(poses))
+    value, both = _sampled(places, query.points_m, poses)
+    own = query.terms[4]
+    seen = both * own
+    sums = (
+        np.add.reduceat(of, query.starts, axis=1) for of in (both, seen, value, seen * own, value * value, value * own)
+    )
+    count, t, i, tt, ii, ti = sums
+    pixels = np.maximum(count, 1.0)
+    tt, ii, ti = (tt - t * t / pixels) / pixels, (ii - i * i / pixels) / pixels, (ti - t * i / pixels) / pixels
+    counted = (count >= _FEWEST).astype(np.float64)
+    correlations = counted * ti / np.sqrt(np.maximum(tt, _FLAT) * np.maximum(ii, _FLAT))
+    found: Array = correlations.sum(axis=1) / (counted.sum(axis=1) + _CONVINCING_PATCHES)
+    return found
 
 
 class _Compared(NamedTuple):

@@ -15,7 +15,7 @@ from offradar_ros.types import Alignment
 LONGEST_S = 1.0
 """The velocity may change too much in a longer time between two scans; it is held for as long, too."""
 _SHORTEST_S = 0.05
-_AGREEING = 0.3
+_AGREEING = 0.2
 """Score below which two scans do not agree where the vehicle was expected, and it is looked for everywhere."""
 _MOST_BENT_M = 0.25
 """Error of a velocity, as metres over half a turn, above which it is not used: it would bend the scan anew."""

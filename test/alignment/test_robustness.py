@@ -21,7 +21,7 @@ from offradar_ros.types import Alignment, PolarScan
 
 PLANE = make_plane(1)
 MAKE = SignatureMaker()
-LEAST_SCORE = 0.4
+LEAST_SCORE = 0.3
 """Right alignments of these scans reach more, ..."""
 MOST_SCORE = 0.3
 """... and what shows nothing of the place less."""
