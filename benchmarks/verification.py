@@ -64,6 +64,8 @@ def shown_answers(figures: AnswerFigures) -> dict[str, float]:
         'Recall@1 by distance': figures.recall_at_1_by_distance,
         'Recall@1 aligned': figures.recall_at_1_aligned,
         f'Recall@{figures.places}': figures.recall_at_k,
+        'Recall@10': figures.recall_at_10,
+        'of what Recall@10 leaves open, closed': figures.closed,
     }
     for at in figures.at_precision:
         shown[f'recall at {at.precision:g} by distance'] = at.by_distance

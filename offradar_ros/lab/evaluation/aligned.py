@@ -29,6 +29,8 @@ from offradar_ros.retrieval.verification import Verifier
 from offradar_ros.types import Candidate, Embedding, Evidence, ScanKey
 
 MODEL = 'evaluated'
+SEARCHED = 10
+"""Places of which the nearest few are aligned, and all count in Recall@10."""
 SCANS_BEFORE = 3
 """Scans from which the velocity at a scan is found: three give two estimates that can agree, or one that is held."""
 
@@ -47,6 +49,7 @@ class AlignedAnswers:
             heading is unknown.
         away_m: (Q, k) float64, from the query to each place on the ground.
         on_map: (Q,) whether any place is within the tolerance of the query.
+        in_ten: (Q,) whether any of the ten nearest places is, by distance in embedding space; more if k is more.
         kinds: (Q,) text, how the scan is degraded; empty for a clean one.
         query_rows: (Q,) int64, rows of the scans in their drive.
         place_rows: (Q, k) int64, rows of the scans of the places in theirs.
@@ -60,6 +63,7 @@ class AlignedAnswers:
     truths: NDArray[np.float64]
     away_m: NDArray[np.float64]
     on_map: NDArray[np.bool_]
+    in_ten: NDArray[np.bool_]
     kinds: NDArray[np.str_]
     query_rows: NDArray[np.int64]
     place_rows: NDArray[np.int64]
@@ -205,8 +209,10 @@ class AlignedMap:
         nearest, scores, elsewhere = np.empty(shape, np.int64), np.full(shape, np.nan), np.zeros(shape)
         poses, covariances = np.full((*shape, 3), np.nan), np.full((*shape, 3, 3), np.nan)
         evidence: list[Evidence] = []
+        ten: list[list[int]] = []
         for number, row in enumerate(rows.tolist()):
-            candidates, of_each = self._answer(query, row, self._signatures.of(query.drive, row))
+            candidates, farther, of_each = self._answer(query, row, self._signatures.of(query.drive, row))
+            ten.append([candidate.place_id for candidate in (*candidates, *farther)])
             evidence += of_each
             elsewhere[number] = scores_elsewhere(candidates)
             for place, candidate in enumerate(candidates):
@@ -229,21 +235,26 @@ class AlignedMap:
             truths,
             np.take_along_axis(away_m, nearest, axis=1),
             away_m.min(axis=1) <= self._tolerance_m,
+            np.take_along_axis(away_m, np.array(ten), axis=1).min(axis=1) <= self._tolerance_m,
             query.drive.kinds[rows],
             rows.astype(np.int64),
             self._rows[nearest].astype(np.int64),
         )
 
-    def _answer(self, query: EmbeddedDrive, row: int, signature: bytes) -> tuple[list[Candidate], list[Evidence]]:
+    def _answer(
+        self, query: EmbeddedDrive, row: int, signature: bytes
+    ) -> tuple[list[Candidate], tuple[Candidate, ...], list[Evidence]]:
+        """The places that are aligned, farther ones of the ten nearest, and the evidence for each of the first."""
         mean, uncertainty = query.means[row], query.uncertainties[row]
         variance = np.full(len(mean), uncertainty, np.float32)
         scan = Embedding(int(query.drive.stamps_ns[row]), mean, variance, MODEL, signature)
         search = self._searched.around(scan)
-        candidates = search.nearest(self._places)
+        found_near = search.nearest(max(self._places, SEARCHED))
+        candidates, farther = found_near[: self._places], found_near[self._places :]
         scans = [search.scan_of(candidate) for candidate in candidates]
         found = self._verifier.align(signature, scans)
         aligned = [dataclasses.replace(c, alignment=found.get(s)) for c, s in zip(candidates, scans, strict=True)]
-        return aligned, [search.evidence(candidate, self._tolerance_m) for candidate in candidates]
+        return aligned, farther, [search.evidence(candidate, self._tolerance_m) for candidate in candidates]
 
 
 def _relative(

@@ -72,6 +72,7 @@ def answer_figures(answers: AlignedAnswers, coefficients: ConfidenceConfig, tole
         recall_at_1_by_distance=share(before[on_map]),
         recall_at_1_aligned=share(after[on_map]),
         recall_at_k=share(np.any(right[on_map], axis=1)),
+        recall_at_10=share(answers.in_ten[on_map]),
         at_precision=tuple(
             RecallAtPrecision(precision, recall(odds[:, 0], before, precision), recall(chosen, after, precision))
             for precision in PRECISIONS
