@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,36 +51,58 @@ def alignment_figures(
     )
 
 
-def answer_figures(answers: AlignedAnswers, coefficients: ConfidenceConfig, tolerance_m: float) -> AnswerFigures:
-    """What at least one query is answered, by distance alone and with alignments."""
+class FirstPlaces(NamedTuple):
+    """The first place of each of Q queries, in one way of ordering places.
+
+    Attributes:
+        log_odds: (Q,) float64, that it is right.
+        right: (Q,) whether it is.
+        scores: (Q,) float64 of its alignment; NaN for none.
+    """
+
+    log_odds: NDArray[np.float64]
+    right: NDArray[np.bool_]
+    scores: NDArray[np.float64]
+
+
+def first_places(
+    answers: AlignedAnswers, coefficients: ConfidenceConfig, tolerance_m: float
+) -> tuple[FirstPlaces, FirstPlaces]:
+    """The answers by distance alone, and with alignments."""
     shape, every = answers.scores.shape, np.arange(len(answers))
-    right, on_map = answers.away_m <= tolerance_m, answers.on_map
+    right = answers.away_m <= tolerance_m
     odds = log_odds(answers.evidence, coefficients).reshape(shape)
     by_distance = nearest_odds(answers.evidence, shape, coefficients)
     first = np.argmax(verified(by_distance, answers.scores, answers.elsewhere, coefficients), axis=1)
-    before, after = right[:, 0], right[every, first]
     together = verified(odds, answers.scores, answers.elsewhere, coefficients)
-    chosen, scores = together[every, first], answers.scores[every, first]
-    scored = np.isfinite(scores)
+    aligned = FirstPlaces(together[every, first], right[every, first], answers.scores[every, first])
+    return FirstPlaces(odds[:, 0], right[:, 0], answers.scores[:, 0]), aligned
 
-    def recall(confidences: NDArray[np.float64], correct: NDArray[np.bool_], precision: float) -> float:
-        return share((accepted_at_precision(confidences, correct, precision) & correct)[on_map])
+
+def answer_figures(answers: AlignedAnswers, coefficients: ConfidenceConfig, tolerance_m: float) -> AnswerFigures:
+    """What at least one query is answered, by distance alone and with alignments."""
+    right, on_map = answers.away_m <= tolerance_m, answers.on_map
+    before, after = first_places(answers, coefficients, tolerance_m)
+    scored = np.isfinite(after.scores)
+
+    def recall(found: FirstPlaces, precision: float) -> float:
+        return share((accepted_at_precision(found.log_odds, found.right, precision) & found.right)[on_map])
 
     return AnswerFigures(
         queries=len(answers),
         on_map=int(on_map.sum()),
-        places=shape[1],
-        recall_at_1_by_distance=share(before[on_map]),
-        recall_at_1_aligned=share(after[on_map]),
+        places=right.shape[1],
+        recall_at_1_by_distance=share(before.right[on_map]),
+        recall_at_1_aligned=share(after.right[on_map]),
         recall_at_k=share(np.any(right[on_map], axis=1)),
         recall_at_10=share(answers.in_ten[on_map]),
         at_precision=tuple(
-            RecallAtPrecision(precision, recall(odds[:, 0], before, precision), recall(chosen, after, precision))
+            RecallAtPrecision(precision, recall(before, precision), recall(after, precision))
             for precision in PRECISIONS
         ),
-        auroc_score=auroc(scores[scored], after[scored]),
-        auroc_p_by_distance=auroc(odds[:, 0], before),
-        auroc_p_aligned=auroc(chosen, after),
+        auroc_score=auroc(after.scores[scored], after.right[scored]),
+        auroc_p_by_distance=auroc(before.log_odds, before.right),
+        auroc_p_aligned=auroc(after.log_odds, after.right),
     )
 
 

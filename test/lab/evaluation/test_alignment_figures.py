@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from offradar_ros.config import ConfidenceConfig
 from offradar_ros.lab.evaluation.aligned import AlignedAnswers
-from offradar_ros.lab.evaluation.alignment_figures import alignment_figures, answer_figures, pose_figures
+from offradar_ros.lab.evaluation.alignment_figures import alignment_figures, answer_figures, first_places, pose_figures
 from offradar_ros.retrieval.evidence import EvidenceTable
 
 QUERIES, PLACES, TOLERANCE_M = 300, 3, 25.0
@@ -106,6 +106,17 @@ def test_answers_against_a_loop(answers: AlignedAnswers) -> None:
     for at in figures.at_precision:
         for share, several in ((at.by_distance, plain), (at.aligned, aligned)):
             assert share == pytest.approx(recall_at(several, at.precision) / len(on_map))
+
+
+def test_first_places_are_those_of_the_figures(answers: AlignedAnswers) -> None:
+    before, after = first_places(answers, COEFFICIENTS, TOLERANCE_M)
+    for query in range(QUERIES):
+        odds = [odds_of(answers, query, place) for place in range(PLACES)]
+        best = max(range(PLACES), key=lambda place: odds[place][1])
+        for found, place, expected in ((before, 0, odds[0][0]), (after, best, odds[best][1])):
+            assert found.log_odds[query] == pytest.approx(expected)
+            assert found.right[query] == (answers.away_m[query, place] <= TOLERANCE_M)
+            assert found.scores[query] == pytest.approx(answers.scores[query, place], nan_ok=True)
 
 
 def auroc(several: list[tuple[float, bool]]) -> float:
