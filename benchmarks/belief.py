@@ -131,6 +131,7 @@ def _answering(
         np.arange(count),
         np.column_stack([positions_m, np.zeros(count)]),
         np.zeros(count),
+        np.full(count, np.nan, np.float32),
         np.ones(count, np.float32),
         means,
     )

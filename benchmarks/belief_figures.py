@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from offradar_ros.types import LocalisationState
+from offradar_ros.types import Localisation, LocalisationState
 
 TOLERANCE_M = 25.0
 """The vehicle is at a place if it is nearer to it than this."""
 RIGHT_WITHIN_M = 10.0
 """A vehicle this near to a place is on the map."""
+HELD_95 = -2.0 * math.log(0.05)
+"""Squared errors, in units of their covariance, up to this are in the 95 % ellipse: χ² of two dimensions."""
 LIMIT, GRACE_M = 5, 50.0
 """The targets: scans to ``on_map`` from a cold start, and distance within which a change is noticed."""
 
@@ -25,15 +28,24 @@ class Seen:
 
     Attributes:
         state: what the filter decided.
-        error_m: distance from the vehicle to the best place.
+        error_m: distance from the vehicle to the position, or to the best place.
         nearest_m: distance from the vehicle to the nearest place of the map.
         usable: whether the scan had evidence.
+        squared: the error of the position squared, in units of its covariance.
     """
 
     state: LocalisationState
     error_m: float
     nearest_m: float
     usable: bool
+    squared: float = math.nan
+
+    @classmethod
+    def of(cls, found: Localisation, truth_m: NDArray[np.float64], nearest_m: float, usable: bool) -> Seen:
+        """A scan at (2,) `truth_m` in the ``map`` frame."""
+        error_m = found.position_m - truth_m
+        squared = float(error_m @ np.linalg.solve(found.covariance_m2, error_m))
+        return cls(found.state, float(np.hypot(*error_m)), nearest_m, usable, squared)
 
     def wrong(self) -> bool:
         """``on_map`` at another place, or ``off_map`` where a place is right."""
@@ -75,6 +87,17 @@ def state_figures(drives: Sequence[Sequence[Seen]], step_m: float) -> dict[str, 
         'most m': max(leavings_m, default=np.nan),
         'on_map where mapped': float(np.mean(states[inside] == 'on_map')),
         'off_map where not': float(np.mean(states[outside] == 'off_map')),
+    }
+
+
+def position_figures(drives: Sequence[Sequence[Seen]]) -> dict[str, float]:
+    """Errors of the position while the state is rightly ``on_map``, and whether their covariance is true."""
+    right = [scan for seen in drives for scan in seen if scan.state is LocalisationState.ON_MAP and not scan.wrong()]
+    errors_m, squared = np.array([(scan.error_m, scan.squared) for scan in right]).T
+    return {
+        'error on the map, median m': float(np.median(errors_m)),
+        '90 % m': float(np.quantile(errors_m, 0.9)),
+        'in the 95 % ellipse': float(np.mean(squared <= HELD_95)),
     }
 
 

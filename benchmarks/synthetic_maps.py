@@ -39,6 +39,7 @@ def synthetic_table(places: int, seed: int) -> PlaceTable:
         stamps_ns=ids + 1,
         positions_m=positions_m,
         yaws_rad=np.full(places, np.nan),
+        yaw_sds_rad=np.full(places, np.nan, np.float32),
         uncertainties=np.ones(places, np.float32),
         means=unit_means(places, seed),
     )

@@ -8,20 +8,22 @@ from pathlib import Path
 from embedded_worlds import options_of, worlds_parser
 from measuring import rounded
 
+from offradar_ros.calibration.probability_scores import expected_calibration_error
 from offradar_ros.config import ConfidenceConfig, QueryConfig
-from offradar_ros.lab.evaluation.aligned import answers_of_worlds, joined_answers
-from offradar_ros.lab.evaluation.alignment_figures import NEAR_M, alignment_figures
+from offradar_ros.lab.evaluation.aligned import AlignedAnswers, answers_of_worlds, joined_answers
+from offradar_ros.lab.evaluation.alignment_figures import NEAR_M, alignment_figures, first_places
 from offradar_ros.lab.evaluation.confidence import embed
+from offradar_ros.lab.evaluation.open_set_summary import gate_figures
 from offradar_ros.lab.evaluation.protocol_file import read_protocol
 from offradar_ros.lab.evaluation.results.alignments import AlignmentFigures, AnswerFigures
 from offradar_ros.records import read_record
-from offradar_ros.retrieval.confidence import confidence_for
+from offradar_ros.retrieval.confidence import confidence_for, logistic
 
 PLACES = QueryConfig().verify_candidates
 
 
 def main() -> None:
-    """Print a table of answers and one of poses, for each group of the protocol and kind of map."""
+    """Print tables of answers, of the gate, and of poses, for each group of the protocol and kind of map."""
     parser = worlds_parser(__doc__)
     parser.add_argument('--confidence', type=Path, help='coefficients, instead of those that ship')
     parser.add_argument('--queries', type=int, default=24, help='scans of each drive that are searched in each map')
@@ -37,6 +39,7 @@ def main() -> None:
     if coefficients is None:
         raise SystemExit(f'no coefficients for {arguments.method}: --confidence FILE')
     answers: dict[str, dict[str, float]] = {}
+    gates: dict[str, dict[str, float]] = {}
     poses: dict[str, dict[str, float]] = {}
     for group in dict.fromkeys(group for group, _ in worlds):
         for spacing_m in protocol.map_spacings_m:
@@ -44,16 +47,18 @@ def main() -> None:
             made = answers_of_worlds(
                 of_group, protocol, [spacing_m], places=PLACES, queries=arguments.queries, whole=arguments.whole
             )
-            figures = alignment_figures(joined_answers(made), coefficients, protocol.tolerance_m)
+            joined = joined_answers(made)
+            figures = alignment_figures(joined, coefficients, protocol.tolerance_m)
             if figures.answers is None:
                 raise SystemExit(f'the coefficients for {arguments.method} leave alignments out (score is 0)')
             name = f'{group}, a map every {spacing_m:g} m'
             answers[name] = shown_answers(figures.answers)
+            gates[name] = shown_gate(joined, coefficients, protocol.tolerance_m)
             poses |= {f'{name}: {part}': shown for part, shown in shown_poses(figures).items()}
-    for table in (answers, poses):
+    for table in (answers, gates, poses):
         _print(table)
     if arguments.out:
-        arguments.out.write_text(json.dumps({'answers': answers, 'poses': poses}, indent=1) + '\n')
+        arguments.out.write_text(json.dumps({'answers': answers, 'gates': gates, 'poses': poses}, indent=1) + '\n')
 
 
 def shown_answers(figures: AnswerFigures) -> dict[str, float]:
@@ -64,6 +69,8 @@ def shown_answers(figures: AnswerFigures) -> dict[str, float]:
         'Recall@1 by distance': figures.recall_at_1_by_distance,
         'Recall@1 aligned': figures.recall_at_1_aligned,
         f'Recall@{figures.places}': figures.recall_at_k,
+        'Recall@10': figures.recall_at_10,
+        'of what Recall@10 leaves open, closed': figures.closed,
     }
     for at in figures.at_precision:
         shown[f'recall at {at.precision:g} by distance'] = at.by_distance
@@ -71,6 +78,21 @@ def shown_answers(figures: AnswerFigures) -> dict[str, float]:
     shown['AUROC of the score'] = figures.auroc_score
     shown['AUROC of p by distance'] = figures.auroc_p_by_distance
     shown['AUROC of p aligned'] = figures.auroc_p_aligned
+    return shown
+
+
+def shown_gate(answers: AlignedAnswers, coefficients: ConfidenceConfig, tolerance_m: float) -> dict[str, float]:
+    """What the default gate on the probability answers, by the titles of columns, and how well p is calibrated."""
+    least, clean = QueryConfig().min_probability, answers.kinds == ''
+    shown: dict[str, float] = {}
+    for how, found in zip(('by distance', 'aligned'), first_places(answers, coefficients, tolerance_m), strict=True):
+        p_right = logistic(found.log_odds)
+        gate = gate_figures('p_right', least, p_right >= least, found.right, answers.on_map, clean)
+        shown[f'ECE {how}'] = expected_calibration_error(p_right, found.right)
+        shown[f'gate answers on the map, {how}'] = gate.answered_on_map
+        shown[f'of clean scans, {how}'] = gate.answered_on_map_clean
+        shown[f'off the map, {how}'] = gate.answered_off_map
+        shown[f'of its answers wrong, {how}'] = gate.wrong
     return shown
 
 

@@ -280,11 +280,15 @@ def require_next(stamp_ns: int, pose: Pose, last_ns: int | None) -> None:
 
 
 def interpolate(start: Pose, end: Pose, fraction: float) -> Pose:
-    """Pose at `fraction` of the straight line from `start` to `end`; yaw follows the shorter arc."""
+    """Pose at `fraction` of the straight line from `start` to `end`; yaw follows the shorter arc.
+
+    Errors of neighbouring headings are much the same, so that the standard deviation is that of the nearer one.
+    """
     turn = float(wrap_angle(np.asarray(end.yaw_rad - start.yaw_rad)))
     return Pose(
         start.x_m + fraction * (end.x_m - start.x_m),
         start.y_m + fraction * (end.y_m - start.y_m),
         start.z_m + fraction * (end.z_m - start.z_m),
         float(wrap_angle(np.asarray(start.yaw_rad + fraction * turn))),
+        (start if fraction < 0.5 else end).yaw_sd_rad,
     )

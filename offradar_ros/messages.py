@@ -5,6 +5,7 @@ Only attributes are read, so that both give the same record for the same bytes.
 
 from __future__ import annotations
 
+import math
 import struct
 from typing import Any, Protocol
 
@@ -88,10 +89,12 @@ def point_from_fix(message: Any) -> GeoPoint:
 def pose_from_odometry(message: Any) -> Pose:
     """The pose in a nav_msgs/Odometry; RefusedInput('invalid_position') if its position is none.
 
-    The yaw is about z, and NaN where the orientation is none (`yaw_of_quaternion`).
+    The yaw is about z, and NaN where the orientation is none (`yaw_of_quaternion`). Its standard deviation is that of
+    the covariance, at most π, and NaN where that is not given, as zero or negative.
     """
-    position, q = message.pose.pose.position, message.pose.pose.orientation
-    return require_pose(Pose(position.x, position.y, position.z, yaw_of_quaternion(q.x, q.y, q.z, q.w)))
+    position, q, variance = message.pose.pose.position, message.pose.pose.orientation, message.pose.covariance[35]
+    sd_rad = min(math.sqrt(variance), math.pi) if variance > 0.0 else math.nan
+    return require_pose(Pose(position.x, position.y, position.z, yaw_of_quaternion(q.x, q.y, q.z, q.w), sd_rad))
 
 
 def header_stamp_ns(cdr: bytes) -> int:

@@ -54,12 +54,17 @@ class PolarScan:
 
 @dataclasses.dataclass(frozen=True, slots=True)
 class Pose:
-    """A position, and the heading if known, in the ``map`` frame (ENU metres; yaw in radians, NaN when unknown)."""
+    """A position, and the heading if known, in the ``map`` frame (ENU metres; yaw in radians, NaN when unknown).
+
+    `yaw_sd_rad` is the standard deviation of the heading, NaN where that is unknown.
+    """
 
     x_m: float
     y_m: float
     z_m: float = 0.0
     yaw_rad: float = math.nan
+    # Not compared: NaN is unequal to NaN, and two poses are one wherever they point to the same place.
+    yaw_sd_rad: float = dataclasses.field(default=math.nan, compare=False)
 
 
 MAX_SIGNATURE_BYTES = 8192
@@ -119,6 +124,7 @@ class PlaceTable:
         stamps_ns: (N,) int64, stamp of that scan.
         positions_m: (N, 3) float64 in the ``map`` frame.
         yaws_rad: (N,) float64, NaN where unknown.
+        yaw_sds_rad: (N,) float32, standard deviations of the headings, NaN where unknown.
         uncertainties: (N,) float32, U of that scan.
         means: (N, d) float32.
     """
@@ -128,6 +134,7 @@ class PlaceTable:
     stamps_ns: NDArray[np.int64]
     positions_m: NDArray[np.float64]
     yaws_rad: NDArray[np.float64]
+    yaw_sds_rad: NDArray[np.float32]
     uncertainties: NDArray[np.float32]
     means: NDArray[np.float32]
 
@@ -147,6 +154,7 @@ class PlaceTable:
             stamps_ns=np.array([p.stamp_ns for p in places], np.int64),
             positions_m=np.array([(p.pose.x_m, p.pose.y_m, p.pose.z_m) for p in places], np.float64).reshape(-1, 3),
             yaws_rad=np.array([p.pose.yaw_rad for p in places], np.float64),
+            yaw_sds_rad=np.array([p.pose.yaw_sd_rad for p in places], np.float32),
             uncertainties=np.array([p.uncertainty for p in places], np.float32),
             means=np.array([p.mean for p in places], np.float32).reshape(len(places), dimension),
         )

@@ -59,6 +59,7 @@ class EncodedDrive:
             self.stamps_ns[rows],
             np.column_stack([self.poses[rows, :2], np.zeros(count)]),
             self.poses[rows, 2],
+            np.full(count, np.nan, np.float32),
             self.uncertainties[rows].astype(np.float32),
             self.means[rows],
         )

@@ -17,7 +17,8 @@ from offradar_ros.geometry import GeoPoint
 from offradar_ros.mapping.place_check import MAX_COORDINATE_M, MAX_PLACE_ID, MAX_SESSION_ID, place_problem
 from offradar_ros.mapping.place_columns import capacity_for, place_of
 from offradar_ros.mapping.place_rows import (
-    CONTENT_COLUMNS,
+    CONTENTS,
+    content_columns,
     inserted_digests,
     place_digests,
     rows_to_table,
@@ -92,11 +93,12 @@ class MapRows:
         """All places in ascending order of id."""
         found, last_id = RowSum(), -1
         cursor = self.connection.execute(
-            f'SELECT {CONTENT_COLUMNS}, anchor_x_m, anchor_y_m, {self._digest} FROM places ORDER BY place_id'
+            f'SELECT {content_columns(self.version)}, anchor_x_m, anchor_y_m, {self._digest} FROM places '
+            'ORDER BY place_id'
         )
         for rows in _batches(cursor):
             table = rows_to_table(rows, self.dimension)
-            anchors_m = np.array([row[9:11] for row in rows], np.float64)
+            anchors_m = np.array([row[CONTENTS : CONTENTS + 2] for row in rows], np.float64)
             if self.seal:
                 found = self._checked('places', rows, place_digests(table, anchors_m), found)
             self._require_possible(table)
@@ -111,14 +113,17 @@ class MapRows:
         before: dict[int, Before] = {}
         found, last = RowSum(), (-1, -1)
         cursor = self.connection.execute(
-            f'SELECT {CONTENT_COLUMNS}, by_session, existed, {self._digest} FROM undo ORDER BY by_session, place_id'
+            f'SELECT {content_columns(self.version)}, by_session, existed, {self._digest} FROM undo '
+            'ORDER BY by_session, place_id'
         )
         for rows in _batches(cursor):
-            ids, by_sessions = (_whole_numbers([row[column] for row in rows]) for column in (0, 9))
-            if {row[10] for row in rows} - {0, 1} or any(row[1:9] != (None,) * 8 for row in rows if not row[10]):
+            ids, by_sessions = (_whole_numbers([row[column] for row in rows]) for column in (0, CONTENTS))
+            states = [row[CONTENTS + 1] for row in rows]
+            empty = (None,) * (CONTENTS - 1)
+            if set(states) - {0, 1} or any(row[1:CONTENTS] != empty for row in rows if not row[CONTENTS + 1]):
                 raise ValueError('a place from before a session neither existed nor is empty')
-            existed = np.array([row[10] for row in rows], np.bool_)
-            table = rows_to_table([row for row in rows if row[10]], self.dimension)
+            existed = np.array(states, np.bool_)
+            table = rows_to_table([row for row in rows if row[CONTENTS + 1]], self.dimension)
             self._require_possible(table)
             self._require_known_ids(ids)
             self._require_known_sessions(by_sessions)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -34,12 +35,17 @@ def place_problem(table: PlaceTable) -> str | None:
         (f'a stamp outside 0 to {END_NS} ns', _within(table.stamps_ns, 0, END_NS - 1)),
         (f'a position outside ±{MAX_COORDINATE_M:g} m', valid_positions(table.positions_m)),
         (f'a heading outside ±{MAX_YAW_RAD:g} rad', np.isnan(table.yaws_rad) | (np.abs(table.yaws_rad) <= MAX_YAW_RAD)),
+        ('a heading whose standard deviation is outside 0 to π', _possible_sds(table.yaw_sds_rad)),
         ('a U that is not finite or below 0', _within(table.uncertainties, 0.0, float(np.finfo(np.float32).max))),
         (f'a mean that is not finite or beyond ±{MAX_MEAN_VALUE:g}', valid_means(table.means)),
     ):
         if not valid.all():
             return f'place {int(table.place_ids[int(np.argmin(valid))])} has {problem}'
     return None
+
+
+def _possible_sds(sds_rad: NDArray[np.float32]) -> NDArray[np.bool_]:
+    return np.asarray(np.isnan(sds_rad) | _within(sds_rad, 0.0, float(np.float32(math.pi))))
 
 
 def valid_means(means: NDArray[np.float32]) -> NDArray[np.bool_]:

@@ -24,7 +24,7 @@ def place_of(table: PlaceTable, row: int) -> Place:
         place_id=int(table.place_ids[row]),
         session_id=int(table.session_ids[row]),
         stamp_ns=int(table.stamps_ns[row]),
-        pose=Pose(x_m, y_m, z_m, float(table.yaws_rad[row])),
+        pose=Pose(x_m, y_m, z_m, float(table.yaws_rad[row]), float(table.yaw_sds_rad[row])),
         uncertainty=float(table.uncertainties[row]),
         mean=table.means[row].copy(),
     )
@@ -42,6 +42,7 @@ def _allocate(capacity: int, dimension: int) -> PlaceTable:
         stamps_ns=np.empty(capacity, np.int64),
         positions_m=np.empty((capacity, 3), np.float64),
         yaws_rad=np.empty(capacity, np.float64),
+        yaw_sds_rad=np.empty(capacity, np.float32),
         uncertainties=np.empty(capacity, np.float32),
         means=np.empty((capacity, dimension), np.float32),
     )

@@ -1,15 +1,15 @@
 """The tables of a map file: SQLite, one file for each map.
 
 `places` holds the map; `undo` holds, for each place that a session changed, its content before that session (`existed`
-0: the place did not exist). A session in state `running` was saved but not ended. An unknown yaw is NULL. `mean` is d
-little-endian float32. `meta` values are JSON. Each row has a digest of itself; the row `seal` of `meta` counts and sums
-the digests of all others (see `seal`).
+0: the place did not exist). A session in state `running` was saved but not ended. An unknown yaw is NULL, and so is an
+unknown standard deviation of it. `mean` is d little-endian float32. `meta` values are JSON. Each row has a digest of
+itself; the row `seal` of `meta` counts and sums the digests of all others (see `seal`).
 
 `signatures` has those of the scans that `places` and `undo` hold, as far as they have one. Its digest is that of the
 content too, which stands apart, so that all digests can be summed without reading megabytes.
 
-Version 1 had no digests, version 2 no signatures. They are read, and replaced by version 3 when they are opened to be
-written.
+Version 1 had no digests, version 2 no signatures, version 3 no standard deviations of headings. They are read, and
+replaced by version 4 when they are opened to be written.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ import sqlite3
 APPLICATION_ID = 0x4F4D4150
 """`PRAGMA application_id` of a map, ASCII OMAP: it distinguishes a map from other SQLite files."""
 
-VERSION = 3
+VERSION = 4
 """`PRAGMA user_version`. A file of a newer version is refused."""
 
 _CONTENT = """
     session_id INTEGER {null}, stamp_ns INTEGER {null}, x_m REAL {null}, y_m REAL {null}, z_m REAL {null},
-    yaw_rad REAL, uncertainty REAL {null}, mean BLOB {null}
+    yaw_rad REAL, {sd}uncertainty REAL {null}, mean BLOB {null}
 """
 
 _TABLES = """
@@ -53,20 +53,20 @@ CREATE TABLE signature_contents (content_id INTEGER PRIMARY KEY, content BLOB NO
 """
 
 
-def _tables(digest: str, keyed: str) -> str:
-    filled, empty = _CONTENT.format(null='NOT NULL'), _CONTENT.format(null='')
+def _tables(digest: str, keyed: str, sd: str = '') -> str:
+    filled, empty = _CONTENT.format(null='NOT NULL', sd=sd), _CONTENT.format(null='', sd=sd)
     return _TABLES.format(digest=digest, keyed=keyed, filled=filled, empty=empty)
 
 
 # Without row ids there is no index beside these tables that could contradict them.
-_SEALED = _tables(', digest INTEGER NOT NULL', ' WITHOUT ROWID')
+_SEALED = ', digest INTEGER NOT NULL', ' WITHOUT ROWID'
 # Signatures of 2 to 3 kB fill smaller pages badly: the file would be larger by a quarter.
 CREATE = f"""PRAGMA page_size = 16384;
-{_SEALED}{_SIGNATURE_TABLES}
+{_tables(*_SEALED, 'yaw_sd_rad REAL, ')}{_SIGNATURE_TABLES}
 PRAGMA application_id = {APPLICATION_ID};
 PRAGMA user_version = {VERSION};
 """
-OF_VERSION = {1: _tables('', ''), 2: _SEALED, 3: CREATE}
+OF_VERSION = {1: _tables('', ''), 2: _tables(*_SEALED), 3: _tables(*_SEALED) + _SIGNATURE_TABLES, 4: CREATE}
 """The statements that make the tables of each version."""
 
 Objects = frozenset[tuple[object, ...]]

@@ -23,7 +23,8 @@ from offradar_ros.mapping.schema import VERSION
 from offradar_ros.records import structure, to_json
 from offradar_ros.types import ScanKey
 
-SEALED_TABLES = {2: ('meta', 'sessions', 'places', 'undo'), 3: ('meta', 'sessions', 'places', 'undo', 'signatures')}
+_OF_PLACES = ('meta', 'sessions', 'places', 'undo')
+SEALED_TABLES = {2: _OF_PLACES, 3: (*_OF_PLACES, 'signatures'), 4: (*_OF_PLACES, 'signatures')}
 """The tables that are summed, by version of the map."""
 _KEY = 'seal'
 _WRAP = 2**64

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros.mapping.place_columns import take_rows
-from offradar_ros.mapping.place_rows import inserted_digests, place_digests, table_to_rows, undo_digests
+from offradar_ros.mapping.place_rows import CONTENTS, inserted_digests, place_digests, table_to_rows, undo_digests
 from offradar_ros.mapping.seal import RowSum, digest, digests, meta_bytes, session_bytes, signature_bytes
 from offradar_ros.mapping.stored_map import Before, StoredSession
 from offradar_ros.types import PlaceTable, ScanKey
@@ -71,7 +71,7 @@ class SealedRows:
         for part in _parts(len(ids)):
             self._forget_keys('undo', f'by_session = {by_session:d} AND ', ids[part])
         for part in _parts(len(new)):
-            rows = ((by_session, place_id, 0, *(None,) * 8) for place_id in new[part].tolist())
+            rows = ((by_session, place_id, 0, *(None,) * (CONTENTS - 1)) for place_id in new[part].tolist())
             self._insert('undo', rows, inserted_digests(new[part], _repeated(by_session, len(new[part]))))
         for part in _parts(len(old)):
             places = take_rows(old, part)

@@ -70,7 +70,7 @@ class Headings:
         if self._choice == 'source':
             return [(stamp_ns, pose)]
         if self._choice == 'none':
-            return [(stamp_ns, dataclasses.replace(pose, yaw_rad=math.nan))]
+            return [(stamp_ns, dataclasses.replace(pose, yaw_rad=math.nan, yaw_sd_rad=math.nan))]
         if self._is_measured(pose):
             before += self.settle()
             self._course.reset()
@@ -105,7 +105,9 @@ class Headings:
             stamp_ns, pose = self._waiting.popleft()
             if not (self._changes and math.isfinite(pose.yaw_rad)):
                 self._compare(heading.yaw_rad)
-                pose = dataclasses.replace(pose, yaw_rad=heading.yaw_rad)
+                # Half a turn is as uncertain as a heading can be.
+                sd_rad = math.nan if math.isnan(heading.yaw_rad) else min(heading.sd_rad, math.pi)
+                pose = dataclasses.replace(pose, yaw_rad=heading.yaw_rad, yaw_sd_rad=sd_rad)
             found.append((stamp_ns, pose))
         return found
 

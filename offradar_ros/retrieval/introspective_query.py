@@ -24,15 +24,24 @@ from offradar_ros.retrieval.confidence import (
 from offradar_ros.retrieval.rival_alignments import scores_elsewhere
 from offradar_ros.retrieval.searched_map import MapSearch, SearchedMap
 from offradar_ros.retrieval.thresholds import threshold_at
+from offradar_ros.retrieval.vehicle_pose import VehiclePose, vehicle_pose
 from offradar_ros.retrieval.verification import Verifier, ranked, verified_log_odds
 from offradar_ros.types import Candidate, Embedding, Evidence, Match, Outcome, Reason, Rejection
 
 
 class Answer(NamedTuple):
-    """The answer to one scan, and its evidence for a belief over many; None without a map or coefficients."""
+    """The answer to one scan, and its evidence for a belief over many.
+
+    Attributes:
+        outcome: the answer.
+        similar: the places found; None without a map or coefficients.
+        pose: of the vehicle, if it is at the place found; None without `similar`, an alignment with a score of at least
+            `query.min_pose_score`, or a heading of the place.
+    """
 
     outcome: Outcome
     similar: SimilarPlaces | None = None
+    pose: VehiclePose | None = None
 
 
 class IntrospectiveQuery:
@@ -95,7 +104,7 @@ class IntrospectiveQuery:
             candidates = ranked(candidates, evidence, coefficients)
         if candidates[0] is not nearest:
             evidence = search.evidence(candidates[0], tolerance_m)
-        first, by_distance = candidates[0], float(log_odds(evidence, coefficients))
+        first = candidates[0]
         odds = verified_log_odds(evidence, candidates, coefficients)
         p_right = float(logistic(odds))
         if by_probability:
@@ -103,10 +112,13 @@ class IntrospectiveQuery:
         else:
             rejected = self._paper_rule(evidence)
         similar = similar_places(*search.near(first, tolerance_m), evidence, coefficients)
-        # What the alignment tells is told of the place and those around it.
-        similar = similar._replace(log_odds=similar.log_odds + (odds - by_distance))
+        # What the alignment tells is told of the place and those around it, also of one that is nearer by distance: the
+        # answer as a whole is as likely as it is.
+        similar = similar._replace(log_odds=similar.log_odds + (odds - float(similar.log_odds.max())))
         returned = candidates[: self.config.top_k]
-        return Answer(self._decided(embedding, returned, evidence, p_right, rejected), similar)
+        pose = vehicle_pose(first, self.config)
+        outcome = self._decided(embedding, returned, evidence, p_right, rejected)
+        return Answer(outcome, similar, pose if pose.has_heading else None)
 
     @property
     def _verified(self) -> int:

@@ -256,9 +256,13 @@ class PlaceIndex:
             table.uncertainties[rows].tolist(),
             table.positions_m[rows].tolist(),
             table.yaws_rad[rows].tolist(),
+            table.yaw_sds_rad[rows].tolist(),
             strict=True,
         )
-        return [Candidate(place_id, d, u, Pose(x_m, y_m, z_m, yaw)) for place_id, d, u, (x_m, y_m, z_m), yaw in places]
+        return [
+            Candidate(place_id, distance, uncertainty, Pose(x_m, y_m, z_m, yaw_rad, sd_rad))
+            for place_id, distance, uncertainty, (x_m, y_m, z_m), yaw_rad, sd_rad in places
+        ]
 
     @property
     def _rows_at_once(self) -> int:

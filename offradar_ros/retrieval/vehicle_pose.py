@@ -38,8 +38,9 @@ def vehicle_pose(candidate: Candidate, config: QueryConfig) -> VehiclePose:
 
         x = X + R(Ψ) t,   yaw = Ψ + ψ,   Σ = J diag(σ², σ², σ_Ψ²) Jᵀ + G Σ_a Gᵀ
 
-    where J and G are the derivatives by the pose of the place and by the alignment, whose covariance is Σ_a; σ and σ_Ψ
-    are `query.place_sigma_m` and `query.place_sigma_deg`. Without an alignment, or with one whose score is below
+    where J and G are the derivatives by the pose of the place and by the alignment, whose covariance is Σ_a; σ is
+    `query.place_sigma_m`, and σ_Ψ is that of the place's heading, or `query.place_sigma_deg` where the map does not
+    have it. Without an alignment, or with one whose score is below
     `query.min_pose_score`, the vehicle is somewhere near the place: its position, with `query.position_sigma_m`. Where
     the place has no heading, t may point anywhere.
     """
@@ -56,7 +57,8 @@ def vehicle_pose(candidate: Candidate, config: QueryConfig) -> VehiclePose:
     x_m, y_m = cos * forward_m - sin * left_m, sin * forward_m + cos * left_m
     by_place = np.array([[1.0, 0.0, -y_m], [0.0, 1.0, x_m], [0.0, 0.0, 1.0]])
     by_alignment = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    of_place = np.diag([variance, variance, math.radians(config.place_sigma_deg) ** 2])
+    sd_rad = math.radians(config.place_sigma_deg) if math.isnan(place.yaw_sd_rad) else place.yaw_sd_rad
+    of_place = np.diag([variance, variance, sd_rad**2])
     covariance = by_place @ of_place @ by_place.T + by_alignment @ found.covariance @ by_alignment.T
     yaw_rad = math.remainder(place.yaw_rad + turned_rad, 2.0 * math.pi)
     pose = Pose(place.x_m + x_m, place.y_m + y_m, place.z_m, yaw_rad)

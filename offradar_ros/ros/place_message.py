@@ -35,6 +35,10 @@ CHECKSUM = 'signature_checksum'
 """The field that says which signature the scan of a place has."""
 
 
+YAW_SD = 'yaw_sd'
+"""The field of the standard deviations of headings, radians, NaN where unknown."""
+
+
 def descriptors_layout(dimension: int) -> Layout:
     """A place as a point."""
     return np.dtype(
@@ -78,12 +82,15 @@ class PlaceRows:
 def descriptors_message(rows: PlaceRows, stamp_ns: int) -> PointCloud2:
     """Everything that the search needs: position (float64), uncertainty, provenance, embedding[d] and model.
 
-    The fields of signatures and of checksums are there if any of the rows has one.
+    The fields of the standard deviation of headings, of signatures and of checksums are there if any row has one.
     """
     table = rows.table
     layout = descriptors_layout(table.means.shape[1])
+    has_sds = not np.isnan(table.yaw_sds_rad).all()
+    if has_sds:
+        layout = _with(layout, YAW_SD, '<f4')
     if any(rows.checksums):
-        layout = _with_checksum(layout)
+        layout = _with(layout, CHECKSUM, '<u4')
     if any(rows.signatures):
         layout = signed_layout(layout, rows.signatures)
     points = np.empty(len(table), layout)
@@ -95,6 +102,8 @@ def descriptors_message(rows: PlaceRows, stamp_ns: int) -> PointCloud2:
     if len(points):
         points['model'] = np.frombuffer(bytes.fromhex(rows.model), np.uint8)
     points['embedding'] = table.means
+    if has_sds:
+        points[YAW_SD] = table.yaw_sds_rad
     if any(rows.checksums):
         points[CHECKSUM] = rows.checksums
     if any(rows.signatures):
@@ -110,8 +119,10 @@ def descriptors_record(message: PointCloud2, topic: str) -> PlaceRows:
     """
     names = {field.name for field in message.fields[:MAX_FIELDS]}
     layout, max_counts = descriptors_layout(1), {'embedding': MAX_DIMENSION}
+    if YAW_SD in names:
+        layout = _with(layout, YAW_SD, '<f4')
     if CHECKSUM in names:
-        layout = _with_checksum(layout)
+        layout = _with(layout, CHECKSUM, '<u4')
     if SIGNATURE in names:
         layout, max_counts = signed_layout(layout), max_counts | MAX_COUNTS
     points = from_cloud(message, layout, topic, max_counts)
@@ -125,6 +136,7 @@ def descriptors_record(message: PointCloud2, topic: str) -> PlaceRows:
         stamps_ns=points['stamp_sec'].astype(np.int64) * 10**9 + points['stamp_nanosec'],
         positions_m=np.stack([points['x'], points['y'], points['z']], axis=1).astype(np.float64),
         yaws_rad=points['yaw'].astype(np.float64),
+        yaw_sds_rad=points[YAW_SD].astype(np.float32) if YAW_SD in names else np.full(len(points), np.nan, np.float32),
         uncertainties=points['uncertainty'].astype(np.float32),
         means=points['embedding'].astype(np.float32),
     )
@@ -135,8 +147,8 @@ def descriptors_record(message: PointCloud2, topic: str) -> PlaceRows:
     return PlaceRows(table, model, bool(len(points)) and bool(points['committed'][0]), signatures, checksums)
 
 
-def _with_checksum(layout: Layout) -> Layout:
-    return np.dtype([*layout.descr, (CHECKSUM, '<u4')])
+def _with(layout: Layout, name: str, kind: str) -> Layout:
+    return np.dtype([*layout.descr, (name, kind)])
 
 
 def read_the_file_message(stamp_ns: int) -> PointCloud2:

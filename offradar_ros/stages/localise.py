@@ -8,11 +8,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from offradar_ros.belief.aligned_position import with_aligned_position
 from offradar_ros.belief.odometry import Odometry
 from offradar_ros.belief.place_belief import PlaceBelief
 from offradar_ros.belief.place_evidence import log_likelihood_ratios
 from offradar_ros.config import LocalisationConfig
 from offradar_ros.retrieval.confidence import SimilarPlaces
+from offradar_ros.retrieval.vehicle_pose import VehiclePose
 from offradar_ros.types import Localisation, LocalisationState, Pose
 
 
@@ -20,6 +22,7 @@ class _Scan(NamedTuple):
     stamp_ns: int
     similar: SimilarPlaces | None
     travelled_m: float | None
+    pose: VehiclePose | None
 
 
 class Relocalisation(NamedTuple):
@@ -56,8 +59,10 @@ class LocaliseStage:
         """Add a position of the vehicle; RefusedInput unless it is newer than the last one."""
         self._odometry.add(stamp_ns, pose)
 
-    def add_scan(self, stamp_ns: int, similar: SimilarPlaces | None) -> Localisation:
+    def add_scan(self, stamp_ns: int, similar: SimilarPlaces | None, pose: VehiclePose | None = None) -> Localisation:
         """Where the vehicle is after this scan; `similar` is None for a scan that says nothing.
+
+        `pose` is that of the vehicle by an alignment, if it is at the place found; the position uses it if it agrees.
 
         RefusedInput (`repeated_stamp`, `stamp_backwards`): the scan is left out.
         """
@@ -65,7 +70,7 @@ class LocaliseStage:
         travelled_m = None
         if last is not None and last.stamp_ns < stamp_ns:
             travelled_m = self._odometry.driven_m(last.stamp_ns, stamp_ns, self.config.max_speed_mps)
-        scan = _Scan(stamp_ns, similar, travelled_m)
+        scan = _Scan(stamp_ns, similar, travelled_m, pose)
         found = _step(self._belief, scan, self.config.recall)
         if last is not None and stamp_ns < last.stamp_ns:
             self._scans.clear()
@@ -88,7 +93,8 @@ def _step(belief: PlaceBelief, scan: _Scan, recall: float) -> Localisation:
     ratios = None
     if scan.similar is not None:
         ratios = log_likelihood_ratios(scan.similar, belief.place_ids, belief.shares, recall)
-    return belief.step(scan.stamp_ns, ratios, scan.travelled_m)
+    found = belief.step(scan.stamp_ns, ratios, scan.travelled_m)
+    return found if scan.pose is None else with_aligned_position(found, scan.pose)
 
 
 def _told(found: Localisation) -> str:

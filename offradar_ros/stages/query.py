@@ -211,7 +211,7 @@ class QueryStage:
         self._take_map()
         stamp_ns, answer = self._last
         try:
-            return self._localise.add_scan(stamp_ns, answer.similar)
+            return self._localise.add_scan(stamp_ns, answer.similar, answer.pose)
         except RefusedInput:
             if isinstance(answer.outcome, Rejection) and answer.outcome.reason is Reason.INVALID_EMBEDDING:
                 return None

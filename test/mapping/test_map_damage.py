@@ -190,6 +190,8 @@ def test_what_can_differ_is_seen_as_a_difference(sound: Path, tmp_path: Path) ->
         'UPDATE places SET session_id = 2 WHERE place_id = 2',
         'UPDATE places SET uncertainty = 0.75 WHERE place_id = 2',
         'UPDATE places SET yaw_rad = 1.0 WHERE place_id = 2',
+        'UPDATE places SET yaw_sd_rad = 0.5 WHERE place_id = 2',
+        'UPDATE places SET yaw_sd_rad = NULL WHERE yaw_sd_rad IS NOT NULL',
         'UPDATE places SET stamp_ns = stamp_ns + 1 WHERE place_id = 2',
         'UPDATE places SET mean = (SELECT mean FROM places WHERE place_id = 3) WHERE place_id = 2',
         'UPDATE places SET digest = digest + 1 WHERE place_id = 2',

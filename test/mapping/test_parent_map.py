@@ -106,6 +106,7 @@ def table_of(scans: list[Scan], first: int = 0) -> PlaceTable:
         stamps_ns=stamps_ns,
         positions_m=positions_m,
         yaws_rad=np.full(count, 0.1),
+        yaw_sds_rad=np.full(count, 0.02, np.float32),
         uncertainties=np.array([u for u, _, _ in scans], np.float32),
         means=np.repeat(stamps_ns[:, None], DIMENSION, axis=1).astype(np.float32),
     )
@@ -156,7 +157,7 @@ def test_merge_all_equals_merge_of_each_scan(
 
 
 def poses_of(scans: PlaceTable) -> list[Pose]:
-    return [Pose(x, y, z, 0.1) for x, y, z in scans.positions_m.tolist()]
+    return [Pose(x, y, z, 0.1, 0.02) for x, y, z in scans.positions_m.tolist()]
 
 
 def nearest_place(parent: ParentMap, pose: Pose) -> int:

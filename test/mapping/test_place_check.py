@@ -27,6 +27,7 @@ def table() -> PlaceTable:
         stamps_ns=np.array([0, 1, END_NS - 1]),
         positions_m=np.array([[0.0, -MAX_COORDINATE_M, 0.0], [1.0, 2.0, 3.0], [MAX_COORDINATE_M, 0.0, 0.0]]),
         yaws_rad=np.array([math.nan, -2 * math.pi, 40 * math.pi]),
+        yaw_sds_rad=np.array([math.nan, 0.0, math.pi], np.float32),
         uncertainties=np.array([0.0, 1.0, np.finfo(np.float32).max], np.float32),
         means=np.array([[0.0, 1.0], [2.0, 3.0], [-MAX_MEAN_VALUE, 1.0]], np.float32),
     )
@@ -50,6 +51,9 @@ def test_values_at_the_edges_are_valid() -> None:
         ('positions_m', 1.01e8, 'place 7 has a position outside'),
         ('yaws_rad', math.inf, 'place 7 has a heading outside ±1e+06 rad'),
         ('yaws_rad', 1e308, 'place 7 has a heading outside ±1e+06 rad'),
+        ('yaw_sds_rad', -0.01, 'place 7 has a heading whose standard deviation is outside 0 to π'),
+        ('yaw_sds_rad', 3.2, 'place 7 has a heading whose standard deviation is outside 0 to π'),
+        ('yaw_sds_rad', math.inf, 'place 7 has a heading whose standard deviation is outside 0 to π'),
         ('uncertainties', math.nan, 'place 7 has a U that is not finite'),
         ('uncertainties', math.inf, 'place 7 has a U that is not finite'),
         ('uncertainties', -1e-9, 'place 7 has a U that is not finite or below 0'),

@@ -428,7 +428,7 @@ place = st.builds(
     place_id=st.integers(0, 2**62),
     session_id=st.integers(0, 2**31 - 1),
     stamp_ns=st.integers(0, 2**62),
-    pose=st.builds(Pose, finite, finite, finite, st.floats(-3.0, 3.0) | st.just(float('nan'))),
+    pose=st.builds(Pose, finite, finite, finite, *[st.floats(-3.0, 3.0) | st.just(float('nan'))] * 2),
     uncertainty=st.floats(0.0, 1e6, width=32),
     mean=st.lists(st.floats(-1e6, 1e6, width=32), min_size=3, max_size=3).map(lambda v: np.array(v, np.float32)),
 )
@@ -439,6 +439,6 @@ place = st.builds(
 def test_rows_round_trip_through_sqlite(places: list[Place]) -> None:
     table = PlaceTable.from_places(places, 3)
     connection = sqlite3.connect(':memory:')
-    connection.execute('CREATE TABLE t (a, b, c, d REAL, e REAL, f REAL, g REAL, h REAL, i BLOB)')
-    connection.executemany('INSERT INTO t VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?)', table_to_rows(table))
+    connection.execute('CREATE TABLE t (a, b, c, d REAL, e REAL, f REAL, g REAL, h REAL, i REAL, j BLOB)')
+    connection.executemany('INSERT INTO t VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?)', table_to_rows(table))
     assert_tables_equal(rows_to_table(connection.execute('SELECT * FROM t ORDER BY rowid').fetchall(), 3), table)

@@ -9,12 +9,14 @@ import sqlite3
 import tempfile
 from pathlib import Path
 
+import numpy as np
 import pytest
 from small_maps import (
     MODEL,
     add_session,
     as_version_1,
     as_version_2,
+    as_version_3,
     assert_holds,
     assert_tables_equal,
     difference,
@@ -37,7 +39,7 @@ def version_of(path: Path) -> int:
         return int(connection.execute('PRAGMA user_version').fetchone()[0])
 
 
-@pytest.fixture(params=[1, 2])
+@pytest.fixture(params=[1, 2, 3])
 def version(request: pytest.FixtureRequest) -> int:
     return int(request.param)
 
@@ -49,7 +51,7 @@ def old(tmp_path: Path, version: int) -> Path:
     with open_map(path) as session_map:
         drive(session_map, 0.6, 40.0)
         session_map.save()
-    as_version_1(path) if version == 1 else as_version_2(path)
+    {1: as_version_1, 2: as_version_2, 3: as_version_3}[version](path)
     return path
 
 
@@ -57,7 +59,9 @@ def test_it_is_read_without_a_change(old: Path, version: int) -> None:
     before = folder_state(old.parent)
     stored = read_map(old)
     assert [session.state for session in stored.sessions] == ['ended', 'ended', 'running']
-    assert (stored.version, stored.signatures, stored.seal is None) == (version, {}, version == 1)
+    assert (stored.version, bool(stored.signatures), stored.seal is None) == (version, version == 3, version == 1)
+    assert np.isnan(stored.places.yaw_sds_rad).all()
+    assert np.isfinite(stored.places.yaws_rad).any()
     _, columns = read_committed(old, PlaceColumns)
     assert_tables_equal(columns.table, stored.committed())
     assert version_of(old) == version
@@ -70,12 +74,12 @@ def test_a_writer_upgrades_it_and_keeps_the_file_as_it_was(old: Path, version: i
     with open_map(old) as session_map:
         (notice,) = session_map.notices
         kept = old.with_name(f'a.map.v{version}.bak')
-        assert notice == f'{old}: upgraded from map format {version} to 3; the file as it was is kept as {kept.name}'
+        assert notice == f'{old}: upgraded from map format {version} to 4; the file as it was is kept as {kept.name}'
         assert_tables_equal(session_map.places(), content.places)
     assert kept.read_bytes() == file
     assert_holds(kept, content)
     assert_holds(old, content)
-    assert version_of(old) == schema.VERSION == 3
+    assert version_of(old) == schema.VERSION == 4
     assert old.stat().st_mode & 0o777 == 0o640
     assert sorted(path.name for path in old.parent.iterdir()) == ['a.map', kept.name]
     with open_map(old) as session_map:
@@ -83,6 +87,16 @@ def test_a_writer_upgrades_it_and_keeps_the_file_as_it_was(old: Path, version: i
         session_map.adopt_model(MODEL)
         assert [session_map.undo_session().session_id for _ in range(3)] == [3, 2, 1]
     assert kept.read_bytes() == file
+
+
+def test_places_of_an_upgraded_map_gain_what_it_did_not_have(old: Path, version: int) -> None:
+    add_session(old, 0.2)
+    stored = read_map(old)
+    assert np.isfinite(stored.places.yaw_sds_rad).any()
+    assert stored.signatures
+    with open_map(old) as session_map:
+        session_map.undo_session()
+        assert np.isnan(session_map.places().yaw_sds_rad).all()
 
 
 def test_an_earlier_copy_is_not_replaced(old: Path, version: int) -> None:
@@ -170,6 +184,7 @@ def test_a_file_that_may_only_be_read_is_read(old: Path, version: int) -> None:
         assert version_of(path) == version
 
 
+@pytest.mark.parametrize('version', [1, 2], indirect=True)
 def test_it_gains_signatures_as_places_are_replaced(old: Path) -> None:
     add_session(old, 0.4)
     stored = read_map(old)

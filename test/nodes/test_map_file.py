@@ -188,7 +188,7 @@ def test_an_upgrade_is_logged(stack: Callable[..., Stack], path: Path) -> None:
     as_version_1(path)
     with server(stack, path) as nodes:
         nodes.wait_until_ready()
-        assert 'upgraded from map format 1 to 3' in nodes.nodes['map_server_node'].log.read_text()
+        assert 'upgraded from map format 1 to 4' in nodes.nodes['map_server_node'].log.read_text()
 
 
 def test_a_second_server_is_refused_though_the_lock_file_was_removed(

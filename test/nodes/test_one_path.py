@@ -126,6 +126,8 @@ def assert_same_map(one: Path, other: Path) -> None:
     assert a.positions_m.tobytes() == b.positions_m.tobytes()
     assert np.isfinite(a.yaws_rad).any()
     assert a.yaws_rad.tobytes() == b.yaws_rad.tobytes()
+    assert np.isfinite(a.yaw_sds_rad).any()
+    assert a.yaw_sds_rad.tobytes() == b.yaw_sds_rad.tobytes()
     assert a.means.tobytes() == b.means.tobytes()
     assert a.uncertainties.tobytes() == b.uncertainties.tobytes()
     assert stored[0].signatures == stored[1].signatures

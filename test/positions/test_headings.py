@@ -78,6 +78,23 @@ def test_positions_without_a_heading_get_that_of_their_way(choice: str) -> None:
     expected = [heading for stamp_ns, pose in positions for heading in course.add(stamp_ns, pose.x_m, pose.y_m)]
     expected += course.settle()
     assert [pose.yaw_rad for _, pose in found] == [heading.yaw_rad for heading in expected]
+    sds_rad = [heading.sd_rad for heading in expected]
+    assert [pose.yaw_sd_rad for _, pose in found] == sds_rad
+    assert 0.0 < max(sds_rad) < math.radians(20.0)
+
+
+def test_a_heading_is_as_certain_as_what_it_is_taken_from() -> None:
+    """Of a source that states it, from then on where it is; else of the course, which is poor where it is held long."""
+    stated = [(stamp_ns, dataclasses.replace(pose, yaw_sd_rad=0.001)) for stamp_ns, pose in circle(100)]
+    found = through(Headings('auto', GAP_NS), stated)
+    assert [pose.yaw_sd_rad for _, pose in found[1:]] == [0.001] * 99
+    by_course = through(Headings('course', GAP_NS), stated)
+    assert min(pose.yaw_sd_rad for _, pose in by_course) > 0.001
+    assert all(math.isnan(pose.yaw_sd_rad) for _, pose in through(Headings('none', GAP_NS), stated))
+    start_ns, here = circle(100)[-1]
+    creeping = [(start_ns + k * SECOND // 5, dataclasses.replace(here, x_m=here.x_m + 0.08 * k)) for k in range(1, 900)]
+    held = through(Headings('course', GAP_NS), [*circle(100), *creeping])[-1][1]
+    assert math.radians(20.0) < held.yaw_sd_rad <= math.pi
 
 
 @pytest.mark.parametrize('measured_rad', [0.0, 1.2])

@@ -29,6 +29,7 @@ def road(count: int, seed: int, spacing_m: float = 10.0) -> PlaceTable:
         np.arange(count, dtype=np.int64),
         np.column_stack([np.arange(count) * spacing_m, np.zeros((count, 2))]),
         np.zeros(count),
+        np.full(count, np.nan, np.float32),
         rng.uniform(0.5, 2.0, count).astype(np.float32),
         means / np.linalg.norm(means, axis=1, keepdims=True),
     )
@@ -111,6 +112,7 @@ def test_the_running_session_counts_where_it_is_searched() -> None:
         np.array([999], np.int64),
         np.array([[5000.0, 0.0, 0.0]]),
         np.zeros(1),
+        np.full(1, np.nan, np.float32),
         np.ones(1, np.float32),
         places.means[:1].copy(),
     )

@@ -26,6 +26,7 @@ def table_of(means: ArrayLike, place_ids: ArrayLike | None = None) -> PlaceTable
         stamps_ns=ids.astype(np.int64) * 10,
         positions_m=np.stack([ids * 1.0, ids * 2.0, ids * 3.0], axis=1),
         yaws_rad=np.full(count, np.nan),
+        yaw_sds_rad=np.full(count, np.nan, np.float32),
         uncertainties=(ids / 10).astype(np.float32),
         means=means,
     )

@@ -42,6 +42,17 @@ def test_the_covariance_is_that_of_draws(yaw_rad: float) -> None:
     assert np.linalg.eigvalsh(found.covariance).min() > 0.0
 
 
+@pytest.mark.parametrize(('sd_deg', 'used_deg'), [(0.2, 0.2), (8.0, 8.0), (math.nan, 2.0)])
+def test_the_heading_of_a_place_is_as_certain_as_the_map_says(sd_deg: float, used_deg: float) -> None:
+    """Or as the parameter, where the map does not say. Far from the place it moves the vehicle to the side."""
+    place = Pose(1.0, 2.0, 3.0, 0.0, math.radians(sd_deg))
+    found = vehicle_pose(candidate(place, Alignment(np.array([10.0, 0.0, 0.0]), np.zeros((3, 3)), 0.9)), CONFIG)
+    variance = math.radians(used_deg) ** 2
+    assert found.covariance[2, 2] == pytest.approx(variance)
+    assert found.covariance[1, 1] == pytest.approx(0.8**2 + 100.0 * variance)
+    assert found.covariance[0, 0] == pytest.approx(0.8**2)
+
+
 def test_without_an_alignment_the_vehicle_is_near_the_place() -> None:
     found = vehicle_pose(candidate(Pose(1.0, 2.0, 3.0, 0.5), None), CONFIG)
     assert not found.has_heading

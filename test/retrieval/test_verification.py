@@ -58,9 +58,11 @@ class Scored(Verifier):
         return {scan: Alignment(np.zeros(3), np.eye(3), score) for scan, score in found.items() if score is not None}
 
 
-def ask(verifier: Verifier | None, signature: bytes = b'some', **changes: Any) -> Answer:
+def ask(
+    verifier: Verifier | None, signature: bytes = b'some', places: Sequence[Place] = SEARCHED, **changes: Any
+) -> Answer:
     searched = SearchedMap()
-    searched.load(PlaceTable.from_places(SEARCHED, 2), MODEL)
+    searched.load(PlaceTable.from_places(places, 2), MODEL)
     scan = Embedding(5, np.zeros(2, np.float32), np.ones(2, np.float32), MODEL, signature)
     return IntrospectiveQuery(dataclasses.replace(CONFIG, **changes), searched, verifier).answer(scan)
 
@@ -81,8 +83,23 @@ def test_the_place_that_agrees_comes_first() -> None:
     odds = -4.0 + 0.5 * float(log_odds(answer.outcome.evidence, COEFFICIENTS)) + 9.0
     assert answer.outcome.p_right == pytest.approx(1.0 / (1.0 + math.exp(-odds)))
     assert answer.similar is not None
-    assert answer.similar.log_odds.max() == pytest.approx(odds + 0.5 * 0.1, abs=0.3)
+    # A belief over many scans is told as much, although place 1 is nearer by distance.
+    assert answer.similar.log_odds.max() == pytest.approx(odds)
+    assert answer.similar.place_ids[np.argmax(answer.similar.log_odds)] == 1
     assert verifier.asked == [[ScanKey(1, 101), ScanKey(1, 102), ScanKey(1, 103)]]
+
+
+def test_the_pose_of_the_vehicle_is_told_where_it_is_known() -> None:
+    """All places of the map but the second have no heading."""
+    turned = dataclasses.replace(SEARCHED[1], pose=Pose(3.0, 0.0, 0.0, math.pi / 2.0))
+    places = (SEARCHED[0], turned, *SEARCHED[2:])
+    answer = ask(Scored(p1=0.2, p2=0.9), places=places)
+    assert answer.pose is not None
+    assert (answer.pose.pose.x_m, answer.pose.pose.y_m) == (3.0, 0.0)
+    assert answer.pose.pose.yaw_rad == pytest.approx(math.pi / 2.0)
+    assert ask(Scored(p1=0.9, p2=0.2), places=places).pose is None
+    assert ask(Scored(p1=0.2, p2=0.9), places=places, min_pose_score=0.95).pose is None
+    assert ask(None, places=places).pose is None
 
 
 def test_a_place_elsewhere_may_come_first() -> None:

@@ -14,12 +14,14 @@ import pytest
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from nav_msgs.msg import Odometry
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import PointCloud2, PointField
 
 from offradar_ros.config import QueryConfig
 from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.errors import RefusedInput
+from offradar_ros.messages import pose_from_odometry
 from offradar_ros.ros.clouds import from_cloud
 from offradar_ros.ros.embedding_message import (
     POINT,
@@ -115,7 +117,7 @@ def table(count: int, dimension: int) -> PlaceTable:
                 place_id=int(2**31 + i),
                 session_id=i % 3,
                 stamp_ns=STAMP_NS + i,
-                pose=Pose(x_m, y_m, z_m, math.nan if i % 2 else 0.25),
+                pose=Pose(x_m, y_m, z_m, math.nan if i % 2 else 0.25, math.nan if i % 4 else 0.03),
                 uncertainty=float(np.float32(rng.random())),
                 mean=rng.normal(size=dimension).astype(np.float32),
             )
@@ -132,11 +134,35 @@ def test_places_are_unchanged_to_the_last_bit(count: int, dimension: int, commit
     back = descriptors_record(
         transmitted(descriptors_message(PlaceRows(before, MODEL, committed), STAMP_NS)), 'map/updates'
     )
-    for name in ('place_ids', 'session_ids', 'stamps_ns', 'positions_m', 'yaws_rad', 'uncertainties', 'means'):
-        np.testing.assert_array_equal(getattr(back.table, name), getattr(before, name), err_msg=name)
+    for field in dataclasses.fields(PlaceTable):
+        np.testing.assert_array_equal(getattr(back.table, field.name), getattr(before, field.name), err_msg=field.name)
     assert back.table.means.shape == (count, dimension)
     if count:
         assert (back.model, back.committed) == (MODEL, committed)
+
+
+def test_standard_deviations_of_headings_are_a_field_where_they_are_known() -> None:
+    """Messages of earlier versions, and of maps that have none, are without it."""
+    known = table(5, 4)
+    unknown = dataclasses.replace(known, yaw_sds_rad=np.full(5, np.nan, np.float32))
+    for rows, has_field in ((known, True), (unknown, False)):
+        message = descriptors_message(PlaceRows(rows, MODEL, committed=True), STAMP_NS)
+        assert ('yaw_sd' in {field.name for field in message.fields}) == has_field
+        found = descriptors_record(transmitted(message), 'map/updates').table
+        np.testing.assert_array_equal(found.yaw_sds_rad, rows.yaw_sds_rad)
+
+
+@pytest.mark.parametrize(
+    ('variance', 'sd_rad'),
+    [(0.0004, 0.02), (0.0, math.nan), (-1.0, math.nan), (math.nan, math.nan), (1e6, math.pi), (math.inf, math.pi)],
+)
+def test_the_heading_of_odometry_is_as_certain_as_its_covariance(variance: float, sd_rad: float) -> None:
+    message = Odometry()
+    message.pose.pose.orientation.z, message.pose.pose.orientation.w = math.sin(0.35), math.cos(0.35)
+    message.pose.covariance[35] = variance
+    found = pose_from_odometry(transmitted(message))
+    assert found.yaw_rad == pytest.approx(0.7)
+    assert found.yaw_sd_rad == pytest.approx(sd_rad, nan_ok=True)
 
 
 def test_the_map_view_shows_uncertainty_as_intensity() -> None:

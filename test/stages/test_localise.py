@@ -7,11 +7,15 @@ import dataclasses
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from street_sequence import StreetSequence
 
+from offradar_ros.alignment.signature import SignatureMaker
+from offradar_ros.alignment.signature_code import pack
 from offradar_ros.config import ConfidenceConfig, LocalisationConfig, QueryConfig
 from offradar_ros.errors import RefusedInput
+from offradar_ros.retrieval.received_signatures import ReceivedSignatures
 from offradar_ros.stages.query import QueryStage
-from offradar_ros.types import Embedding, Localisation, LocalisationState, Place, PlaceTable, Pose
+from offradar_ros.types import Embedding, Localisation, LocalisationState, Place, PlaceTable, Pose, ScanKey
 
 MODEL = 'a' * 64
 COEFFICIENTS = ConfidenceConfig(
@@ -161,6 +165,42 @@ def test_without_the_tolerance_that_it_had_it_starts_again(stage: QueryStage) ->
     stage.reconfigure(dataclasses.replace(CONFIG, tolerance_m=30.0))
     assert stage.relocalise().detail == 'no scan has been received'
     assert drive(stage, 8, along(140.0, 4))[-1].state is LocalisationState.ON_MAP
+
+
+def along_the_street(*, verify: bool) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """(N,) errors of the position in m, and (N,) variances, 1 m beside places that are every 5 m of a street.
+
+    The scans are half-way between two places.
+    """
+    make, mapped, driven = (
+        SignatureMaker(),
+        StreetSequence(count=33),
+        StreetSequence(count=33, lane_m=1.0, noise_seed=2),
+    )
+    means = appearance(0.0, 9, 1)
+    places = [Place(i, 1, i, Pose(STEP_M * i, 0.0, 0.0, 0.0), 1.0, means[i]) for i in range(9)]
+    signatures = ReceivedSignatures()
+    stage = QueryStage(dataclasses.replace(CONFIG, verify=verify), LocalisationConfig(), signatures)
+    stage.load(PlaceTable.from_places(places, means.shape[1]), MODEL)
+    for place in places:
+        signatures.put(ScanKey(1, place.stamp_ns), pack(make(mapped.scan(4 * place.stamp_ns))))
+    errors_m, variances_m2 = [], []
+    for number, row in enumerate(range(6, 28, 4)):
+        embedded = scan(number, appearance(1.25 * row, 1, 1)[0])
+        stage.query(dataclasses.replace(embedded, signature=pack(make(driven.scan(row)))))
+        found = stage.localise()
+        assert found is not None
+        errors_m.append(np.hypot(*(found.position_m - [1.25 * row, 1.0])))
+        variances_m2.append(np.trace(found.covariance_m2))
+    return np.array(errors_m), np.array(variances_m2)
+
+
+def test_an_alignment_makes_the_position_exact() -> None:
+    errors_m, variances_m2 = along_the_street(verify=True)
+    of_places_m, of_places_m2 = along_the_street(verify=False)
+    assert errors_m.max() < 0.6
+    assert np.median(of_places_m) > 1.0
+    assert variances_m2.max() < 0.5 * of_places_m2.min()
 
 
 def test_no_answer_depends_on_localisation(stage: QueryStage) -> None:

@@ -910,6 +910,9 @@ def test_places_have_a_heading(session_map: SessionMap, late_s: float, yaw_rad: 
     assert not [update for update in updates if update.problem]
     assert len(session_map) == 80
     assert max(headings_deg(stage)) < 1.0
+    sds_rad = session_map.places().yaw_sds_rad
+    # Measured ones do not say how certain they are; the first scans still have their heading from the course.
+    assert np.isfinite(sds_rad).all() if yaw_rad is not None else np.isnan(sds_rad[10:]).all()
     assert bool(stage.heading_problem()) == (yaw_rad == 0.0)
 
 

@@ -22,9 +22,10 @@ from offradar_ros.encoders.protocol import ModelInfo
 from offradar_ros.geometry import GeoPoint
 from offradar_ros.mapping import schema
 from offradar_ros.mapping.map_reader import read_map
-from offradar_ros.mapping.seal import Seal
+from offradar_ros.mapping.seal import SEALED_TABLES, Seal
 from offradar_ros.mapping.sessions import SessionMap
 from offradar_ros.mapping.stored_map import Before, StoredMap
+from offradar_ros.mapping.whole_map import write_map
 from offradar_ros.records import structure
 from offradar_ros.types import Embedding, PlaceTable, Pose
 
@@ -50,7 +51,8 @@ def drive(session_map: SessionMap, uncertainty: float, start_m: float = 0.0) -> 
     session_map.start_session('drive', 123456789)
     for metre in range(30):
         yaw = 0.1 * metre if metre % 2 else float('nan')
-        session_map.merge(scan(metre + 1, uncertainty), Pose(start_m + metre, 0.5, 1.5, yaw))
+        sd_rad = 0.01 * metre if metre % 4 == 1 else float('nan')
+        session_map.merge(scan(metre + 1, uncertainty), Pose(start_m + metre, 0.5, 1.5, yaw, sd_rad))
 
 
 def make_map(path: Path, *uncertainties: float) -> PlaceTable:
@@ -139,34 +141,55 @@ def fail_to_write(*_: object) -> NoReturn:
 
 def as_version_1(path: Path) -> None:
     """Rewrite the map at `path` as the first version of the format, without digests and signatures."""
-    with contextlib.closing(sqlite3.connect(path, isolation_level=None)) as connection:
-        rows = {
-            name: [row[:-1] for row in connection.execute(f'SELECT * FROM {name}')]
-            for name in ('meta', 'sessions', 'places', 'undo')
-        }
-    path.unlink()
-    with contextlib.closing(sqlite3.connect(path, isolation_level=None)) as connection:
-        connection.executescript(schema.OF_VERSION[1])
-        for name, of_table in rows.items():
-            for row in of_table:
-                if row[0] != 'seal':
-                    connection.execute(f'INSERT INTO {name} VALUES ({", ".join("?" * len(row))})', row)
-        connection.execute(f'PRAGMA application_id = {schema.APPLICATION_ID}')
-        connection.execute('PRAGMA user_version = 1')
-        connection.execute('PRAGMA journal_mode = WAL')
+    _rewrite(path, 1)
 
 
 def as_version_2(path: Path) -> None:
     """Rewrite the map at `path` as the second version of the format, without signatures."""
+    _rewrite(path, 2)
+
+
+def as_version_3(path: Path) -> None:
+    """Rewrite the map at `path` as the third version of the format, without standard deviations of headings."""
+    _rewrite(path, 3)
+
+
+def _without_heading_sds(stored: StoredMap) -> StoredMap:
+    stored.columns.table.yaw_sds_rad[:] = np.nan
+    before = {session: dict(places) for session, places in stored.before.items()}
+    for places in before.values():
+        for place_id, place in places.items():
+            if place:
+                places[place_id] = dataclasses.replace(place, pose=dataclasses.replace(place.pose, yaw_sd_rad=np.nan))
+    return dataclasses.replace(stored, before=before)
+
+
+def _rewrite(path: Path, version: int) -> None:
+    # Their digests are those of rows without.
+    write_map(path, _without_heading_sds(read_map(path)), overwrite=True)
     with contextlib.closing(sqlite3.connect(path, isolation_level=None)) as connection:
-        connection.execute('DROP TABLE signatures')
-        connection.execute('DROP TABLE signature_contents')
-        ((text,),) = connection.execute("SELECT value FROM meta WHERE key = 'seal'")
-        tree = json.loads(text)
-        del tree['sums']['signatures']
-        structure(Seal, tree).write(connection)
-        connection.execute('PRAGMA user_version = 2')
-        connection.execute('PRAGMA wal_checkpoint(TRUNCATE)')
+        rows = {}
+        for name in (*SEALED_TABLES[3], 'signature_contents'):
+            cursor = connection.execute(f'SELECT * FROM {name}')
+            columns = [column for column, *_ in cursor.description]
+            dropped = {'yaw_sd_rad'} if version > 1 else {'yaw_sd_rad', 'digest'}
+            kept = [number for number, column in enumerate(columns) if column not in dropped]
+            rows[name] = [[row[number] for number in kept] for row in cursor]
+    path.unlink()
+    with contextlib.closing(sqlite3.connect(path, isolation_level=None)) as connection:
+        connection.executescript(schema.OF_VERSION[version])
+        for (name,) in connection.execute("SELECT name FROM sqlite_master WHERE type = 'table'").fetchall():
+            for row in rows[name]:
+                if version > 1 or row[0] != 'seal':
+                    connection.execute(f'INSERT INTO {name} VALUES ({", ".join("?" * len(row))})', row)
+        if version == 2:
+            ((text,),) = connection.execute("SELECT value FROM meta WHERE key = 'seal'")
+            tree = json.loads(text)
+            del tree['sums']['signatures']
+            structure(Seal, tree).write(connection)
+        connection.execute(f'PRAGMA application_id = {schema.APPLICATION_ID}')
+        connection.execute(f'PRAGMA user_version = {version}')
+        connection.execute('PRAGMA journal_mode = WAL')
 
 
 def killed(code: str, *arguments: object) -> None:

@@ -18,6 +18,10 @@ from offradar_ros.lab.evaluation.answers import map_rows, places_of
 from offradar_ros.lab.evaluation.embedding_cache import EmbeddedDrive
 from offradar_ros.lab.evaluation.protocol import Protocol
 from offradar_ros.retrieval.evidence import EvidenceTable
+from offradar_ros.retrieval.place_index import PlaceIndex
+
+SEARCHED = 10
+"""Places of which the nearest few are aligned, and all count in Recall@10."""
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -34,6 +38,7 @@ class AlignedAnswers:
             heading is unknown.
         away_m: (Q, k) float64, from the query to each place on the ground.
         on_map: (Q,) whether any place is within the tolerance of the query.
+        in_ten: (Q,) whether any of the ten nearest places is, by distance in embedding space; more if k is more.
         kinds: (Q,) text, how the scan is degraded; empty for a clean one.
         query_rows: (Q,) int64, rows of the scans in their drive.
         place_rows: (Q, k) int64, rows of the scans of the places in theirs.
@@ -47,6 +52,7 @@ class AlignedAnswers:
     truths: NDArray[np.float64]
     away_m: NDArray[np.float64]
     on_map: NDArray[np.bool_]
+    in_ten: NDArray[np.bool_]
     kinds: NDArray[np.str_]
     query_rows: NDArray[np.int64]
     place_rows: NDArray[np.int64]
@@ -139,6 +145,8 @@ class AlignedMap:
         self._table = dataclasses.replace(places_of(mapped, rows), session_ids=session)
         self._rows, self._signatures, self._tolerance_m = rows, signatures, tolerance_m
         self._search = AlignedSearch(self._table, signatures, places, tolerance_m)
+        self._index = PlaceIndex(self._table.means.shape[1], len(self._table))
+        self._index.upsert(self._table)
 
     def answers(self, query: EmbeddedDrive, rows: NDArray[np.intp]) -> AlignedAnswers:
         """The answers to (Q,) scans of a drive."""
@@ -165,6 +173,7 @@ class AlignedMap:
         errors = poses - truths
         errors[..., 2] = wrap_angle(errors[..., 2])
         away_m = np.hypot(*(positions_m[None] - truth[:, None, :2]).transpose(2, 0, 1))
+        ten, _ = self._index.search_many(query.means[rows], min(max(shape[1], SEARCHED), len(self._table)))
         return AlignedAnswers(
             judged.evidence,
             judged.scores,
@@ -174,6 +183,7 @@ class AlignedMap:
             truths,
             np.take_along_axis(away_m, nearest, axis=1),
             away_m.min(axis=1) <= self._tolerance_m,
+            np.take_along_axis(away_m, ten, axis=1).min(axis=1) <= self._tolerance_m,
             drive.kinds[rows],
             rows.astype(np.int64),
             self._rows[nearest].astype(np.int64),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,33 +50,57 @@ def alignment_figures(
     )
 
 
+class FirstPlaces(NamedTuple):
+    """The first place of each of Q queries, in one way of ordering places.
+
+    Attributes:
+        log_odds: (Q,) float64, that it is right.
+        right: (Q,) whether it is.
+        scores: (Q,) float64 of its alignment; NaN for none.
+    """
+
+    log_odds: NDArray[np.float64]
+    right: NDArray[np.bool_]
+    scores: NDArray[np.float64]
+
+
+def first_places(
+    answers: AlignedAnswers, coefficients: ConfidenceConfig, tolerance_m: float
+) -> tuple[FirstPlaces, FirstPlaces]:
+    """The answers by distance alone, and with alignments."""
+    judged = answers.judged(tolerance_m)
+    firsts, by_distance = judged.firsts(coefficients), judged.by_distance(coefficients)[:, 0]
+    scores = answers.scores[np.arange(len(answers)), firsts.columns]
+    return (
+        FirstPlaces(by_distance, judged.right[:, 0], answers.scores[:, 0]),
+        FirstPlaces(firsts.log_odds, firsts.right, scores),
+    )
+
+
 def answer_figures(answers: AlignedAnswers, coefficients: ConfidenceConfig, tolerance_m: float) -> AnswerFigures:
     """What at least one query is answered, by distance alone and with alignments."""
-    judged, on_map = answers.judged(tolerance_m), answers.on_map
-    by_distance, first = judged.by_distance(coefficients)[:, 0], judged.firsts(coefficients)
-    before, after = judged.right[:, 0], first.right
-    scores = answers.scores[np.arange(len(answers)), first.columns]
-    scored = np.isfinite(scores)
+    right, on_map = answers.away_m <= tolerance_m, answers.on_map
+    before, after = first_places(answers, coefficients, tolerance_m)
+    scored = np.isfinite(after.scores)
 
-    def recall(confidences: NDArray[np.float64], correct: NDArray[np.bool_], precision: float) -> float:
-        return share((accepted_at_precision(confidences, correct, precision) & correct)[on_map])
+    def recall(found: FirstPlaces, precision: float) -> float:
+        return share((accepted_at_precision(found.log_odds, found.right, precision) & found.right)[on_map])
 
     return AnswerFigures(
         queries=len(answers),
         on_map=int(on_map.sum()),
-        places=answers.scores.shape[1],
-        recall_at_1_by_distance=share(before[on_map]),
-        recall_at_1_aligned=share(after[on_map]),
-        recall_at_k=share(np.any(judged.right[on_map], axis=1)),
+        places=right.shape[1],
+        recall_at_1_by_distance=share(before.right[on_map]),
+        recall_at_1_aligned=share(after.right[on_map]),
+        recall_at_k=share(np.any(right[on_map], axis=1)),
+        recall_at_10=share(answers.in_ten[on_map]),
         at_precision=tuple(
-            RecallAtPrecision(
-                precision, recall(by_distance, before, precision), recall(first.log_odds, after, precision)
-            )
+            RecallAtPrecision(precision, recall(before, precision), recall(after, precision))
             for precision in PRECISIONS
         ),
-        auroc_score=auroc(scores[scored], after[scored]),
-        auroc_p_by_distance=auroc(by_distance, before),
-        auroc_p_aligned=auroc(first.log_odds, after),
+        auroc_score=auroc(after.scores[scored], after.right[scored]),
+        auroc_p_by_distance=auroc(before.log_odds, before.right),
+        auroc_p_aligned=auroc(after.log_odds, after.right),
     )
 
 

@@ -143,6 +143,7 @@ def places_of(drive: EmbeddedDrive, rows: NDArray[np.intp]) -> PlaceTable:
         drive.drive.stamps_ns[rows],
         np.column_stack([drive.drive.poses[rows, :2], np.zeros(count)]),
         drive.drive.poses[rows, 2],
+        np.full(count, np.nan, np.float32),
         drive.uncertainties[rows].astype(np.float32),
         drive.means[rows],
     )

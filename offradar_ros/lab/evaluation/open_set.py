@@ -54,7 +54,7 @@ def other_roads(worlds: Sequence[Sequence[EmbeddedDrive]], spacing_m: float) -> 
 def _joined(tables: Sequence[PlaceTable]) -> PlaceTable:
     columns = [
         np.concatenate([getattr(table, name) for table in tables])
-        for name in ('session_ids', 'stamps_ns', 'positions_m', 'yaws_rad', 'uncertainties', 'means')
+        for name in ('session_ids', 'stamps_ns', 'positions_m', 'yaws_rad', 'yaw_sds_rad', 'uncertainties', 'means')
     ]
     return PlaceTable(np.arange(len(columns[0]), dtype=np.int64), *columns)
 

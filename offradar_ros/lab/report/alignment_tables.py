@@ -19,6 +19,8 @@ ANSWERS_HEAD = (
     'on the map',
     'R@1 (%)',
     'R@k (%)',
+    'R@10 (%)',
+    'closed (%)',
     *(f'recall at {precision:g} (%)' for precision in PRECISIONS),
     'AUROC of p_right',
     'AUROC of the score',
@@ -52,9 +54,11 @@ def alignment_tables(source: Source, group: str, spacing: str) -> Iterator[Table
             f'Answers with alignments: {where}',
             f'Some queries of each pair of drives, each aligned with the k = {places} nearest places. By distance, the '
             'answer is the nearest place in embedding space; by distance and score, the likeliest of the k. R@k: one '
-            'of the k is right, more than which no order of them can reach. Recall at a precision: share of the '
-            'queries on the map that is answered rightly at the lowest threshold on p_right at which the answers have '
-            'this precision; with n answers, precision 1 − 1/n is the last below 1. AUROC: of right answers over wrong '
+            'of the k is right, more than which no order of them can reach. R@10: one of the ten nearest is right. '
+            'Closed: what alignments win of what the ten leave open, (R@1 with the score − R@1 by distance) / (R@10 − '
+            'R@1 by distance). Recall at a precision: share of the queries on the map that is answered rightly at the '
+            'lowest threshold on p_right at which the answers have this precision; with n answers, precision 1 − 1/n '
+            'is the last below 1. AUROC: of right answers over wrong '
             f'ones and those off the map. Methods without coefficients for the score have no row; {scans}.',
             ANSWERS_HEAD,
             tuple(row for name, found in answers.items() for row in _answer_rows(name, found)),
@@ -85,11 +89,18 @@ def _answer_rows(method: str, found: AnswerFigures) -> Iterator[tuple[str, ...]]
     start = str(found.queries), str(found.on_map)
     by_distance = [at.by_distance for at in found.at_precision]
     aligned = [at.aligned for at in found.at_precision]
-    for how, recall, at_precision, of_p, of_score in (
-        ('distance', found.recall_at_1_by_distance, by_distance, found.auroc_p_by_distance, math.nan),
-        ('distance and score', found.recall_at_1_aligned, aligned, found.auroc_p_aligned, found.auroc_score),
+    before, after, most = found.recall_at_1_by_distance, found.recall_at_1_aligned, found.recall_at_10
+    for how, recalls, at_precision, of_p, of_score in (
+        ('distance', (before, found.recall_at_k, most, math.nan), by_distance, found.auroc_p_by_distance, math.nan),
+        (
+            'distance and score',
+            (after, found.recall_at_k, most, found.closed),
+            aligned,
+            found.auroc_p_aligned,
+            found.auroc_score,
+        ),
     ):
-        shares = map(percent, (recall, found.recall_at_k, *at_precision))
+        shares = map(percent, (*recalls, *at_precision))
         yield method_label(method), how, *start, *shares, number(of_p), number(of_score)
 
 

@@ -20,7 +20,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from offradar_ros.config import PositionConfig
 from offradar_ros.errors import DataError, RefusedInput
 from offradar_ros.geometry import LocalFrame, Trajectory
-from offradar_ros.positions.headings import with_headings
+from offradar_ros.positions.headings import headings_of
 from offradar_ros.positions.rules import END_NS, require_stamp
 from offradar_ros.radar.navtech_rows import join_rows
 from offradar_ros.recordings.bags.mcap_checksums import write_checksums
@@ -183,7 +183,9 @@ def _odometry(trajectory: Trajectory) -> Iterator[_Stamped]:
     twist = types['geometry_msgs/msg/TwistWithCovariance'](
         twist=types['geometry_msgs/msg/Twist'](linear=vector, angular=vector), covariance=np.zeros(36)
     )
-    for stamp, (x, y, z), yaw in zip(metric.stamps_ns, metric.positions, _headings(metric), strict=True):
+    for stamp, (x, y, z), (yaw, variance) in zip(metric.stamps_ns, metric.positions, _headings(metric), strict=True):
+        covariance = np.zeros(36)
+        covariance[35] = variance
         orientation = types['geometry_msgs/msg/Quaternion'](x=0.0, y=0.0, z=math.sin(yaw / 2), w=math.cos(yaw / 2))
         pose = types['geometry_msgs/msg/Pose'](
             position=types['geometry_msgs/msg/Point'](x=float(x), y=float(y), z=float(z)), orientation=orientation
@@ -191,21 +193,22 @@ def _odometry(trajectory: Trajectory) -> Iterator[_Stamped]:
         message = types[ODOMETRY_TYPE](
             header=_header(int(stamp), 'map'),
             child_frame_id='base_link',
-            pose=types['geometry_msgs/msg/PoseWithCovariance'](pose=pose, covariance=np.zeros(36)),
+            pose=types['geometry_msgs/msg/PoseWithCovariance'](pose=pose, covariance=covariance),
             twist=twist,
         )
         yield int(stamp), 0, ODOMETRY, message
 
 
-def _headings(trajectory: Trajectory) -> list[float]:
+def _headings(trajectory: Trajectory) -> list[tuple[float, float]]:
     """Those that are measured, or else of the way that is driven. An odometry message is always a valid pose.
 
-    Where neither is known, as where the vehicle never moves, it is the last one before, or 0.
+    Where neither is known, as where the vehicle never moves, it is the last one before, or 0. Each has a variance: that
+    of the course; π² for one that is not known; 0, by which messages say nothing, for one that is measured.
     """
     position = PositionConfig()
-    yaws_rad = with_headings(trajectory, position.heading, round(position.max_gap_s * 1e9)).yaws_rad.tolist()
+    found = headings_of(trajectory, position.heading, round(position.max_gap_s * 1e9)).tolist()
     last_rad, headings = 0.0, []
-    for yaw_rad in yaws_rad:
-        last_rad = last_rad if math.isnan(yaw_rad) else yaw_rad
-        headings.append(last_rad)
+    for (yaw_rad, sd_rad), measured_rad in zip(found, trajectory.yaws_rad.tolist(), strict=True):
+        last_rad, variance = (last_rad, math.pi**2) if math.isnan(yaw_rad) else (yaw_rad, min(sd_rad, math.pi) ** 2)
+        headings.append((last_rad, 0.0 if yaw_rad == measured_rad else variance))
     return headings

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 from driven_street import COUNT, driven_street, with_refused_scans
 
@@ -49,6 +51,21 @@ def test_the_rows_of_queries_and_places_are_named() -> None:
     assert (np.abs(made.place_rows[:, 0] - made.query_rows) <= 1).all()
     np.testing.assert_allclose(made.truths[..., 0], 1.25 * (made.query_rows[:, None] - made.place_rows))
     np.testing.assert_allclose(np.abs(made.truths[..., 1]), 1.0)
+
+
+def test_farther_places_of_the_ten_nearest_count_without_being_aligned() -> None:
+    """Descriptors put the mapped drive half a street, seven places, away from where it is."""
+    mapped, query = driven_street(0.0), driven_street(1.0)
+    shift = np.array([8.75, 0.0], np.float32)
+    drives = [dataclasses.replace(mapped, means=mapped.means + shift), query]
+    made, *_ = aligned_answers(drives, 1.25, TOLERANCE_M, places=2, queries=0, seed=1, whole=True)
+    ordered = np.argsort(np.abs(drives[0].means[None, :, 0] - query.means[:, None, 0]), axis=1, kind='stable')
+    offsets_m = np.hypot(1.25 * (ordered - np.arange(COUNT)[:, None]), 1.0)
+    np.testing.assert_array_equal(made.in_ten, (offsets_m[:, :10] <= TOLERANCE_M).any(axis=1))
+    assert made.scores.shape == (COUNT, 2)
+    assert (made.in_ten & (made.away_m > TOLERANCE_M).all(axis=1)).any()
+    assert not made.in_ten.all()
+    assert made.on_map.all()
 
 
 def test_a_scan_that_cannot_be_read_is_aligned_with_nothing() -> None:

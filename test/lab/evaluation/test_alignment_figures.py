@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from offradar_ros.config import ConfidenceConfig
 from offradar_ros.lab.evaluation.aligned import AlignedAnswers
-from offradar_ros.lab.evaluation.alignment_figures import alignment_figures, answer_figures, pose_figures
+from offradar_ros.lab.evaluation.alignment_figures import alignment_figures, answer_figures, first_places, pose_figures
 from offradar_ros.retrieval.evidence import EvidenceTable
 
 QUERIES, PLACES, TOLERANCE_M = 300, 3, 25.0
@@ -46,6 +46,7 @@ def answers() -> AlignedAnswers:
     distances = np.sort(np.where(right, rng.gamma(4.0, 0.3, shape), rng.gamma(6.0, 0.4, shape)), axis=1).ravel()
     apart = np.full(QUERIES * PLACES, 3.0)
     ones = np.ones(QUERIES * PLACES)
+    in_ten = right.any(axis=1) | (rng.random(QUERIES) < 0.3)
     return AlignedAnswers(
         evidence=EvidenceTable(np.zeros(QUERIES * PLACES, np.int64), distances, apart, apart, ones, ones),
         scores=scores,
@@ -54,7 +55,8 @@ def answers() -> AlignedAnswers:
         covariances=covariances,
         truths=truths,
         away_m=away_m,
-        on_map=right.any(axis=1) | (rng.random(QUERIES) < 0.5),
+        on_map=in_ten | (rng.random(QUERIES) < 0.5),
+        in_ten=in_ten,
         kinds=rng.choice(['', '', 'blocked', 'flooded'], QUERIES),
         query_rows=np.arange(QUERIES),
         place_rows=np.zeros(shape, np.int64),
@@ -89,8 +91,11 @@ def test_answers_against_a_loop(answers: AlignedAnswers) -> None:
     assert figures.recall_at_1_by_distance == pytest.approx(np.mean([plain[q][1] for q in on_map]))
     assert figures.recall_at_1_aligned == pytest.approx(np.mean([aligned[q][1] for q in on_map]))
     assert figures.recall_at_k == pytest.approx(np.mean([any_right[q] for q in on_map]))
+    assert figures.recall_at_10 == pytest.approx(np.mean([answers.in_ten[q] for q in on_map]))
     # The data has something to find: an order that knows the scores is better.
-    assert figures.recall_at_1_by_distance < figures.recall_at_1_aligned < figures.recall_at_k
+    assert figures.recall_at_1_by_distance < figures.recall_at_1_aligned < figures.recall_at_k < figures.recall_at_10
+    won = sum(aligned[q][1] - plain[q][1] for q in on_map)
+    assert figures.closed == pytest.approx(won / sum(bool(answers.in_ten[q]) - plain[q][1] for q in on_map))
     for found, several in (
         (figures.auroc_p_by_distance, plain),
         (figures.auroc_p_aligned, aligned),
@@ -101,6 +106,17 @@ def test_answers_against_a_loop(answers: AlignedAnswers) -> None:
     for at in figures.at_precision:
         for share, several in ((at.by_distance, plain), (at.aligned, aligned)):
             assert share == pytest.approx(recall_at(several, at.precision) / len(on_map))
+
+
+def test_first_places_are_those_of_the_figures(answers: AlignedAnswers) -> None:
+    before, after = first_places(answers, COEFFICIENTS, TOLERANCE_M)
+    for query in range(QUERIES):
+        odds = [odds_of(answers, query, place) for place in range(PLACES)]
+        best = max(range(PLACES), key=lambda place: odds[place][1])
+        for found, place, expected in ((before, 0, odds[0][0]), (after, best, odds[best][1])):
+            assert found.log_odds[query] == pytest.approx(expected)
+            assert found.right[query] == (answers.away_m[query, place] <= TOLERANCE_M)
+            assert found.scores[query] == pytest.approx(answers.scores[query, place], nan_ok=True)
 
 
 def auroc(several: list[tuple[float, bool]]) -> float:
@@ -198,11 +214,20 @@ def test_poses_of_unknown_headings_are_left_out(answers: AlignedAnswers) -> None
     assert repr(figures.answers) == repr(answer_figures(answers, COEFFICIENTS, TOLERANCE_M))
 
 
+def test_nothing_is_closed_where_every_nearest_place_is_right(answers: AlignedAnswers) -> None:
+    near = dataclasses.replace(answers, away_m=np.minimum(answers.away_m, TOLERANCE_M), in_ten=answers.on_map)
+    figures = answer_figures(dataclasses.replace(near, on_map=np.ones(QUERIES, np.bool_)), COEFFICIENTS, TOLERANCE_M)
+    assert figures.recall_at_1_by_distance == 1.0
+    assert math.isnan(figures.closed)
+
+
 def test_queries_off_the_map_have_no_recall(answers: AlignedAnswers) -> None:
     off = dataclasses.replace(answers, on_map=np.zeros(QUERIES, np.bool_), away_m=answers.away_m + 100.0)
     figures = answer_figures(off, COEFFICIENTS, TOLERANCE_M)
     assert figures.on_map == 0
     assert math.isnan(figures.recall_at_1_aligned)
     assert math.isnan(figures.recall_at_k)
+    assert math.isnan(figures.recall_at_10)
+    assert math.isnan(figures.closed)
     assert math.isnan(figures.at_precision[0].aligned)
     assert math.isnan(figures.auroc_score)

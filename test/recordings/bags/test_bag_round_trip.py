@@ -23,7 +23,7 @@ from offradar_ros.positions.rules import END_NS
 from offradar_ros.recordings.bags.positions import position_topics, read_positions
 from offradar_ros.recordings.bags.reader import TYPES, Bag
 from offradar_ros.recordings.bags.sequence import BagSequence
-from offradar_ros.recordings.bags.topics import IMAGE_TYPE, SCANS
+from offradar_ros.recordings.bags.topics import IMAGE_TYPE, ODOMETRY, SCANS
 from offradar_ros.recordings.bags.writer import BagOptions, write_bag
 from offradar_ros.recordings.datasets.registry import open_sequence
 from offradar_ros.recordings.source import is_bag
@@ -73,6 +73,28 @@ def test_odometry_is_the_fixes_in_the_local_frame_and_faces_the_way_of_travel(
     assert origin is not None
     np.testing.assert_allclose(odometry.positions, LocalFrame(origin).to_enu(fixes.positions), atol=1e-9)
     np.testing.assert_allclose(odometry.yaws_rad, 0.0, atol=1e-3)
+
+
+@pytest.mark.parametrize('kind', ['course', 'measured', 'standing'])
+def test_the_covariance_of_odometry_says_how_certain_a_heading_is(
+    street: Callable[..., Any], tmp_path: Path, kind: str
+) -> None:
+    """That of the course is known; 0, which says nothing, for one that a source measured; π² where it is none."""
+    sequence = street(count=3)
+    track = sequence.trajectory
+    if kind == 'measured':
+        track = dataclasses.replace(track, yaws_rad=np.linspace(0.0, 0.1, len(track)))
+    elif kind == 'standing':
+        track = dataclasses.replace(track, positions=np.repeat(track.positions[:1], len(track), axis=0))
+    (file,) = write_bag(sequence.with_trajectory(track), tmp_path / 'bag').glob('*.mcap')
+    with file.open('rb') as stream:
+        decoded = make_reader(stream, decoder_factories=[DecoderFactory()]).iter_decoded_messages()
+        variances = [message.pose.covariance[35] for _, channel, _, message in decoded if channel.topic == ODOMETRY]
+    assert len(variances) > 5
+    if kind == 'course':
+        assert 0.0 < min(variances) <= max(variances) < np.radians(10.0) ** 2
+    else:
+        assert set(variances) == {0.0 if kind == 'measured' else np.pi**2}
 
 
 def test_metadata_columns_are_kept_unless_plain(real_data: Path, tmp_path: Path) -> None:

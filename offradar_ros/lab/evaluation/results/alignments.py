@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 from offradar_ros.records import Measure
 
@@ -33,6 +34,7 @@ class AnswerFigures:
         recall_at_1_by_distance: the nearest place in embedding space is right.
         recall_at_1_aligned: the likeliest of the k places is right.
         recall_at_k: any of them is right.
+        recall_at_10: any of the ten nearest places is right; they need not be aligned.
         at_precision: recall at each of the precisions that are reported, ascending.
         auroc_score: probability that the score of a right answer is higher than that of a wrong one, as below; answers
             to queries off the map are wrong.
@@ -46,10 +48,20 @@ class AnswerFigures:
     recall_at_1_by_distance: Measure
     recall_at_1_aligned: Measure
     recall_at_k: Measure
+    recall_at_10: Measure
     at_precision: tuple[RecallAtPrecision, ...]
     auroc_score: Measure
     auroc_p_by_distance: Measure
     auroc_p_aligned: Measure
+
+    @property
+    def closed(self) -> float:
+        """Share of the errors that alignments correct, of those whose right place is among the ten nearest.
+
+        (Recall@1 aligned − Recall@1 by distance) / (Recall@10 − Recall@1 by distance); NaN if there is none.
+        """
+        left_open = self.recall_at_10 - self.recall_at_1_by_distance
+        return (self.recall_at_1_aligned - self.recall_at_1_by_distance) / left_open if left_open > 0.0 else math.nan
 
 
 @dataclasses.dataclass(frozen=True)
