@@ -47,8 +47,10 @@ class PolarToGrid:
         first, last = (round((end_m - scan.range_offset_m) / scan.range_resolution_m) for end_m in (0.0, reach_m))
         last = max(last, first + 1)
         seen = slice(min(max(first, 0), bins), min(max(last, 0), bins))
-        power = np.zeros((rows, last - first), np.uint8)
-        power[:, seen.start - first : seen.stop - first] = scan.power[:, seen]
+        power = scan.power[:, seen]
+        if power.shape[1] < last - first:
+            power = np.zeros((rows, last - first), np.uint8)
+            power[:, seen.start - first : seen.stop - first] = scan.power[:, seen]
         reduced = cv2.resize(power, (self.config.range_bins, rows), interpolation=cv2.INTER_AREA)
         return np.asarray(reduced, np.float32)
 
