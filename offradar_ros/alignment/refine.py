@@ -212,9 +212,10 @@ def _sampled(places: Sequence[Surface], points_m: Image, poses: Array) -> tuple[
     columns, rows = to_column.astype(np.float32) @ points_m, to_row.astype(np.float32) @ points_m
     value = np.empty_like(columns)
     end = 0
-    for _, of_place in itertools.groupby(places, key=id):
-        part = slice(end, end := end + len(list(of_place)))
-        image = places[part.start].image
+    # Poses at one place follow one another: one call for all of them.
+    for _, alike in itertools.groupby(places, key=id):
+        start, end = end, end + len(list(alike))
+        part, image = slice(start, end), places[start].image
         cv2.remap(image, columns[part], rows[part], cv2.INTER_LINEAR, value[part], cv2.BORDER_CONSTANT, _UNSEEN)
     both = (value >= 0.0).astype(np.float32)
     return np.maximum(value, 0.0, out=value), both
@@ -226,4 +227,4 @@ def _moved(poses: Array, steps: Array) -> Array:
     cos, sin = np.cos(yaws), np.sin(yaws)
     x_m = poses[:, 0] - cos * steps[:, 0] + sin * steps[:, 1]
     y_m = poses[:, 1] - sin * steps[:, 0] - cos * steps[:, 1]
-    return np.array([x_m, y_m, yaws]).T
+    return np.asarray(np.array([x_m, y_m, yaws]).T, np.float64)

@@ -131,7 +131,8 @@ def test_power_of_a_constant_scan_is_kept(bins: int, resolution_m: float) -> Non
 def test_columns_are_opencv_s_means_of_each_row(bins: int, resolution_m: float) -> None:
     """To the last bit: networks were trained with them."""
     power = np.random.default_rng(bins).integers(0, 256, (40, bins), dtype=np.uint8)
-    scan = PolarScan(0, power, (np.arange(40) + 0.5) * (math.tau / 40), resolution_m)
+    azimuths_rad = np.linspace(0.0, math.tau, 40, endpoint=False) + math.pi / 40
+    scan = PolarScan(0, power, azimuths_rad, resolution_m)
     grid = PolarGridConfig(azimuths=40, range_bins=16, resolution_m=bins * resolution_m / 16, min_range_m=0.0)
     np.testing.assert_array_equal(PolarToGrid(grid)(scan), cv2.resize(power, (16, 40), interpolation=cv2.INTER_AREA))
 
