@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+import threading
 from typing import NoReturn
 
 import numpy as np
@@ -13,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from plane import STAMP_NS, TURN_S, make_plane
 
-from offradar_ros.alignment.signature import SignatureMaker
+from offradar_ros.alignment.signature import Signature, SignatureMaker
 from offradar_ros.alignment.signature_code import unpack
 from offradar_ros.alignment.twist import Twist
 from offradar_ros.encoders.protocol import ModelInfo
@@ -183,6 +184,23 @@ def test_each_embedding_carries_the_signature_of_its_scan() -> None:
     found = unpack(encoded.embedding.signature)
     np.testing.assert_array_equal(found.image, SignatureMaker()(scan).image)
     assert found.image[:20, 41].all() and not found.image[40:190, 41].any()
+
+
+def test_a_signature_is_made_while_the_encoder_works(monkeypatch: pytest.MonkeyPatch) -> None:
+    begun, make = threading.Event(), SignatureMaker.__call__
+
+    class Waiting(StubEncoder):
+        def encode(self, scan: PolarScan) -> Embedding:
+            assert begun.wait(10.0)
+            return super().encode(scan)
+
+    def noted(maker: SignatureMaker, scan: PolarScan) -> Signature:
+        begun.set()
+        return make(maker, scan)
+
+    monkeypatch.setattr(SignatureMaker, '__call__', noted)
+    encoded = EncodeStage(Waiting(), 1.0, signature=True).encode(1, lambda: scan_of(1))
+    assert encoded.problem is None
 
 
 def test_signatures_can_be_switched_off() -> None:
