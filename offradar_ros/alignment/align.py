@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros.alignment.coarse import REACH_M, Spectra, rough_poses, spectra
-from offradar_ros.alignment.refine import agreement, edges, refine, surface
+from offradar_ros.alignment.refine import agreement, correlations, edges, refine, surface
 from offradar_ros.alignment.signature import Signature
 from offradar_ros.alignment.top_down import TopDown, half, top_down
 from offradar_ros.alignment.twist import STANDING, Twist
@@ -160,8 +160,8 @@ def _widened(
     least_known = [np.append(np.linalg.eigh(covariance[:2, :2])[1][:, 1], 0.0) for covariance in covariances]
     surfaces = [place.coarse for place in places]
     away = _ELSEWHERE_M * np.array(least_known)
-    found = refine(surfaces * 3, query.coarse, np.concatenate([poses, poses + away, poses - away]), 0)
-    here, ahead, behind = np.split(found.correlations, 3)
+    found = correlations(surfaces * 3, query.coarse, np.concatenate([poses, poses + away, poses - away]))
+    here, ahead, behind = np.split(found, 3)
     alike = np.maximum(ahead, behind) / np.maximum(here, _LEAST_SCORE)
     unknown = np.clip((alike - _ALIKE_FROM) / (_ALIKE - _ALIKE_FROM), 0.0, 1.0)
     return [

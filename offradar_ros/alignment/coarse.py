@@ -54,6 +54,11 @@ class Spectra:
     cell_m: float
     config: SignatureConfig
 
+    @functools.cached_property
+    def transformed(self) -> NDArray[np.float32]:
+        """(S, S) float32 the spectrum of `whitened`, as OpenCV packs that of a real image."""
+        return np.asarray(cv2.dft(self.whitened), np.float32)
+
 
 def spectra(signature: Signature, view: TopDown) -> Spectra:
     """What both scans need once; `view` is at the resolution of the translation."""
@@ -101,7 +106,7 @@ def _frequencies(side: int) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
 
 def rough_poses(place: Spectra, query: Spectra) -> NDArray[np.float64]:
     """(K, 3) poses (x, y, yaw) of the query, the likeliest first, within `REACH_M` of the place."""
-    before = cv2.dft(place.whitened)
+    before = place.transformed
     limit = math.floor(REACH_M / place.cell_m)
     shifts = np.arange(-limit, limit + 1)
     heights, poses = [], []

@@ -9,6 +9,7 @@ at the same time.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -139,6 +140,13 @@ def refine(places: Sequence[Surface], query: Edges, poses: Array, most_steps: in
     return Refined(poses, found.correlations, covariances[:, 1:, 1:])
 
 
+def correlations(places: Sequence[Surface], query: Edges, poses: Array) -> Array:
+    """(K,) `Refined.correlations` at (K, 3) poses, each in the frame of its own place."""
+    if not query.terms.size:
+        return np.zeros(len(poses))
+    return _agreement(*_sampled(places, query.points_m, poses), query.terms[4]).correlation
+
+
 def agreement(places: Sequence[Surface], query: Edges, poses: Array) -> Array:
     """(K,) how well the scans agree at (K, 3) poses, −1 to 1: the mean of the correlations in each patch of the query.
 
@@ -157,8 +165,8 @@ def agreement(places: Sequence[Surface], query: Edges, poses: Array) -> Array:
     pixels = np.maximum(count, 1.0)
     tt, ii, ti = (tt - t * t / pixels) / pixels, (ii - i * i / pixels) / pixels, (ti - t * i / pixels) / pixels
     counted = (count >= _FEWEST).astype(np.float64)
-    correlations = counted * ti / np.sqrt(np.maximum(tt, _FLAT) * np.maximum(ii, _FLAT))
-    found: Array = correlations.sum(axis=1) / (counted.sum(axis=1) + _CONVINCING_PATCHES)
+    of_each = counted * ti / np.sqrt(np.maximum(tt, _FLAT) * np.maximum(ii, _FLAT))
+    found: Array = of_each.sum(axis=1) / (counted.sum(axis=1) + _CONVINCING_PATCHES)
     return found
 
 
@@ -192,7 +200,8 @@ def _compared(places: Sequence[Surface], query: Edges, poses: Array) -> _Compare
     sums = (weights @ query.products.T).reshape(-1, 5, 5).astype(np.float64)
     across = (value @ query.terms.T).astype(np.float64)
     normal = sums[:, :4, :4] + _REGULAR
-    sides = np.stack([sums[:, :4, 4], across[:, :4]], axis=-1)
+    sides = np.empty((len(poses), 4, 2))
+    sides[..., 0], sides[..., 1] = sums[:, :4, 4], across[:, :4]
     solved = np.linalg.solve(normal, sides)
     # Eq. 25: the contrast at which the linearised images agree best.
     explained = np.einsum('kn,knm->km', sides[..., 0], solved)
@@ -242,20 +251,16 @@ def _sampled(places: Sequence[Surface], points_m: Image, poses: Array) -> tuple[
     cos, sin = np.cos(poses[:, 2]), np.sin(poses[:, 2])
     cell_m = places[0].cell_m
     middle_m = (len(places[0].image) / 2.0 - 0.5) * cell_m
-    to_column = np.stack([cos, -sin, poses[:, 0] + middle_m], axis=1) / cell_m
-    to_row = np.stack([sin, cos, poses[:, 1] + middle_m], axis=1) / cell_m
+    to_column = np.array([cos, -sin, poses[:, 0] + middle_m]).T / cell_m
+    to_row = np.array([sin, cos, poses[:, 1] + middle_m]).T / cell_m
     columns, rows = to_column.astype(np.float32) @ points_m, to_row.astype(np.float32) @ points_m
     value = np.empty_like(columns)
-    for row, place in enumerate(places):
-        cv2.remap(
-            place.image,
-            columns[row : row + 1],
-            rows[row : row + 1],
-            cv2.INTER_LINEAR,
-            value[row : row + 1],
-            cv2.BORDER_CONSTANT,
-            _UNSEEN,
-        )
+    end = 0
+    # Poses at one place follow one another: one call for all of them.
+    for _, alike in itertools.groupby(places, key=id):
+        start, end = end, end + len(list(alike))
+        part, image = slice(start, end), places[start].image
+        cv2.remap(image, columns[part], rows[part], cv2.INTER_LINEAR, value[part], cv2.BORDER_CONSTANT, _UNSEEN)
     both = (value >= 0.0).astype(np.float32)
     return np.maximum(value, 0.0, out=value), both
 
@@ -266,4 +271,4 @@ def _moved(poses: Array, steps: Array) -> Array:
     cos, sin = np.cos(yaws), np.sin(yaws)
     x_m = poses[:, 0] - cos * steps[:, 0] + sin * steps[:, 1]
     y_m = poses[:, 1] - sin * steps[:, 0] - cos * steps[:, 1]
-    return np.stack([x_m, y_m, yaws], axis=1)
+    return np.asarray(np.array([x_m, y_m, yaws]).T, np.float64)

@@ -29,7 +29,7 @@ class OnnxEncoder(ImageEncoder):
         ConfigError for ``cuda`` without a GPU.
         """
         options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = threads or _threads_within_affinity()
+        options.intra_op_num_threads = threads or _cores()
         options.log_severity_level = WARNINGS_OFF
         # Spinning threads, which wait for the next scan, take several times the CPU time of the computation.
         options.add_session_config_entry('session.intra_op.allow_spinning', '0')
@@ -63,13 +63,18 @@ class OnnxEncoder(ImageEncoder):
             raise ModelError(f'{path}: expected inputs and outputs {expected}, got {found}')
 
 
-def _threads_within_affinity() -> int:
-    """Number of cores that the process may use (``taskset``), or 0 if these are all cores of the machine.
+def _cores() -> int:
+    """Number of cores that the process may use (``taskset``); the two threads of a core count once.
 
-    With 0, ONNX Runtime binds a thread to each core of the machine, also to those that the process may not use.
+    ONNX Runtime counts them too, but binds a thread to each of them: one whose core is taken waits, and the whole
+    inference with it, though another core is free.
     """
-    cores = len(os.sched_getaffinity(0))
-    return cores if cores < (os.cpu_count() or cores) else 0
+    cpus = os.sched_getaffinity(0)
+    siblings = (Path(f'/sys/devices/system/cpu/cpu{cpu}/topology/thread_siblings_list') for cpu in cpus)
+    try:
+        return len({path.read_text(encoding='ascii') for path in siblings})
+    except OSError:
+        return len(cpus)
 
 
 def _session(content: bytes, path: str | Path, options: Any, providers: Sequence[str], device: str) -> Any:

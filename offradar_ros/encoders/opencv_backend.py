@@ -6,6 +6,7 @@ need a later OpenCV or ONNX Runtime; a network that cannot run is refused when i
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ class OpencvEncoder(ImageEncoder):
     """Learned encoder in OpenCV; ModelError for a file that is missing, damaged or that this OpenCV cannot run."""
 
     def __init__(self, path: str | Path, threads: int = 0, device: str = 'auto') -> None:
-        """`threads` sets OpenCV's threads for the whole process, 0 leaves them; ConfigError for ``cuda``."""
+        """`threads` sets OpenCV's threads for the whole process, 0 is every core; ConfigError for ``cuda``."""
         if device == 'cuda':
             raise cuda_unavailable('the opencv backend runs on the CPU only')
         model = read_onnx(path)
@@ -34,8 +35,7 @@ class OpencvEncoder(ImageEncoder):
                 f'use weights in single or half precision'
             )
         super().__init__(model.header, path, 'cpu')
-        if threads:
-            cv2.setNumThreads(threads)
+        cv2.setNumThreads(threads or len(os.sched_getaffinity(0)))
         try:
             self._network = cv2.dnn.readNetFromONNX(np.frombuffer(in_single_precision(model.content), np.uint8))
             # Missing operators are reported by the first run.

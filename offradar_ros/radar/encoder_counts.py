@@ -52,7 +52,8 @@ def step_of(counts: NDArray[np.int64], rows: NDArray[np.intp]) -> float:
         return 0.0
     steps = np.diff(counts) / np.diff(rows)
     # The lower of two middle ones: between them there may be no step at all.
-    median = float(np.sort(steps)[(len(steps) - 1) // 2])
+    lower = (len(steps) - 1) // 2
+    median = float(np.partition(steps, lower)[lower])
     if median <= 0.0:
         return 0.0
     return float(np.mean(steps[np.abs(steps - median) <= max(1.0, median / 2.0)]))

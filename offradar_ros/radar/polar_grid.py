@@ -47,10 +47,21 @@ class PolarToGrid:
         first, last = (round((end_m - scan.range_offset_m) / scan.range_resolution_m) for end_m in (0.0, reach_m))
         last = max(last, first + 1)
         seen = slice(min(max(first, 0), bins), min(max(last, 0), bins))
-        power = np.zeros((rows, last - first), np.uint8)
-        power[:, seen.start - first : seen.stop - first] = scan.power[:, seen]
-        reduced = cv2.resize(power, (self.config.range_bins, rows), interpolation=cv2.INTER_AREA)
-        return np.asarray(reduced, np.float32)
+        power = scan.power[:, seen]
+        if power.shape[1] < last - first:
+            power = np.zeros((rows, last - first), np.uint8)
+            power[:, seen.start - first : seen.stop - first] = scan.power[:, seen]
+        return _area_means(power, self.config.range_bins).astype(np.float32)
+
+
+def _area_means(power: NDArray[np.uint8], columns: int) -> NDArray[np.uint8]:
+    """(rows, columns) uint8 of (rows, bins): the mean of each column's share of every row."""
+    rows, bins = power.shape
+    if bins <= columns:
+        return np.asarray(cv2.resize(power, (columns, rows), interpolation=cv2.INTER_AREA), np.uint8)
+    # On its side: OpenCV adds up rows several pixels at once, and columns one by one. The sums are the same.
+    turned = cv2.resize(cv2.transpose(power), (rows, columns), interpolation=cv2.INTER_AREA)
+    return np.ascontiguousarray(turned.T, np.uint8)
 
 
 def sector_weights(azimuths_rad: NDArray[np.float64], sectors: int) -> NDArray[np.float32]:

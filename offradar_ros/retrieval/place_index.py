@@ -140,8 +140,8 @@ class PlaceIndex:
 
     def rows_within(self, position_m: NDArray[np.float64], radius_m: float) -> NDArray[np.bool_]:
         """(N,) whether each place is within `radius_m` of (x, y) on the ground."""
-        offsets = self._columns.table.positions_m[:, :2] - position_m[:2]
-        within: NDArray[np.bool_] = np.einsum('ij,ij->i', offsets, offsets) <= radius_m**2
+        x_m, y_m = self._columns.table.positions_m[:, 0], self._columns.table.positions_m[:, 1]
+        within: NDArray[np.bool_] = np.square(x_m - position_m[0]) + np.square(y_m - position_m[1]) <= radius_m**2
         return within
 
     def search_many(

@@ -22,9 +22,10 @@ def scores_elsewhere(candidates: Sequence[Candidate]) -> NDArray[np.float64]:
     as well at a pose elsewhere, the agreement says nothing; the places around the right one say the same as it does.
     """
     best = np.zeros(len(candidates))
-    for (row, one), (_, other) in itertools.permutations(enumerate(candidates), 2):
+    for (row, one), (other_row, other) in itertools.combinations(enumerate(candidates), 2):
         if one.alignment and other.alignment and _is_elsewhere(one.pose, one.alignment, other.pose, other.alignment):
             best[row] = max(best[row], other.alignment.score)
+            best[other_row] = max(best[other_row], one.alignment.score)
     return best
 
 

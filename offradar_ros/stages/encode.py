@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import traceback
 from collections import defaultdict
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from typing import NamedTuple
 
 import numpy as np
 
@@ -38,17 +41,26 @@ class Encoded:
     row_faults: Mapping[str, int] = dataclasses.field(default_factory=dict)
 
 
+class _Signed(NamedTuple):
+    """The packed signature of a scan, empty for none, why there is none, and the odometry after the scan."""
+
+    signature: bytes
+    problem: str
+    odometry: ScanOdometry
+
+
 class EncodeStage:
     """Images in, embeddings out. Neither an invalid scan nor an encoder that fails stops the next one.
 
     With `signature`, each embedding carries that of its scan, with the velocity of the vehicle where its rows have
-    stamps. Where none can be made, it goes without.
+    stamps. Where none can be made, it goes without. It is made in a thread of its own, while the encoder works.
     """
 
     def __init__(self, encoder: Encoder, restart_after_s: float, *, signature: bool) -> None:
         self.encoder = encoder
         self._make_signature = SignatureMaker() if signature else None
         self._odometry = ScanOdometry()
+        self._beside = ThreadPoolExecutor(1, 'signature')
         self._gates = defaultdict[str, StampGate](lambda: StampGate(round(restart_after_s * 1e9)))
 
     def encode(self, stamp_ns: int, decode: Callable[[], PolarScan], topic: str = '') -> Encoded:
@@ -63,10 +75,15 @@ class EncodeStage:
         try:
             restarted = self._gates[topic].check(stamp_ns)
             scan = decode()
-            embedding = self._embedding(scan, stamp_ns)
-            signature, no_signature = self._signature(scan)
-            embedding = dataclasses.replace(embedding, signature=signature)
-            return Encoded(embedding, None, no_signature, restarted, scan.row_faults)
+            signing = self._beside.submit(self._signed, scan)
+            try:
+                embedding = self._embedding(scan, stamp_ns)
+            finally:
+                signed = signing.result()
+            # Not of a scan that the encoder refuses: the next one is not compared with it.
+            self._odometry = signed.odometry
+            embedding = dataclasses.replace(embedding, signature=signed.signature)
+            return Encoded(embedding, None, signed.problem, restarted, scan.row_faults)
         except RefusedInput as problem:
             if problem.cause == 'repeated_stamp':
                 return Encoded(None, problem)
@@ -104,16 +121,16 @@ class EncodeStage:
             raise RefusedInput('invalid_output', f'{info.name} returned a variance below zero')
         return embedding
 
-    def _signature(self, scan: PolarScan) -> tuple[bytes, str]:
-        """The packed signature of a scan, empty for none, and why there is none."""
+    def _signed(self, scan: PolarScan) -> _Signed:
         if self._make_signature is None:
-            return b'', ''
+            return _Signed(b'', '', self._odometry)
+        odometry = copy.copy(self._odometry)
         try:
             signature = self._make_signature(scan)
-            twist = self._odometry.twist(signature, scan.stamp_ns)
-            return pack(dataclasses.replace(signature, twist=twist)), ''
+            twist = odometry.twist(signature, scan.stamp_ns)
+            return _Signed(pack(dataclasses.replace(signature, twist=twist)), '', odometry)
         except Exception as error:
-            return b'', _in_one_line(error)
+            return _Signed(b'', _in_one_line(error), odometry)
 
     def _invalid(self, stamp_ns: int) -> Embedding:
         nothing = np.empty(0, np.float32)

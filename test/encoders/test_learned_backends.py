@@ -123,10 +123,11 @@ def test_threads_do_not_change_the_embedding(small_onnx: Path, street: PolarScan
     np.testing.assert_allclose(one.mean, two.mean, rtol=1e-5, atol=1e-7)
 
 
-def test_threads_run_on_the_cores_of_the_process(small_onnx: Path) -> None:
+@pytest.mark.parametrize('cores', [1, len(os.sched_getaffinity(0))])
+def test_threads_run_on_any_core_of_the_process_and_on_no_other(small_onnx: Path, cores: int) -> None:
     program = f"""
 import os
-os.sched_setaffinity(0, {{min(os.sched_getaffinity(0))}})
+os.sched_setaffinity(0, sorted(os.sched_getaffinity(0))[:{cores}])
 from offradar_ros.encoders.onnx_backend import OnnxEncoder
 from offradar_ros.encoders.onnx_digest import with_digest
 encoder = OnnxEncoder({str(small_onnx)!r})
@@ -134,7 +135,7 @@ print({{frozenset(os.sched_getaffinity(int(thread))) for thread in os.listdir('/
 """
     done = subprocess.run([sys.executable, '-c', program], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.strip() == str({frozenset({min(os.sched_getaffinity(0))})})
+    assert done.stdout.strip() == str({frozenset(sorted(os.sched_getaffinity(0))[:cores])})
 
 
 @pytest.mark.parametrize('shape', [(0, 0), (0, 300), (400, 0), (400, 300)])

@@ -7,6 +7,7 @@ import math
 from collections.abc import Callable
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -124,6 +125,16 @@ def test_power_of_a_constant_scan_is_kept(bins: int, resolution_m: float) -> Non
     assert image.shape == (200, 128)
     assert (image[:, :5] == 0).all()  # up to 2.5 m
     assert (image[:, 5:] == 93).all()
+
+
+@pytest.mark.parametrize(('bins', 'resolution_m'), [*SENSORS, (12, 4.0)])
+def test_columns_are_opencv_s_means_of_each_row(bins: int, resolution_m: float) -> None:
+    """To the last bit: networks were trained with them."""
+    power = np.random.default_rng(bins).integers(0, 256, (40, bins), dtype=np.uint8)
+    azimuths_rad = np.linspace(0.0, math.tau, 40, endpoint=False) + math.pi / 40
+    scan = PolarScan(0, power, azimuths_rad, resolution_m)
+    grid = PolarGridConfig(azimuths=40, range_bins=16, resolution_m=bins * resolution_m / 16, min_range_m=0.0)
+    np.testing.assert_array_equal(PolarToGrid(grid)(scan), cv2.resize(power, (16, 40), interpolation=cv2.INTER_AREA))
 
 
 @pytest.mark.parametrize('bins, resolution_m', SENSORS)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
+import threading
 from typing import NoReturn
 
 import numpy as np
@@ -13,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from plane import STAMP_NS, TURN_S, make_plane
 
-from offradar_ros.alignment.signature import SignatureMaker
+from offradar_ros.alignment.signature import Signature, SignatureMaker
 from offradar_ros.alignment.signature_code import unpack
 from offradar_ros.alignment.twist import Twist
 from offradar_ros.encoders.protocol import ModelInfo
@@ -185,6 +186,23 @@ def test_each_embedding_carries_the_signature_of_its_scan() -> None:
     assert found.image[:20, 41].all() and not found.image[40:190, 41].any()
 
 
+def test_a_signature_is_made_while_the_encoder_works(monkeypatch: pytest.MonkeyPatch) -> None:
+    begun, make = threading.Event(), SignatureMaker.__call__
+
+    class Waiting(StubEncoder):
+        def encode(self, scan: PolarScan) -> Embedding:
+            assert begun.wait(10.0)
+            return super().encode(scan)
+
+    def noted(maker: SignatureMaker, scan: PolarScan) -> Signature:
+        begun.set()
+        return make(maker, scan)
+
+    monkeypatch.setattr(SignatureMaker, '__call__', noted)
+    encoded = EncodeStage(Waiting(), 1.0, signature=True).encode(1, lambda: scan_of(1))
+    assert encoded.problem is None
+
+
 def test_signatures_can_be_switched_off() -> None:
     encoded = EncodeStage(StubEncoder(), 1.0, signature=False).encode(1, lambda: scan_of(1))
     assert encoded.embedding is not None
@@ -226,17 +244,22 @@ def test_where_no_signature_can_be_made_the_embedding_goes_without(monkeypatch: 
     assert again is not None and again.signature
 
 
+def driven(number: int) -> PolarScan:
+    """A scan of a vehicle that drives 2 m a turn, the `number`-th one."""
+    scan = make_plane(1).scan((2.0 * number, 0.0, 0.0), twist=Twist(2.0 / TURN_S), seed=abs(number))
+    stamp_ns = STAMP_NS + round(number * TURN_S * 1e9)
+    assert scan.azimuth_stamps_ns is not None
+    rows_ns = scan.azimuth_stamps_ns + (stamp_ns - STAMP_NS)
+    return dataclasses.replace(scan, stamp_ns=stamp_ns, azimuth_stamps_ns=rows_ns)
+
+
 def test_a_signature_has_the_velocity_of_its_vehicle_from_the_second_scan_on() -> None:
-    plane, stage = make_plane(1), EncodeStage(StubEncoder(), 1.0, signature=True)
+    stage = EncodeStage(StubEncoder(), 1.0, signature=True)
 
     def velocities(numbers: range) -> list[Twist | None]:
         found = []
-        for number in numbers:
-            scan = plane.scan((2.0 * number, 0.0, 0.0), twist=Twist(2.0 / TURN_S), seed=abs(number))
-            stamp_ns = STAMP_NS + round(number * TURN_S * 1e9)
-            rows_ns = stamp_ns + (scan.azimuth_stamps_ns - STAMP_NS if scan.azimuth_stamps_ns is not None else 0)
-            moved = functools.partial(dataclasses.replace, scan, stamp_ns=stamp_ns, azimuth_stamps_ns=rows_ns)
-            encoded = stage.encode(stamp_ns, moved)
+        for scan in map(driven, numbers):
+            encoded = stage.encode(scan.stamp_ns, functools.partial(dataclasses.replace, scan))
             assert encoded.embedding is not None
             found.append(unpack(encoded.embedding.signature).twist)
         return found
@@ -250,6 +273,26 @@ def test_a_signature_has_the_velocity_of_its_vehicle_from_the_second_scan_on() -
     assert velocities(range(-8, -6))[0] is None
     stage.start_recording()
     assert velocities(range(-6, -5)) == [None]
+
+
+def test_a_scan_that_the_encoder_refuses_says_nothing_of_the_velocity() -> None:
+    class Refusing(StubEncoder):
+        def encode(self, scan: PolarScan) -> Embedding:
+            if scan.stamp_ns == driven(2).stamp_ns:
+                raise RefusedInput('no_signal', 'not within the image')
+            return super().encode(scan)
+
+    def signatures(numbers: tuple[int, ...]) -> list[bytes]:
+        stage, found = EncodeStage(Refusing(), 1.0, signature=True), []
+        for scan in map(driven, numbers):
+            encoded = stage.encode(scan.stamp_ns, functools.partial(dataclasses.replace, scan))
+            assert encoded.embedding is not None
+            found.append(encoded.embedding.signature)
+        return found
+
+    *before, refused, after = signatures((0, 1, 2, 3))
+    assert refused == b''
+    assert [*before, after] == signatures((0, 1, 3))
 
 
 def test_without_stamps_of_rows_there_is_no_velocity() -> None:
