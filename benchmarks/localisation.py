@@ -13,9 +13,9 @@ from embedded_worlds import options_of, worlds_parser
 from measuring import rounded
 from numpy.typing import NDArray
 
+from offradar_ros.calibration.drive_signatures import DriveSignatures
 from offradar_ros.calibration.open_set import halves
 from offradar_ros.config import LocalisationConfig, QueryConfig, replace_values
-from offradar_ros.lab.evaluation.aligned import DriveSignatures
 from offradar_ros.lab.evaluation.answers import map_rows, places_of
 from offradar_ros.lab.evaluation.confidence import embed
 from offradar_ros.lab.evaluation.distances import distances_m
