@@ -160,7 +160,8 @@ def _likeliest(
 
     bounds = [(None, None), *((0.0, None) if way > 0.0 else (None, 0.0) for way in ways)]
     vector = minimize(loss, centre, jac=True, method='L-BFGS-B', bounds=bounds).x
-    coefficients = np.maximum(vector[1:] * ways, 0.0) * ways / spread
+    # Without the sign of −0, which would be written to files.
+    coefficients = np.maximum(vector[1:] * ways, 0.0) * ways / spread + 0.0
     return np.concatenate([[vector[0] - coefficients @ mean], coefficients])
 
 
