@@ -448,7 +448,7 @@ class QueryConfig:
     )
     place_sigma_deg: float = parameter(
         1.0,
-        'standard deviation of the heading of a place',
+        'standard deviation of the heading of a place, where the map does not have it',
         unit='°',
         minimum=0.0,
         maximum=180.0,
