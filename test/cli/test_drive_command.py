@@ -18,6 +18,7 @@ from small_maps import as_version_1, change
 
 from offradar_ros.config import MapConfig, load_config
 from offradar_ros.mapping.sessions import SessionMap
+from offradar_ros.mapping.schema import VERSION
 from offradar_ros.mapping.store import MapStore
 from offradar_ros.recordings.bags.sequence import BagSequence
 from offradar_ros.recordings.bags.writer import write_bag
@@ -361,5 +362,5 @@ def test_an_upgrade_is_told_of(done: Callable[..., str], drives: list[Path], par
     as_version_1(db)
     assert 'upgraded' not in done('drive', drives[1], '--params', params, '--map', db)
     printed = done('drive', drives[1], '--params', params, '--map', db, '--session', 'two')
-    assert f'{db}: upgraded from map format 1 to 3; the file as it was is kept as map.db.v1.bak\n' in printed
+    assert f'{db}: upgraded from map format 1 to {VERSION}; the file as it was is kept as map.db.v1.bak\n' in printed
     assert len(MapStore.open_read_only(db).sessions) == 2
