@@ -17,8 +17,8 @@ from commands import RING_KEY
 from small_maps import as_version_1, change
 
 from offradar_ros.config import MapConfig, load_config
-from offradar_ros.mapping.sessions import SessionMap
 from offradar_ros.mapping.schema import VERSION
+from offradar_ros.mapping.sessions import SessionMap
 from offradar_ros.mapping.store import MapStore
 from offradar_ros.recordings.bags.sequence import BagSequence
 from offradar_ros.recordings.bags.writer import write_bag
