@@ -284,7 +284,8 @@ class MapConfig:
 class ConfidenceConfig:
     """Log-odds that an answer is right, a sum of evidence (docs/confidence.md).
 
-    No coefficient of a distance or an uncertainty is positive, and none of an alignment is negative.
+    No coefficient of a distance or an uncertainty is positive. That of the score at the place is not negative, and that
+    of scores elsewhere is not positive.
     """
 
     model: str = parameter(
@@ -392,6 +393,14 @@ class QueryConfig:
     min_probability: float = parameter(
         0.9,
         'a query whose answer is right with a lower probability is rejected',
+        minimum=0.0,
+        maximum=1.0,
+        read_only=False,
+    )
+    min_probability_unaligned: float = parameter(
+        0.0,
+        'the same where the scan was not aligned with the place, if it is higher than min_probability: offradar '
+        'calibrate sets it, since the probability tells less then; 1 lets hardly any pass',
         minimum=0.0,
         maximum=1.0,
         read_only=False,

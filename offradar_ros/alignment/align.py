@@ -127,10 +127,9 @@ def require_alike(place: PreparedPlace, query: PreparedQuery) -> None:
 
 def _refined(places: Sequence[PreparedPlace], query: PreparedQuery, starts: Sequence[Array]) -> list[Alignment]:
     """The best pose at each place, of those that are reached from (K, 3) `starts` of each."""
-    surfaces = [place.coarse for place, of_place in zip(places, starts, strict=True) for _ in of_place]
-    rough = refine(surfaces, query.coarse, np.concatenate(starts), _COARSE_STEPS)
-    fine_surfaces = [place.fine for place, of_place in zip(places, starts, strict=True) for _ in of_place]
-    agreeing = agreement(fine_surfaces, query.fine, rough.poses)
+    of_each = [place for place, of_place in zip(places, starts, strict=True) for _ in of_place]
+    rough = refine([place.coarse for place in of_each], query.coarse, np.concatenate(starts), _COARSE_STEPS)
+    agreeing = agreement([place.fine for place in of_each], query.fine, rough.poses)
     ends = np.cumsum([len(of_place) for of_place in starts])[:-1]
     reached = zip(np.split(rough.poses, ends), np.split(agreeing, ends), strict=True)
     best = np.array([poses[np.argmax(scores)] for poses, scores in reached])

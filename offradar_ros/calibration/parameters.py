@@ -13,6 +13,7 @@ from offradar_ros.retrieval.confidence import shipped_confidences
 SCALE = 'encoder.ring_key.variance_scale'
 CONFIDENCE = 'query.confidence.'
 MIN_PROBABILITY = 'query.min_probability'
+MIN_PROBABILITY_UNALIGNED = 'query.min_probability_unaligned'
 
 
 class Thresholds(NamedTuple):

@@ -14,9 +14,10 @@ from offradar_ros.calibration.cross_fit import cross_fit
 from offradar_ros.calibration.encoded_drive import EncodedDrive, encoded_drives
 from offradar_ros.calibration.error_control import ErrorLimit
 from offradar_ros.calibration.gate_choice import GateChoice, choose_gate
-from offradar_ros.calibration.left_out_queries import left_out_queries
+from offradar_ros.calibration.left_out_queries import LeftOutQueries, left_out_queries
 from offradar_ros.calibration.parameters import (
     MIN_PROBABILITY,
+    MIN_PROBABILITY_UNALIGNED,
     Calibration,
     Thresholds,
     calibrated_parameters,
@@ -27,7 +28,7 @@ from offradar_ros.calibration.road_report import gate_lines, threshold_lines
 from offradar_ros.calibration.threshold_choice import ThresholdChoice, choose_threshold
 from offradar_ros.calibration.validation_queries import validation_queries
 from offradar_ros.calibration.variance_scale import spanning_delta, variance_factor
-from offradar_ros.config import Config
+from offradar_ros.config import ConfidenceConfig, Config
 from offradar_ros.encoders.protocol import Encoder
 from offradar_ros.encoders.registry import make_encoder
 from offradar_ros.errors import DataError
@@ -116,8 +117,22 @@ def _by_probability(
         choice.fit.coefficients,
     )
     values[MIN_PROBABILITY] = choice.min_probability
-    lines = gate_lines(choice, prior, float(thresholds[level]), str(values['query.model']))
+    values[MIN_PROBABILITY_UNALIGNED] = unaligned = _unaligned_gate(queries, prior, limit)
+    lines = gate_lines(choice, unaligned, prior, float(thresholds[level]), str(values['query.model']))
     return Calibration(values, _source(encoded), tuple(lines)), choice
+
+
+def _unaligned_gate(queries: LeftOutQueries, prior: ConfidenceConfig | None, limit: ErrorLimit) -> float:
+    """The gate that keeps both promises for scans without an alignment, as before signatures have come; 1 for none.
+
+    0 without alignments: the other gate is for such answers then.
+    """
+    if queries.aligned is None:
+        return 0.0
+    try:
+        return choose_gate(cross_fit(dataclasses.replace(queries, aligned=None), prior), limit).min_probability
+    except DataError:
+        return 1.0
 
 
 def _by_threshold(encoded: _Encoded, config: Config, limit: ErrorLimit) -> tuple[Calibration, ThresholdChoice]:

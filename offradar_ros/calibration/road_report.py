@@ -22,8 +22,19 @@ ALIKE = (
 )
 
 
-def gate_lines(choice: GateChoice, prior: ConfidenceConfig | None, threshold: float, fingerprint: str) -> list[str]:
-    """What the gate on the probability keeps; `prior` are the coefficients that were known before."""
+_UNALIGNED = {
+    True: 'it keeps the same for answers without an alignment, as where the map has no signatures',
+    False: 'no gate keeps the same for answers without an alignment, so hardly any is given',
+}
+
+
+def gate_lines(
+    choice: GateChoice, unaligned: float, prior: ConfidenceConfig | None, threshold: float, fingerprint: str
+) -> list[str]:
+    """What the gate on the probability keeps; `prior` are the coefficients that were known before.
+
+    `unaligned` is the gate of answers without an alignment, 0 if all are.
+    """
     fit, limit = choice.fit, choice.limit
     queries, each = fit.queries, confidence_of_each(limit)
     mixed, off = queries.mixed, choice.off_map_scans
@@ -56,6 +67,7 @@ def gate_lines(choice: GateChoice, prior: ConfidenceConfig | None, threshold: fl
         f'{limit.confidence:g})',
         f'counted by squares of {SQUARE_M:g} m of ground, {choice.squares} of them, not by scans, no more is certain '
         f'than {choice.error_rate_by_squares:.4f} of the answers wrong{few}',
+        *([f'min_probability_unaligned {unaligned:g}: {_UNALIGNED[unaligned < 1.0]}'] if unaligned else []),
         f'rejected scans of a U above {threshold:.3f} are called uncertain',
         f'model {fingerprint[:12]}: query.model and query.confidence.model',
         ALIKE,

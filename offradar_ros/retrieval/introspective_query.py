@@ -171,7 +171,7 @@ class IntrospectiveQuery:
         answer would be probable enough; another place that resembles the scan, without which it would be; or that it
         resembles no place.
         """
-        least = self.config.min_probability
+        least = self._least_probability(candidates[0])
         if p_right >= least:
             return None
         low = f'right with probability {p_right:.3g}, below {least:g}'
@@ -187,6 +187,11 @@ class IntrospectiveQuery:
             rival = f'at {evidence.distance_apart:.4g}, elsewhere, after the nearest at {evidence.distance:.4g}'
             return Reason.AMBIGUOUS, f'{low}: another place resembles the scan nearly as well ({rival})'
         return Reason.UNKNOWN_PLACE, f'{low}: the scan resembles no place (the nearest is at {evidence.distance:.4g})'
+
+    def _least_probability(self, first: Candidate) -> float:
+        if first.alignment:
+            return self.config.min_probability
+        return max(self.config.min_probability, self.config.min_probability_unaligned)
 
     def _model_problem(self, embedding: Embedding) -> str | None:
         made_by = f'made by model {embedding.model[:12] or "(none)"}'

@@ -18,8 +18,9 @@ from offradar_ros.calibration.left_out_queries import LeftOutQueries, left_out_q
 from offradar_ros.calibration.open_set import halves
 from offradar_ros.calibration.road import calibrate_road
 from offradar_ros.calibration.road_alignments import RoadAlignments
-from offradar_ros.config import ConfidenceConfig, QueryConfig, load_config
+from offradar_ros.config import ConfidenceConfig, Config, QueryConfig, load_config
 from offradar_ros.encoders.registry import make_encoder
+from offradar_ros.errors import DataError
 from offradar_ros.recordings.bags.writer import write_bag
 from offradar_ros.recordings.road import PositionedDrive, open_road
 from offradar_ros.stages.query import QueryStage
@@ -109,12 +110,27 @@ def test_right_places_agree_better_than_wrong_ones(queries: LeftOutQueries) -> N
     assert np.median(places.scores[places.right]) > np.median(places.scores[~places.right]) + 0.1
 
 
+def without(switch: str) -> Config:
+    names = {'encoder.name': 'ring_key', 'query.levels': 20, 'query.level': 20}
+    return load_config(overrides={**names, switch: False})
+
+
 def test_what_is_written_has_coefficients_of_alignments(drives: list[PositionedDrive]) -> None:
     limit, done = ErrorLimit(0.3, 0.75, 0.3), list[tuple[int, int]]()
     calibration, choice = calibrate_road(drives, CONFIG, limit, lambda *now: done.append(now))
     assert isinstance(choice, GateChoice)
     assert choice.fit.queries.aligned is not None
-    assert load_config(overrides=calibration.values).query.confidence.score > 0.0
+    query = load_config(overrides=calibration.values).query
+    assert query.confidence.score > 0.0
+    # Answers without an alignment have the gate of a calibration without them, or none passes.
+    try:
+        _, alone = calibrate_road(drives, without('query.verify'), limit)
+    except DataError:
+        assert query.min_probability_unaligned == 1.0
+    else:
+        assert isinstance(alone, GateChoice)
+        assert query.min_probability_unaligned == alone.min_probability
+    assert f'min_probability_unaligned {query.min_probability_unaligned:g}: ' in '\n'.join(calibration.lines)
     assert 'aligned with the 5 nearest' in calibration.lines[0]
     assert done == sorted(done)
     assert done[-1] == (done[-1][1], done[-1][1])
@@ -122,10 +138,10 @@ def test_what_is_written_has_coefficients_of_alignments(drives: list[PositionedD
 
 @pytest.mark.parametrize('switch', ['query.verify', 'encoder.signature'])
 def test_a_vehicle_without_alignments_is_calibrated_without(drives: list[PositionedDrive], switch: str) -> None:
-    config = load_config(overrides={'encoder.name': 'ring_key', 'query.levels': 20, 'query.level': 20, switch: False})
-    _, choice = calibrate_road(drives, config, ErrorLimit(0.3, 0.75, 0.3))
+    calibration, choice = calibrate_road(drives, without(switch), ErrorLimit(0.3, 0.75, 0.3))
     assert isinstance(choice, GateChoice)
     assert choice.fit.queries.aligned is None
+    assert load_config(overrides=calibration.values).query.min_probability_unaligned == 0.0
 
 
 def test_a_map_of_few_places_is_searched_all_the_same(

@@ -131,6 +131,19 @@ def test_what_agrees_as_well_elsewhere_makes_an_answer_ambiguous() -> None:
     assert ask(Scored(p1=0.8, p3=0.75)).outcome.p_right == sure.outcome.p_right
 
 
+def test_an_answer_without_an_alignment_has_a_gate_of_its_own() -> None:
+    by_itself: dict[str, Any] = {'min_probability': 0.3, 'min_probability_unaligned': 0.999}
+    assert isinstance(ask(Scored(p1=0.8, p2=0.5)).outcome, Match)
+    aligned = ask(Scored(p1=0.8, p2=0.5), **by_itself)
+    assert isinstance(aligned.outcome, Match)
+    alone = ask(Scored(), **by_itself)
+    assert isinstance(alone.outcome, Rejection)
+    assert 0.3 < alone.outcome.p_right < 0.999
+    assert 'below 0.999' in alone.outcome.detail
+    # The lower of the two is never the gate.
+    assert isinstance(ask(Scored(), min_probability=0.999, min_probability_unaligned=0.3).outcome, Rejection)
+
+
 @pytest.mark.parametrize(
     ('signature', 'changes'),
     [

@@ -48,8 +48,6 @@ class Gate:
 
 
 def gate_of(query: QueryConfig, model: str, threshold: float) -> Gate:
-    """The gate for the model with this fingerprint and a `threshold` on U (NaN for none)."""
-    by_probability = query.gate == 'probability'
-    return Gate(
-        confidence_for(model, query.confidence), query.min_probability if by_probability else math.nan, threshold
-    )
+    """The gate for the model with this fingerprint, without alignments, and a `threshold` on U (NaN for none)."""
+    least = max(query.min_probability, query.min_probability_unaligned) if query.gate == 'probability' else math.nan
+    return Gate(confidence_for(model, query.confidence), least, threshold)
