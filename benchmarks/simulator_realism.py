@@ -21,7 +21,7 @@ from offradar_ros.lab.simulation.session_plan import SessionPlan
 from offradar_ros.types import PolarScan
 
 DOCS = Path(__file__).resolve().parents[1] / 'docs'
-CITIES = (1, 2, 3)
+CITIES = (1, 2, 3, 4, 5, 6)
 SCANS = 4
 
 # RADIATE's sensor records some 9 dB higher than Oxford's and MulRan's, and its bins are means of four.

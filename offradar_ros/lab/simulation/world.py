@@ -21,9 +21,11 @@ class World:
         parking: (K, 3) float64, x, y and heading of each parking place.
         route: the route of drives without a recorded path; None if the streets are not known.
         streets: the road network, for further routes (`make_route`); None if it is not known.
+        ground_seed: draws the patches and slopes of the ground.
     """
 
     reflectors: Reflectors
     parking: NDArray[np.float64] = dataclasses.field(default_factory=lambda: np.empty((0, 3)))
     route: Route | None = None
     streets: Streets | None = None
+    ground_seed: int = 0
