@@ -80,6 +80,21 @@ def energy_distances(simulated: list[PolarScan], recorded: dict[str, list[PolarS
     )
 
 
+def covered(simulated: list[PolarScan], recorded: dict[str, list[PolarScan]]) -> Array:
+    """(4,) float64, share of the points of recorded curves between the 2.5 % and 97.5 % quantiles of simulated ones."""
+    reach_m = min(scans[0].max_range_m for scans in [simulated, *recorded.values()])
+    ours = [_curves(scan, reach_m) for scan in simulated]
+    shares = []
+    for panel in range(len(PANELS)):
+        low, high = np.quantile([curves[panel] for curves in ours], (0.025, 0.975), axis=0)
+        inside = [
+            np.mean([(low <= c) & (c <= high) for c in (_curves(scan, reach_m)[panel] for scan in scans)])
+            for scans in recorded.values()
+        ]
+        shares.append(np.mean(inside))
+    return np.array(shares)
+
+
 def _curves(scan: PolarScan, reach_m: float) -> tuple[Array, Array, Array, Array]:
     """The curves of one scan, in the order of `PANELS`."""
     found = statistics([scan])

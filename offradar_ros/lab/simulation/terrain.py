@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros.lab.simulation.physics import RadarPhysics, linear_power
-from offradar_ros.lab.simulation.rays import Hits
+from offradar_ros.lab.simulation.rays import Hits, Rows
 
 Array = NDArray[np.float64]
 Image = NDArray[np.float32]
@@ -39,7 +39,7 @@ class Terrain:
         self._size = (cells, azimuths)
         self._rows = np.arange(0, azimuths, _STEP[0])
         self._bearings = self._rows * (2.0 * np.pi / azimuths)
-        self._ranges_m = (np.arange(0, cells, _STEP[1]) + _STEP[1] / 2) * cell_m
+        self._ranges_m: Array = (np.arange(0.0, cells, _STEP[1]) + _STEP[1] / 2) * cell_m
         self._spread = 0.23 * physics.ground_patch_db
         self._slope = linear_power(physics.slope_db) if physics.slope_share else 0.0
         self._rise = statistics.NormalDist().inv_cdf(1.0 - physics.slope_share) if physics.slope_share else np.inf
@@ -66,7 +66,7 @@ class Terrain:
         return np.asarray(cv2.resize(wrapped, size, interpolation=cv2.INTER_LINEAR), np.float32)[_STEP[0] : -_STEP[0]]
 
 
-def _behind_walls(ground: Image, hits: Hits, rows: NDArray[np.intp], ranges_m: Array) -> Image:
+def _behind_walls(ground: Image, hits: Hits, rows: Rows, ranges_m: Array) -> Image:
     wall_ranges_m, behind = hits.wall_ranges_m[rows], hits.transmission_behind[rows].astype(np.float32)
     for depth in range(int(np.isfinite(wall_ranges_m).any(axis=0).sum())):
         lost = behind[:, depth] - behind[:, depth + 1]
