@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,78 +17,88 @@ _STATION_M = 2.0
 _STEP_M = 0.25
 """A lane moves aside by up to this between two stations, an eighth of the distance."""
 
-_REACH_M = 12.0
+_REACH = 48
+"""Steps to either side of where a lane is wanted that are tried."""
+
 _BLOCKED = 1e4
 _MOVED = 0.1
 _TO_THE_LEFT = 0.02
-"""Costs of a station that is not free, of a step aside, and of a metre to the left: of two equal ways, the right one."""
+"""Costs of a station that is not free, of a step aside, and of a metre to the left: of two equal ways, the right."""
 
-_MIN_SPACING = 0.35
-"""On the inner side of a curve, a lane's length is at least this share of the line's."""
+_MIN_RADIUS_M = 3.5
+"""Of curves, before they are smoothed."""
 
+_CORNER_M = 5
 _SMOOTHED = 5
 """Stations over which a lane is averaged."""
 
 
-class Lanes:
-    """Lanes at wanted distances to the left of a route, in metres; without a road, they are exactly there.
+@dataclasses.dataclass(frozen=True, eq=False)
+class Lane:
+    """A lane beside a route.
 
-    On a road each lane is the line of least cost from station to station: the sum of its squared distances from where it
-    is wanted, with the road's edges, islands, medians and parked cars as obstacles (Viterbi's algorithm).
+    Attributes:
+        line: the lane, by its own arc length.
+        beside_m: (M,) float64, arc length of the route at equal steps.
+        lane_m: (M,) float64, arc length of the lane there.
     """
 
-    def __init__(self, route: Route, road: Road | None, wanted_m: tuple[float, ...]) -> None:
-        self._route = route
-        self._wanted_m = np.array(wanted_m)
-        count = max(8, round(route.length_m / _STATION_M))
-        self._arcs_m = np.linspace(0.0, route.length_m, count, endpoint=not route.closed)
-        self._left_m = np.repeat(self._wanted_m[:, None], count, axis=1)
-        if road is not None:
-            self._left_m = self._planned(road)
+    line: Route
+    beside_m: Array
+    lane_m: Array
 
-    def at(self, arc_m: Array, lane: Index | int = 0, aside_m: Array | float = 0.0) -> Array:
-        """(N, 3) x, y, heading at (N,) arc lengths of a lane, or of one lane each, and `aside_m` to the left of it.
+    def arc_m(self, route_arc_m: float) -> float:
+        """Arc length of the lane beside an arc length of the route."""
+        inside = np.mod(route_arc_m, self.beside_m[-1]) if self.line.closed else route_arc_m
+        return float(np.interp(inside, self.beside_m, self.lane_m))
 
-        The heading is that of the lane.
-        """
-        left_m = self._left_at(arc_m, lane)
-        poses = self._route.at(arc_m, left_m + aside_m)
-        poses[:, 2] += np.arctan(self._left_at(arc_m + 0.5, lane) - self._left_at(arc_m - 0.5, lane))
-        return poses
 
-    def _left_at(self, arc_m: Array, lane: Index | int) -> Array:
-        period = self._route.length_m if self._route.closed else None
-        offsets = np.stack([np.interp(arc_m, self._arcs_m, left, period=period) for left in self._left_m])
-        return np.asarray(offsets[lane, np.arange(len(arc_m))])
+def plan_lanes(route: Route, road: Road | None, wanted_m: tuple[float, ...]) -> tuple[Lane, ...]:
+    """Lanes at wanted distances to the left of a route, in metres, or as near to that as they can be.
 
-    def _planned(self, road: Road) -> Array:
-        """(L, S) metres to the left of each station."""
-        cost, left_m = self._costs(road)
-        stations = np.arange(len(cost))
-        # Of two laps of a closed route, that one is taken whose ends meet best.
-        laps = 2 if self._route.closed else 1
-        path = _cheapest(np.concatenate([cost] * laps))
-        planned = []
-        for lane in range(len(self._wanted_m)):
-            steps = path[:, lane]
-            if self._route.closed:
-                first = int(np.argmin(np.abs(steps[stations] - steps[stations + len(stations)])))
-                steps = np.roll(steps[first : first + len(stations)], first)
-            planned.append(_smoothed(left_m[lane, steps], self._route.closed))
-        return np.array(planned)
+    Each is the line of least cost from station to station: the sum of its squared distances from where it is wanted,
+    with the road's edges, islands, medians and parked cars as obstacles (Viterbi's algorithm). Without a road, only
+    curves that are too tight are in the way.
+    """
+    stations_m = np.linspace(0.0, route.length_m, max(8, round(route.length_m / _STATION_M)), endpoint=not route.closed)
+    distances_m = np.array(wanted_m)[:, None] + _STEP_M * np.arange(-_REACH, _REACH + 1)
+    cost = _costs(route, road, stations_m, distances_m, np.array(wanted_m))
+    path = _cheapest(cost) if not route.closed else _lap(_cheapest(np.concatenate([cost, cost])), len(cost))
+    lanes = []
+    for steps, beside in zip(path.T, distances_m, strict=True):
+        left_m = _smoothed(beside[steps], route.closed)
+        lanes.append(_lane(route, stations_m, left_m))
+    return tuple(lanes)
 
-    def _costs(self, road: Road) -> tuple[Array, Array]:
-        """(S, L, K) costs of each station, lane and distance, and (L, K) those distances to the left of the line."""
-        reach = round(_REACH_M / _STEP_M)
-        left_m = self._wanted_m[:, None] + _STEP_M * np.arange(-reach, reach + 1)
-        poses = self._route.at(self._arcs_m)
-        x, y, heading = (column[:, None, None] for column in poses.T)
+
+def _lane(route: Route, stations_m: Array, left_m: Array) -> Lane:
+    """The lane that is (S,) metres to the left of the route at (S,) stations."""
+    arcs_m = np.linspace(0.0, route.length_m, max(2, round(route.length_m) + 1))
+    period = route.length_m if route.closed else None
+    points_m = route.at(arcs_m, np.interp(arcs_m, stations_m, left_m, period=period))[:, :2]
+    line = Route(points_m[:-1] if route.closed else points_m, route.closed, corner_length_m=_CORNER_M)
+    driven_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points_m, axis=0).T))])
+    return Lane(line, arcs_m, driven_m * (line.length_m / driven_m[-1]))
+
+
+def _costs(route: Route, road: Road | None, stations_m: Array, left_m: Array, wanted_m: Array) -> Array:
+    """(S, L, K) costs of (S,) stations at (L, K) distances to the left of the route, of which (L,) are wanted."""
+    x, y, heading = (column[:, None, None] for column in route.at(stations_m).T)
+    ahead, behind = (route.at(stations_m + side)[:, 2] for side in (1.0, -1.0))
+    curvature = np.angle(np.exp(1j * (ahead - behind))) / 2.0
+    curvature = curvature[:, None, None]
+    blocked = 1.0 - curvature * left_m < _MIN_RADIUS_M * np.abs(curvature)
+    if road is not None:
         points_m = np.stack([x - left_m * np.sin(heading), y + left_m * np.cos(heading)], axis=-1)
-        ahead, behind = (self._route.at(self._arcs_m + side)[:, 2] for side in (1.0, -1.0))
-        curvature = np.angle(np.exp(1j * (ahead - behind))) / 2.0
-        blocked = ~road.is_free(points_m) | (1.0 - curvature[:, None, None] * left_m < _MIN_SPACING)
-        cost = (left_m - self._wanted_m[:, None]) ** 2 + _TO_THE_LEFT * left_m
-        return cost + _BLOCKED * blocked, left_m
+        blocked |= ~road.is_free(points_m)
+    return np.asarray((left_m - wanted_m[:, None]) ** 2 + _TO_THE_LEFT * left_m + _BLOCKED * blocked)
+
+
+def _lap(path: Index, stations: int) -> Index:
+    """(S, L) indices of one lap, from those of two: from the station where both are nearest to one another."""
+    apart = np.abs(path[:stations] - path[stations:])
+    laps = [np.roll(lane[k : k + stations], k) for lane, k in zip(path.T, np.argmin(apart, axis=0), strict=True)]
+    return np.stack(laps, axis=1)
 
 
 def _cheapest(cost: Array) -> Index:

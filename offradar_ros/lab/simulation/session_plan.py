@@ -23,8 +23,8 @@ class SessionPlan:
         start_m: arc length of the route or path at the start.
         speed_mps: mean speed on a route between stops; it varies by an eighth.
         stops: number of stops on a route, of 4 s to 12 s each.
-        left_m: mean lane offset to the left of the line; on a route it varies by 0.3 m, and is less where the road is not
-            so wide, or goes round obstacles.
+        left_m: mean lane offset to the left of the line; on a route it varies by 0.3 m, and is less where the road is
+            not so wide or goes round obstacles.
         reverse: whether the line is driven backwards.
         traffic: other vehicles per kilometre of the line.
         parked: share of the parking places that are occupied.

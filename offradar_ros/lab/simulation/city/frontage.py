@@ -30,7 +30,7 @@ _ALLEYS = 0.5
 
 
 class Frontage:
-    """The left side of a street along its (M, 2) line; on a narrow street cars park only on one, `second` is the other."""
+    """The left side of a street along its (M, 2) line; cars do not park on the `second` side of a narrow street."""
 
     def __init__(
         self, rng: np.random.Generator, line_m: Array, profile: Profile, patches: Patches, *, second: bool

@@ -106,12 +106,15 @@ class Ground:
     def places_on_one_street(self, places: Array) -> Mask:
         """(N,) whether each of (N, 3) parking places is away from all crossings."""
         size = 2 * round(_CROSSING_M / _CELL_M) + 1
-        shared = cv2.dilate(self._shared, np.ones((size, size), np.uint8))
-        return ~np.any([self._at(shared, corners) for corners in _corners(places).transpose(1, 0, 2)], axis=0)
+        return self._off(np.asarray(cv2.dilate(self._shared, np.ones((size, size), np.uint8)), np.uint8), places)
 
     def places_off_the_road(self, places: Array) -> Mask:
         """(N,) whether each of (N, 3) parking places is on no street."""
-        return ~np.any([self._at(self._paved, corners) for corners in _corners(places).transpose(1, 0, 2)], axis=0)
+        return self._off(self._paved, places)
+
+    def _off(self, mask: Bytes, places: Array) -> Mask:
+        corners = _corners(places)
+        return np.asarray(~self._at(mask, corners.reshape(-1, 2)).reshape(-1, len(_PLACE)).any(axis=1))
 
     def road(self, parking: Array) -> Road:
         """What is paved, without (N, 3) parking places."""

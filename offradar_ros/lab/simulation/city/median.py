@@ -19,7 +19,12 @@ _STATION_M = 5.0
 
 
 def add_median(
-    scenery: Scenery, ground: Ground, rng: np.random.Generator, line_m: Array, profile: Profile, ends_m: tuple[float, float]
+    scenery: Scenery,
+    ground: Ground,
+    rng: np.random.Generator,
+    line_m: Array,
+    profile: Profile,
+    ends_m: tuple[float, float],
 ) -> None:
     """Add the median of a street, without `ends_m` metres at its start and end."""
     length = float(np.sum(np.hypot(*np.diff(line_m, axis=0).T)))

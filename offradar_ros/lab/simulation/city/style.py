@@ -31,8 +31,8 @@ class Style:
         trees: mean number per 20 m of plots; poles_m: distance between poles on the kerb; pole_db: their power.
         parking: share of the kerbs where cars park.
         car_parks: share of the plots that are car parks.
-        infill_ha, groves_ha, yards_ha, car_parks_ha: buildings, groups of trees, yards of metal objects, and car parks away
-            from streets, per hectare.
+        infill_ha, groves_ha, yards_ha, car_parks_ha: buildings, groups of trees, yards of metal objects, and car parks
+            away from streets, per hectare.
         template: seed of the one building that an estate repeats at equal distances; None where buildings differ.
     """
 
