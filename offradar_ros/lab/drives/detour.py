@@ -49,8 +49,8 @@ def with_detour(world: World, driven_m: float, length_m: float) -> World:
         )
     before_m = np.arange(0.0, passed_m[nodes[0]])
     after_m = np.arange(passed_m[nodes[-1]], route.length_m)
-    detour = [streets.line(*street)[:-1] for street in itertools.pairwise(nodes)]
-    line = np.concatenate([route.at(before_m)[:, :2], *detour, route.at(after_m)[:, :2]])
+    detour = [streets.line(*street) for street in itertools.pairwise(nodes)]
+    line = streets.joined([route.at(before_m)[:, :2], *detour, route.at(after_m)[:, :2]], nodes)
     return dataclasses.replace(world, route=Route(line, route.closed))
 
 

@@ -15,6 +15,9 @@ from offradar_ros.lab.simulation.session_plan import SessionPlan
 _LANE_SHARE = 1.2
 """Share of the path length that is driven: lanes curve and speeds vary, so that more than 1 is needed."""
 
+FOLIAGE = (1.0, 0.0, 0.5)
+"""Share of the leaves in the drives through a world, in turn: each is searched for in maps of another season."""
+
 
 @dataclasses.dataclass(frozen=True)
 class PlannedDrive:
@@ -63,6 +66,7 @@ def city_drive(
         left_m=lane.left_m,
         start_m=lane.start_m,
         reverse=lane.reverse,
+        foliage=FOLIAGE[index % len(FOLIAGE)],
         degraded=degraded,
         physics=physics_of(physics, seed),
     )
@@ -76,6 +80,7 @@ def street_drive(
     plan = SessionPlan(
         name=f'{street.name}_{index + 1}',
         seed=1000 * street.seed + index,
+        foliage=FOLIAGE[index % len(FOLIAGE)],
         degraded=degraded,
         physics=physics_of(physics, street.seed),
     )

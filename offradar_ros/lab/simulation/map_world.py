@@ -2,11 +2,12 @@
 
 Cells that touch form one object. Objects of less than half a square metre become scatterers, the others walls along
 their outlines, simplified to 0.3 m. A map does not say what an object is made of, so its outline decides: straight
-outlines are buildings, ragged ones vegetation. The seed draws the rest.
+outlines are buildings, ragged ones vegetation (in leaf). The seed draws the rest.
 """
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
 
 import cv2
@@ -15,7 +16,7 @@ from numpy.typing import NDArray
 
 from offradar_ros.errors import DataError
 from offradar_ros.lab.simulation.map_image import MapImage, read_map_image
-from offradar_ros.lab.simulation.reflectors import Reflectors
+from offradar_ros.lab.simulation.reflectors import NOTHING, Reflectors, concatenate
 from offradar_ros.lab.simulation.world import World
 
 Array = NDArray[np.float64]
@@ -44,18 +45,14 @@ def load_map_world(path: str | Path, seed: int = 0) -> World:
     corners = [image.to_world(points.astype(np.float64)) for points, _ in outlines]
     rng = np.random.default_rng([seed, 8])
     specks = areas < _SPECK_M2
-    walls, wall_powers, wall_transmission, points, powers = _objects(
-        rng, [c for c, speck in zip(corners, specks, strict=True) if not speck]
-    )
-    if len(walls) > _MAX_WALLS:
-        raise DataError(f'{path}: expected outlines of up to {_MAX_WALLS} walls, got {len(walls)}')
+    buildings, vegetation = _objects(rng, [c for c, speck in zip(corners, specks, strict=True) if not speck])
+    walls = len(buildings.walls_m) + len(vegetation.walls_m)
+    if walls > _MAX_WALLS:
+        raise DataError(f'{path}: expected outlines of up to {_MAX_WALLS} walls, got {walls}')
     dots = np.array([c.mean(axis=0) for c, speck in zip(corners, specks, strict=True) if speck]).reshape(-1, 2)
     dot_powers = _from_decibels(rng.uniform(14.0, 40.0, len(dots)) + 10.0 * np.log10(0.2 + areas[specks] / _SPECK_M2))
-    return World(
-        Reflectors(
-            walls, wall_powers, wall_transmission, np.vstack([points, dots]), np.concatenate([powers, dot_powers])
-        )
-    )
+    poles = dataclasses.replace(NOTHING, scatterers_m=dots, scatterer_powers=dot_powers)
+    return World(concatenate(buildings, poles), vegetation, ground_seed=seed)
 
 
 def _outlines(image: MapImage) -> list[tuple[NDArray[np.int32], int]]:
@@ -70,12 +67,9 @@ def _outlines(image: MapImage) -> list[tuple[NDArray[np.int32], int]]:
     return outlines
 
 
-def _objects(rng: np.random.Generator, outlines: list[Array]) -> tuple[Array, Array, Array, Array, Array]:
-    """Walls (W, 2, 2), their powers and transmissions (W,), and scatterers (S, 2) on them with powers (S,)."""
-    walls: list[Array] = [np.empty((0, 2, 2))]
-    surfaces: list[Array] = [np.empty((0, 2))]
-    points: list[Array] = [np.empty((0, 2))]
-    powers: list[Array] = [np.empty(0)]
+def _objects(rng: np.random.Generator, outlines: list[Array]) -> tuple[Reflectors, Reflectors]:
+    """Buildings and vegetation: walls, and scatterers on them."""
+    found: dict[bool, list[Reflectors]] = {straight: [NOTHING] for straight in (True, False)}
     for outline in outlines:
         sides = _sides(outline)
         lengths = np.hypot(*(sides[:, 1] - sides[:, 0]).T)
@@ -85,15 +79,14 @@ def _objects(rng: np.random.Generator, outlines: list[Array]) -> tuple[Array, Ar
         transmission = (_BUILDING_TRANSMISSION if straight else _VEGETATION_TRANSMISSION) ** (
             0.5 if len(sides) == len(outline) else 1.0
         )
-        walls.append(sides)
-        surfaces.append(np.tile([10.0 ** (decibels / 10.0), transmission], (len(sides), 1)))
         counts = rng.poisson(lengths / rng.uniform(2.0, 8.0))
         chosen = np.repeat(np.arange(len(sides)), counts)
         along = rng.random((len(chosen), 1))
-        points.append((1.0 - along) * sides[chosen, 0] + along * sides[chosen, 1])
-        powers.append(_from_decibels(min(decibels, 54.0) - rng.uniform(4.0, 22.0, len(chosen))))
-    made = np.concatenate(surfaces)
-    return np.concatenate(walls), made[:, 0], made[:, 1], np.concatenate(points), np.concatenate(powers)
+        points = (1.0 - along) * sides[chosen, 0] + along * sides[chosen, 1]
+        powers = _from_decibels(min(decibels, 54.0) - rng.uniform(4.0, 22.0, len(chosen)))
+        wall_powers, transmissions = np.full(len(sides), 10.0 ** (decibels / 10.0)), np.full(len(sides), transmission)
+        found[straight].append(Reflectors(sides, wall_powers, transmissions, points, powers))
+    return concatenate(*found[True]), concatenate(*found[False])
 
 
 def _sides(outline: Array) -> Array:

@@ -7,7 +7,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from offradar_ros.lab.simulation.lanes import plan_lanes
 from offradar_ros.lab.simulation.recorded_path import RecordedPath
+from offradar_ros.lab.simulation.road import Road
 from offradar_ros.lab.simulation.route import Route
 from offradar_ros.lab.simulation.session_plan import SessionPlan
 
@@ -16,6 +18,7 @@ Array = NDArray[np.float64]
 _STEP_S = 0.05
 _AROUND_S = 5.0
 _BRAKING_S = 5.0
+_WANDER_M = 0.3
 
 
 class Motion(Protocol):
@@ -26,12 +29,14 @@ class Motion(Protocol):
 
 
 class RouteMotion:
-    """Along a route, with a speed and a lane offset that vary, and with stops."""
+    """Along a lane of a route, with a speed and an offset that vary, and with stops."""
 
-    def __init__(self, plan: SessionPlan, route: Route, duration_s: float) -> None:
+    def __init__(self, plan: SessionPlan, route: Route, road: Road | None, duration_s: float) -> None:
         rng = np.random.default_rng([plan.seed, 1])
         speed_phase, self._lane_phase = rng.uniform(0.0, 2.0 * np.pi, 2)
-        self._plan, self._route = plan, route
+        self._plan = plan
+        (lane,) = plan_lanes(route, road, (-plan.left_m if plan.reverse else plan.left_m,))
+        self._line, self._start_m = lane.line, lane.arc_m(plan.start_m)
         self._seconds = np.arange(-_AROUND_S, duration_s + _AROUND_S, _STEP_S)
         speeds = plan.speed_mps * (1.0 + np.cos(2.0 * np.pi / 23.0 * self._seconds + speed_phase) / 8.0)
         middles, halves = rng.uniform(0.0, duration_s, plan.stops), rng.uniform(2.0, 6.0, plan.stops)
@@ -42,11 +47,11 @@ class RouteMotion:
 
     def at(self, seconds: Array) -> Array:
         """As `Motion`."""
-        driven_m, plan = np.interp(seconds, self._seconds, self._driven_m), self._plan
-        left_m = plan.left_m + 0.3 * np.sin(2.0 * np.pi * driven_m / 70.0 + self._lane_phase)
-        if not plan.reverse:
-            return self._route.at(plan.start_m + driven_m, left_m)
-        return _reversed(self._route.at(plan.start_m - driven_m, -left_m))
+        driven_m = np.interp(seconds, self._seconds, self._driven_m)
+        aside_m = _WANDER_M * np.sin(2.0 * np.pi * driven_m / 70.0 + self._lane_phase)
+        if not self._plan.reverse:
+            return self._line.at(self._start_m + driven_m, aside_m)
+        return _reversed(self._line.at(self._start_m - driven_m, -aside_m))
 
 
 class PathMotion:

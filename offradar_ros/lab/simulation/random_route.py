@@ -5,10 +5,12 @@ from __future__ import annotations
 import heapq
 
 import numpy as np
+from numpy.typing import NDArray
 
 from offradar_ros.lab.simulation.route import Route
 from offradar_ros.lab.simulation.streets import Streets
 
+Array = NDArray[np.float64]
 _Step = tuple[int, int]
 _Walk = list[_Step]
 _REPETITION_COST = 4.0
@@ -38,8 +40,21 @@ def make_route(streets: Streets, seed: int, min_length_m: float, closed: bool = 
                 break
     if closed:
         walk += home or _shortest_path(streets, walk[-1], first, used)[:-1]
-    end = streets.nodes_m[[walk[-1][1]]]
-    return Route(np.concatenate([*(streets.line(*step)[:-1] for step in walk), *([] if closed else [end])]), closed)
+    parts = [streets.line(*step) for step in walk]
+    if not closed:
+        return Route(_between_roundabouts(streets, walk, parts), closed)
+    # A closed line starts within its first street, so that its ends do not meet at a crossing.
+    middle = len(parts[0]) // 2
+    parts = [parts[0][middle:], *parts[1:], parts[0][: middle + 1]]
+    return Route(streets.joined(parts, [step[1] for step in walk])[:-1], closed)
+
+
+def _between_roundabouts(streets: Streets, walk: _Walk, parts: list[Array]) -> Array:
+    """(M, 2) line of an open walk, which does not start or end on an island."""
+    for node, part, backwards in ((walk[0][0], 0, -1), (walk[-1][1], -1, 1)):
+        if node in streets.roundabouts:
+            parts[part] = streets.roundabouts[node].outside(parts[part][::backwards])[::backwards]
+    return streets.joined(parts, [step[1] for step in walk[:-1]])
 
 
 def _length(streets: Streets, step: _Step) -> float:

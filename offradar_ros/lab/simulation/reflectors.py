@@ -47,6 +47,9 @@ class Reflectors:
         return self.select(walls, np.all((self.scatterers_m < high) & (self.scatterers_m > low), axis=1))
 
 
+NOTHING = Reflectors(np.empty((0, 2, 2)), np.empty(0), np.empty(0), np.empty((0, 2)), np.empty(0))
+
+
 def concatenate(*parts: Reflectors) -> Reflectors:
     """The reflectors of all parts."""
     return Reflectors(

@@ -23,10 +23,12 @@ class SessionPlan:
         start_m: arc length of the route or path at the start.
         speed_mps: mean speed on a route between stops; it varies by an eighth.
         stops: number of stops on a route, of 4 s to 12 s each.
-        left_m: mean lane offset to the left of the line; on a route it varies by 0.3 m.
+        left_m: mean lane offset to the left of the line; on a route it varies by 0.3 m, and is less where the road is
+            not so wide or goes round obstacles.
         reverse: whether the line is driven backwards.
         traffic: other vehicles per kilometre of the line.
         parked: share of the parking places that are occupied.
+        foliage: share of the leaves that vegetation has: 0 bare, 1 in leaf.
         degraded: share of the scans that are degraded; `kinds` and severities from 0.05 to 1 are drawn uniformly.
         kinds: kinds of degradation.
         physics: parameters of the radar and of surfaces.
@@ -45,6 +47,7 @@ class SessionPlan:
     reverse: bool = False
     traffic: float = 8.0
     parked: float = 0.6
+    foliage: float = 1.0
     degraded: float = 0.0
     kinds: tuple[DegradationKind, ...] = tuple(DegradationKind)
     physics: RadarPhysics = NOMINAL_PHYSICS
@@ -59,6 +62,7 @@ class SessionPlan:
             ('stops', self.stops, 0, 10_000),
             ('traffic', self.traffic, 0.0, 500.0),
             ('parked', self.parked, 0.0, 1.0),
+            ('foliage', self.foliage, 0.0, 1.0),
             ('degraded', self.degraded, 0.0, 1.0),
         ):
             if not low <= value <= high:

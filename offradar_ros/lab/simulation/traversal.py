@@ -6,12 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros.errors import ConfigError
+from offradar_ros.lab.simulation.foliage import in_season
 from offradar_ros.lab.simulation.motion import Motion, PathMotion, RouteMotion
+from offradar_ros.lab.simulation.parked_cars import ParkedCars
 from offradar_ros.lab.simulation.reflector_index import ReflectorIndex
 from offradar_ros.lab.simulation.reflectors import Reflectors, concatenate
 from offradar_ros.lab.simulation.session_plan import SessionPlan
 from offradar_ros.lab.simulation.traffic import Traffic
-from offradar_ros.lab.simulation.vehicles import Vehicles
 from offradar_ros.lab.simulation.world import World
 
 Array = NDArray[np.float64]
@@ -20,6 +21,9 @@ Array = NDArray[np.float64]
 class Traversal:
     """A planned drive, as a function of the seconds since its start.
 
+    Attributes:
+        parked: the cars that are parked along the way.
+
     ConfigError if the plan has no path and the world no route.
     """
 
@@ -27,13 +31,14 @@ class Traversal:
         route = plan.path.route() if plan.path else world.route
         if route is None:
             raise ConfigError(f'drive {plan.name}: the world has no streets: give the drive a recorded path')
-        self._motion: Motion = PathMotion(plan, plan.path) if plan.path else RouteMotion(plan, route, duration_s)
+        road = None if plan.path else world.road
+        self._motion: Motion = PathMotion(plan, plan.path) if plan.path else RouteMotion(plan, route, road, duration_s)
         rng = np.random.default_rng([plan.seed, 6])
-        occupied = world.parking[rng.random(len(world.parking)) < plan.parked]
-        parked = Vehicles(rng, len(occupied), vans=0.15, lorries=0.02)
-        jitter = rng.normal(0.0, 1.0, occupied.shape) * (0.3, 0.15, 0.03)
-        self._static = ReflectorIndex(concatenate(world.reflectors, parked.reflectors(occupied + jitter)))
-        self._traffic = Traffic(plan, route)
+        self.parked = ParkedCars(rng, world.parking[rng.random(len(world.parking)) < plan.parked])
+        self._static = ReflectorIndex(
+            concatenate(world.reflectors, in_season(world.vegetation, plan.foliage), self.parked.reflectors())
+        )
+        self._traffic = Traffic(plan, route, road)
 
     def poses_at(self, seconds: Array) -> Array:
         """(N, 3) x, y, heading of the radar at (N,) seconds."""

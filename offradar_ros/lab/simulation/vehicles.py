@@ -43,14 +43,14 @@ class Vehicles:
             self._corners[chosen].ravel(),
         )
 
-    def do_not_contain(self, point_m: Array, poses: Array) -> NDArray[np.bool_]:
-        """(N,) whether a (2,) point, such as the radar, is at least 0.7 m outside of each vehicle at (N, 3) poses."""
+    def do_not_contain(self, point_m: Array, poses: Array, margin_m: float) -> NDArray[np.bool_]:
+        """(N,) whether a (2,) point is at least `margin_m` outside of each vehicle at (N, 3) poses."""
         offset = point_m - poses[:, :2]
         cosine, sine = np.cos(poses[:, 2]), np.sin(poses[:, 2])
         inside = np.column_stack(
             [cosine * offset[:, 0] + sine * offset[:, 1], cosine * offset[:, 1] - sine * offset[:, 0]]
         )
-        return np.asarray(np.any(np.abs(inside) > self.sizes_m / 2 + 0.7, axis=1))
+        return np.asarray(np.any(np.abs(inside) > self.sizes_m / 2 + margin_m, axis=1))
 
 
 def _transformed(shape: Array, sizes_m: Array, poses: Array) -> Array:

@@ -12,8 +12,9 @@ from offradar_ros.lab.simulation.session_plan import SessionPlan
 from offradar_ros.lab.simulation.weather import CLEAR, Weather
 from offradar_ros.lab.training.config import DataConfig, ValidationConfig
 
-LANES_M = (0.0, 3.5, -1.5, 1.5, -6.0, -6.0)
-"""Lane offsets of the drives of a city, in turn; the last two are the outer lanes of both directions, 12 m apart."""
+LANES_M = (0.0, 3.5, -1.5, 1.5, -7.5, -7.5)
+"""Lane offsets of the drives of a city, in turn; the last two are the outer lanes of both directions, 15 m apart where
+the street is wide enough."""
 
 _SHORT_RANGE_SHARE = 1.0 / 3.0
 _MIN_RANGE = 0.6
@@ -47,6 +48,7 @@ def city_drive(seed: int, index: int, config: DataConfig | ValidationConfig) -> 
         reverse=reverse,
         traffic=float(rng.uniform(0.0, 20.0)),
         parked=float(rng.uniform(0.2, 0.9)),
+        foliage=_foliage(np.random.default_rng([seed, index, 1])),
         degraded=config.degraded,
         physics=physics_of(config.physics, seed),
         weather=_bad_weather(rng) if rng.random() < config.bad_weather else CLEAR,
@@ -61,6 +63,11 @@ def _sensor(physics: str, seed: int) -> SimulatedSensor:
         return TRAINING_SENSOR
     share = float(rng.uniform(_MIN_RANGE, 1.0))
     return dataclasses.replace(TRAINING_SENSOR, range_bins=round(share * TRAINING_SENSOR.range_bins))
+
+
+def _foliage(rng: np.random.Generator) -> float:
+    """A quarter of the drives is in winter, a quarter in summer, the others between."""
+    return float(np.clip(rng.uniform(-0.5, 1.5), 0.0, 1.0))
 
 
 def _bad_weather(rng: np.random.Generator) -> Weather:

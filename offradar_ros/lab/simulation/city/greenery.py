@@ -18,14 +18,15 @@ _TRUNK_M = np.array([(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)])
 def add_tree(scenery: Scenery, rng: np.random.Generator, at_m: Array, size_m: float) -> None:
     """Add a trunk and a crown of radius `size_m`; large crowns also attenuate what is behind them."""
     leaves = round(4 + 4 * size_m)
-    scenery.add_points(at_m + rng.normal(0.0, size_m / 2, (leaves, 2)), rng.uniform(24.0, 42.0, leaves))
+    green = scenery.vegetation
+    green.add_points(at_m + rng.normal(0.0, size_m / 2, (leaves, 2)), rng.uniform(24.0, 42.0, leaves))
     scenery.add_points(at_m[None], rng.uniform(38.0, 50.0))
     if size_m > 2.0:
         turn = rng.uniform(0.0, np.pi)
         reach = 0.7 * size_m * np.array([np.cos(turn), np.sin(turn)])
-        scenery.add_walls(at_m + np.stack([-reach, reach]), 20.0, _CROWN_TRANSMISSION)
+        green.add_walls(at_m + np.stack([-reach, reach]), 20.0, _CROWN_TRANSMISSION)
         across = np.array([-reach[1], reach[0]])
-        scenery.add_walls(at_m + np.stack([-across, across]), 20.0, _CROWN_TRANSMISSION)
+        green.add_walls(at_m + np.stack([-across, across]), 20.0, _CROWN_TRANSMISSION)
 
 
 def add_grove(scenery: Scenery, rng: np.random.Generator, at_m: Array, ground: Ground) -> None:
@@ -38,9 +39,10 @@ def add_grove(scenery: Scenery, rng: np.random.Generator, at_m: Array, ground: G
 
 def add_hedge(scenery: Scenery, rng: np.random.Generator, ends_m: Array) -> None:
     """Add a hedge between (2, 2) ends."""
-    scenery.add_walls(ends_m, float(rng.uniform(34.0, 46.0)), HEDGE_TRANSMISSION)
+    green = scenery.vegetation
+    green.add_walls(ends_m, float(rng.uniform(34.0, 46.0)), HEDGE_TRANSMISSION)
     length = float(np.hypot(*(ends_m[1] - ends_m[0])))
     leaves = max(1, round(length * rng.uniform(0.8, 2.0)))
     along = rng.random((leaves, 1))
     inside = ends_m[0] + along * (ends_m[1] - ends_m[0]) + rng.normal(0.0, 0.3, (leaves, 2))
-    scenery.add_points(inside, rng.uniform(22.0, 40.0, leaves))
+    green.add_points(inside, rng.uniform(22.0, 40.0, leaves))

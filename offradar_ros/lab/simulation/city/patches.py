@@ -6,19 +6,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from offradar_ros.lab.simulation.city.plan import CityPlan
-from offradar_ros.lab.simulation.city.style import Style, draw_style
+from offradar_ros.lab.simulation.city.style import ESTATES, Style, as_estate, draw_style
 
 _BLOCKS_A_PATCH = 4
+_ESTATES = {False: 0.2, True: 0.6}
+"""Share of the districts of kinds `ESTATES` that repeat one building: more in a regular grid."""
 
 
 class Patches:
     """Districts around random centres; each kind of the plan occurs once before any occurs again."""
 
-    def __init__(self, rng: np.random.Generator, plan: CityPlan, nodes_m: NDArray[np.float64]) -> None:
+    def __init__(self, rng: np.random.Generator, plan: CityPlan, nodes_m: NDArray[np.float64], regular: bool) -> None:
         count = max(len(plan.districts), round((plan.blocks[0] + 2) * (plan.blocks[1] + 2) / _BLOCKS_A_PATCH))
         rounds = -(-count // len(plan.districts))
         kinds = [plan.districts[i] for _ in range(rounds) for i in rng.permutation(len(plan.districts))][:count]
-        self.styles: tuple[Style, ...] = tuple(draw_style(rng, kind) for kind in kinds)
+        drawn = [draw_style(rng, kind) for kind in kinds]
+        self.styles: tuple[Style, ...] = tuple(
+            as_estate(rng, style) if style.kind in ESTATES and rng.random() < _ESTATES[regular] else style
+            for style in drawn
+        )
         self._centres_m = _spread(rng, count, nodes_m, plan.block_m)
 
     def at(self, point_m: NDArray[np.float64]) -> Style:

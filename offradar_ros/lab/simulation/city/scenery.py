@@ -24,20 +24,23 @@ class Frame:
         left = np.array([-self.along[1], self.along[0]])
         return np.asarray(self.corner_m + points_m[:, :1] * self.along + points_m[:, 1:] * left)
 
+    def place_poses(self, poses: Array) -> Array:
+        """(N, 3) x, y, heading in this frame → the same in the city."""
+        return np.column_stack([self.place(poses[:, :2]), poses[:, 2] + self.heading])
+
     @property
     def heading(self) -> float:
         """Direction of the x axis, radians counter-clockwise from east."""
         return float(np.arctan2(self.along[1], self.along[0]))
 
 
-class Scenery:
-    """Collects walls, scatterers and parking places."""
+class Surfaces:
+    """Collects walls and scatterers."""
 
     def __init__(self) -> None:
         self._walls: list[Array] = [np.empty((0, 2))]
         self._walls_m: list[Array] = [np.empty((0, 2, 2))]
         self._points: list[Array] = [np.empty((0, 3))]
-        self._parking: list[Array] = [np.empty((0, 3))]
 
     def add_walls(self, corners_m: Array, decibels: float, transmission: float, *, closed: bool = False) -> None:
         """Add walls from each of (K, 2) corners to the next; with `closed` also from the last to the first."""
@@ -52,15 +55,28 @@ class Scenery:
             np.column_stack([points_m, np.broadcast_to(10.0 ** (np.asarray(decibels) / 10.0), len(points_m))])
         )
 
-    def add_parking(self, points_m: Array, heading: float) -> None:
-        """Add parking places at (N, 2) points."""
-        self._parking.append(np.column_stack([points_m, np.full(len(points_m), heading)]))
-
     def reflectors(self) -> Reflectors:
         """All walls and scatterers."""
         walls, points = np.concatenate(self._walls), np.concatenate(self._points)
         return Reflectors(np.concatenate(self._walls_m), walls[:, 0], walls[:, 1], points[:, :2], points[:, 2])
 
-    def parking(self) -> Array:
-        """(K, 3) x, y, heading of parking places."""
-        return np.concatenate(self._parking)
+
+class Scenery(Surfaces):
+    """Collects hard surfaces, vegetation, and parking places.
+
+    Attributes:
+        vegetation: leaves and twigs, whose returns depend on the season.
+    """
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.vegetation = Surfaces()
+        self._parking: dict[bool, list[Array]] = {on_street: [np.empty((0, 3))] for on_street in (True, False)}
+
+    def add_parking(self, places: Array, *, on_street: bool) -> None:
+        """Add parking places at (N, 3) x, y, heading."""
+        self._parking[on_street].append(places)
+
+    def parking(self, *, on_street: bool) -> Array:
+        """(K, 3) x, y, heading of the parking places on streets, or of all others."""
+        return np.concatenate(self._parking[on_street])
