@@ -1,4 +1,4 @@
-"""Draw docs/simulated_worlds.png: cities, and close-ups of what is in them; print how much of them is repeated."""
+"""Draw docs/simulated_worlds.png: cities, and close-ups of what is in them; print how wide they are, and how alike."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from offradar_ros.lab.simulation.picture import Panel, draw_worlds
 from offradar_ros.lab.simulation.sequence import SimulatedSequence
 from offradar_ros.lab.simulation.session_plan import SessionPlan
 from offradar_ros.lab.simulation.streets import StreetKind
+from offradar_ros.lab.simulation.traversal import Traversal
 from offradar_ros.lab.simulation.world import World
 
 Array = NDArray[np.float64]
@@ -23,6 +24,7 @@ OUT = Path(__file__).resolve().parents[1] / 'docs' / 'simulated_worlds.png'
 CLOSE_M = 160.0
 LANES_M = (-7.5, 0.0, 7.5)
 CITIES = range(24)
+MARGIN_M = 0.7
 REPEATED_M = 60.0
 """Equal buildings that are farther apart than this are repeated; containers of one yard are nearer."""
 
@@ -106,8 +108,17 @@ def with_estate(seeds: Iterator[int]) -> tuple[World, Array]:
     raise AssertionError
 
 
+def outer_lane(city: World, seed: int, reverse: bool) -> tuple[Array, int]:
+    """(N, 3) poses of a lap in an outer lane with a car in every parking place, and how many of them are in one."""
+    assert city.route is not None
+    lap_s = city.route.length_m / SessionPlan().speed_mps
+    drive = Traversal(SessionPlan(seed=seed, left_m=LANES_M[0], reverse=reverse, parked=1.0), city, lap_s)
+    poses = drive.poses_at(np.arange(0.0, lap_s, 0.25))
+    return poses, sum(not drive.parked.are_clear_of(point, MARGIN_M) for point in poses[:, :2])
+
+
 def main() -> None:
-    """Draw nine panels, and print the share of repeated buildings."""
+    """Draw nine panels, and print what docs/training.md says of the worlds."""
     panels = [whole(f'city of seed {seed}', CityPlan(seed=seed)) for seed in (1, 2, 11)]
     dense = make_city(CityPlan(seed=4, districts=(District.DENSE,)))
     assert dense.route is not None
@@ -124,10 +135,20 @@ def main() -> None:
     panels.append(close('trees and hedges', park, park.route.points_m[np.argmax(near)]))
     draw_worlds(OUT, panels)
     print(f'{OUT}: drawn; close-ups have drives in lanes of {LANES_M} m')
-    shares = [repeated(make_city(CityPlan(seed=seed))) for seed in CITIES]
+    shares, apart_m, inside, scans = [], [], 0, 0
+    for seed in CITIES:
+        city = make_city(CityPlan(seed=seed))
+        shares.append(repeated(city))
+        there, back = (outer_lane(city, seed, reverse) for reverse in (False, True))
+        apart_m.append(cKDTree(back[0][:, :2]).query(there[0][:, :2])[0])
+        inside, scans = inside + there[1] + back[1], scans + len(there[0]) + len(back[0])
     most = np.mean([share.mean() > 0.5 for share in shares])
     print(f'{len(shares)} cities: {np.concatenate(shares).mean():.0%} of the buildings are repeated,')
     print(f'most of them in {most:.0%} of the cities')
+    share, quantiles = np.concatenate(apart_m), (0.1, 0.25, 0.5, 0.75, 0.9)
+    print('outer lanes of both directions, distance at 10, 25, 50, 75 and 90 % of the route:', end=' ')
+    print(', '.join(f'{value:.1f} m' for value in np.quantile(share, quantiles)))
+    print(f'{inside} of their {scans} scans are in a parked car, or within {MARGIN_M} m of one')
 
 
 if __name__ == '__main__':

@@ -80,7 +80,7 @@ def draw_world(axes: Axes, panel: Panel) -> None:
 
 def _draw_reflectors(axes: Axes, seen: Reflectors, scale: float, points: str, transmitting: str) -> None:
     strength = np.clip((_decibels(seen.scatterer_powers) - 15.0) / 35.0, 0.1, 1.0)
-    axes.scatter(*seen.scatterers_m.T, s=scale * strength**2, c=points, linewidths=0)
+    axes.scatter(seen.scatterers_m[:, 0], seen.scatterers_m[:, 1], s=scale * strength**2, c=points, linewidths=0)
     opaque = seen.wall_transmission < _OPAQUE
     for walls, colour in ((opaque, 'black'), (~opaque, transmitting)):
         if walls.any():
