@@ -11,18 +11,30 @@ import cv2
 import numpy as np
 from scan_pictures import draw_side_by_side, draw_simulated, draw_statistics
 from scan_sources import REAL, announce_machine, recorded_sources
-from scan_statistics import BANDS_M, LAGS_M, LAGS_ROWS, QUANTILES, Statistics, statistics
+from scan_statistics import (
+    BANDS_M,
+    LAGS_M,
+    LAGS_ROWS,
+    PANELS,
+    QUANTILES,
+    Statistics,
+    covered,
+    energy_distances,
+    statistics,
+)
 
 from offradar_ros.lab.simulation.city import CityPlan, make_city
-from offradar_ros.lab.simulation.physics import NOMINAL_PHYSICS, RadarPhysics
+from offradar_ros.lab.simulation.physics import NOMINAL_PHYSICS, RadarPhysics, draw_physics
 from offradar_ros.lab.simulation.sensor import TRAINING_SENSOR, SimulatedSensor
 from offradar_ros.lab.simulation.sequence import SimulatedSequence
 from offradar_ros.lab.simulation.session_plan import SessionPlan
 from offradar_ros.types import PolarScan
 
 DOCS = Path(__file__).resolve().parents[1] / 'docs'
-CITIES = (1, 2, 3)
+CITIES = (1, 2, 3, 4, 5, 6)
 SCANS = 4
+DRAWN = 40
+DRAWN_SEED = 5_000_000
 
 # RADIATE's sensor records some 9 dB higher than Oxford's and MulRan's, and its bins are means of four.
 RADIATE = dataclasses.replace(NOMINAL_PHYSICS, gain_db=NOMINAL_PHYSICS.gain_db + 9.0, integer_powers=False)
@@ -55,6 +67,22 @@ def simulated_scans(sensor: SimulatedSensor, physics: RadarPhysics) -> list[Pola
         sequence = SimulatedSequence(make_city(CityPlan(seed=seed)), plan, sensor)
         scans += [sequence.scan(int(k)) for k in np.linspace(0, len(sequence) - 1, SCANS)]
     return scans
+
+
+def drawn_scans(sensor: SimulatedSensor) -> list[PolarScan]:
+    """A scan each of worlds and radars as training draws them, and of no world that anything is trained on."""
+    scans = []
+    for seed in range(DRAWN_SEED, DRAWN_SEED + DRAWN):
+        plan = SessionPlan(seed=seed, scans=400, physics=draw_physics(seed))
+        scans.append(SimulatedSequence(make_city(CityPlan(seed=seed)), plan, sensor).scan(seed % 400))
+    return scans
+
+
+def print_distances(name: str, scans: list[PolarScan], recorded: dict[str, list[PolarScan]]) -> None:
+    """Print the distance from recorded scans, and how much of their curves scans of training cover, for each panel."""
+    distances, shares = energy_distances(scans, recorded), covered(drawn_scans(SIMULATED[name][0]), recorded)
+    for panel, distance, share in zip(PANELS, distances, shares, strict=True):
+        print(f'{name:28}{panel:28}{distance:10.3f}{100.0 * share:10.0f} %', flush=True)
 
 
 def print_speed(sensor: SimulatedSensor) -> None:
@@ -122,6 +150,9 @@ def main() -> None:
                 print_row(f'  {source}', statistics(recorded[source]))
         pairs.append((name, scans, {source: recorded[source] for source in alike if source in recorded}))
     if recorded:
+        print(f'\n{"":28}{"":28}{"distance":>10}{"covered":>12}')
+        for name, scans, alike_scans in pairs:
+            print_distances(name, scans, alike_scans)
         draw_statistics(pairs, arguments.docs / 'simulator_statistics.png')
         draw_side_by_side(pairs, arguments.side_by_side)
     draw_simulated(arguments.docs / 'simulated_scans.png')

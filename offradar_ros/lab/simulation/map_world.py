@@ -52,7 +52,7 @@ def load_map_world(path: str | Path, seed: int = 0) -> World:
     dots = np.array([c.mean(axis=0) for c, speck in zip(corners, specks, strict=True) if speck]).reshape(-1, 2)
     dot_powers = _from_decibels(rng.uniform(14.0, 40.0, len(dots)) + 10.0 * np.log10(0.2 + areas[specks] / _SPECK_M2))
     poles = dataclasses.replace(NOTHING, scatterers_m=dots, scatterer_powers=dot_powers)
-    return World(concatenate(buildings, poles), vegetation)
+    return World(concatenate(buildings, poles), vegetation, ground_seed=seed)
 
 
 def _outlines(image: MapImage) -> list[tuple[NDArray[np.int32], int]]:

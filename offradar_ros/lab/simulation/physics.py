@@ -41,12 +41,17 @@ class RadarPhysics:
         echo_db: total power of late returns of a wall, from rooms, corners and further walls behind it.
         echo_m: mean distance of late returns behind the wall.
         occlusion: exponent of `wall_transmission`; below 1 where the beam also passes over walls.
+        tail_db: level of the tail that a return leaves behind it, relative to the return.
+        tail_m: distance over which that tail falls to 1/e.
+        ghost_walls: number of walls, those with the strongest returns, that mirror everything in front of them.
         ghost_db: power of a multipath copy (mirrored in a wall, or of a further round trip between wall and vehicle),
             relative to the original.
         ground_db: ground clutter at 10 m.
         ground_exponent: exponent of range by which ground clutter falls.
         ground_start_m: at shorter range the beam passes over the ground.
         ground_patch_db: standard deviation of patches of ground clutter, which are fixed in the world.
+        slope_db: return of a slope that rises into the beam, relative to flat ground.
+        slope_share: share of the ground that is such a slope.
         vehicle_db: return of the radar's own vehicle, at less than 2.4 m.
         beam_width_rad: half-power width of the one-way beam.
         side_lobe_db: two-way level of the side lobes.
@@ -61,9 +66,15 @@ class RadarPhysics:
         noise_db: noise of the receiver.
         noise_near_m: range at which noise is twice that at long range.
         noise_near_exponent: exponent of range by which the noise at short range falls.
+        haze_db: noise near the radar, at all azimuths alike, above that at long range.
+        haze_m: range over which the haze falls to 1/e.
         noise_correlation_m: as `speckle_correlation_m`.
         noise_shape: exponent of exponentially distributed noise; 1 leaves it exponential.
         gain_db: gain of everything that is recorded.
+        gain_drift_db: standard deviation of the gain over a drive, as the receiver warms up and cools down.
+        noise_drift_db: standard deviation of the noise over a drive.
+        sector_gain_db: standard deviation of the gain over azimuth, the same in all scans: the radome, and what stands
+            beside it on the roof.
         knee: byte above which the receiver saturates softly.
         ceiling: byte that saturation approaches.
         integer_powers: whether linear power is truncated to an integer before its logarithm is taken, as recorded
@@ -81,11 +92,16 @@ class RadarPhysics:
     echo_db: float = -14.0
     echo_m: float = 10.0
     occlusion: float = 0.8
+    tail_db: float = -40.0
+    tail_m: float = 12.0
+    ghost_walls: int = 2
     ghost_db: float = -16.0
     ground_db: float = 3.0
     ground_exponent: float = 0.9
     ground_start_m: float = 12.0
     ground_patch_db: float = 7.0
+    slope_db: float = 12.0
+    slope_share: float = 0.06
     vehicle_db: float = 17.0
     beam_width_rad: float = 0.0314
     side_lobe_db: float = -36.0
@@ -100,9 +116,14 @@ class RadarPhysics:
     noise_db: float = 0.0
     noise_near_m: float = 3.0
     noise_near_exponent: float = 1.0
+    haze_db: float = -10.0
+    haze_m: float = 30.0
     noise_correlation_m: float = 0.165
     noise_shape: float = 1.0
     gain_db: float = 1.2
+    gain_drift_db: float = 0.5
+    noise_drift_db: float = 0.5
+    sector_gain_db: float = 1.0
     knee: float = 120.0
     ceiling: float = 170.0
     integer_powers: bool = True
@@ -111,39 +132,48 @@ class RadarPhysics:
 NOMINAL_PHYSICS = RadarPhysics()
 
 TRAINED_RANGES: dict[str, tuple[float, float]] = {
-    'returns_db': (2.0, 12.0),
-    'range_exponent': (1.0, 1.9),
+    'returns_db': (0.0, 14.0),
+    'range_exponent': (0.9, 2.2),
     'incidence_exponent': (2.0, 10.0),
-    'diffuse_floor_db': (-22.0, -10.0),
+    'diffuse_floor_db': (-24.0, -10.0),
     'specular_db': (0.0, 15.0),
     'specular_width_rad': (0.02, 0.08),
-    'texture_exponent': (0.7, 2.4),
+    'texture_exponent': (0.7, 2.6),
     'texture_m': (0.5, 1.5),
-    'echo_db': (-30.0, -10.0),
-    'echo_m': (4.0, 16.0),
-    'occlusion': (0.5, 1.3),
-    'ghost_db': (-35.0, -12.0),
-    'ground_db': (-4.0, 9.0),
-    'ground_exponent': (0.4, 2.0),
-    'ground_start_m': (3.0, 20.0),
-    'ground_patch_db': (2.0, 9.0),
+    'echo_db': (-30.0, -8.0),
+    'echo_m': (4.0, 18.0),
+    'occlusion': (0.5, 1.8),
+    'tail_db': (-60.0, -28.0),
+    'tail_m': (4.0, 35.0),
+    'ghost_db': (-35.0, -10.5),
+    'ground_db': (-8.0, 12.0),
+    'ground_exponent': (0.4, 2.6),
+    'ground_start_m': (3.0, 30.0),
+    'ground_patch_db': (2.0, 10.0),
+    'slope_db': (4.0, 18.0),
+    'slope_share': (0.0, 0.2),
     'vehicle_db': (5.0, 30.0),
-    'beam_width_rad': (0.024, 0.045),
-    'side_lobe_db': (-45.0, -26.0),
+    'beam_width_rad': (0.02, 0.05),
+    'side_lobe_db': (-45.0, -24.0),
     'side_lobe_width_rad': (0.05, 0.15),
     'range_sigma_m': (0.1, 0.22),
-    'skirt_db': (-45.0, -25.0),
-    'skirt_m': (0.6, 2.0),
-    'streak_db': (-75.0, -52.0),
+    'skirt_db': (-45.0, -24.0),
+    'skirt_m': (0.6, 2.2),
+    'streak_db': (-75.0, -50.5),
     'speckle_looks': (1.0, 3.0),
-    'speckle_correlation_m': (0.1, 0.25),
-    'noise_db': (-4.0, 6.0),
+    'speckle_correlation_m': (0.1, 0.28),
+    'noise_db': (-5.0, 6.0),
     'noise_near_m': (0.0, 120.0),
-    'noise_near_exponent': (0.7, 1.5),
-    'noise_correlation_m': (0.1, 0.25),
-    'noise_shape': (0.85, 1.15),
-    'gain_db': (-1.0, 12.0),
-    'knee': (105.0, 140.0),
+    'noise_near_exponent': (0.6, 1.5),
+    'haze_db': (-10.0, 18.0),
+    'haze_m': (10.0, 60.0),
+    'noise_correlation_m': (0.08, 0.28),
+    'noise_shape': (0.8, 1.3),
+    'gain_db': (-4.0, 16.0),
+    'gain_drift_db': (0.0, 1.5),
+    'noise_drift_db': (0.0, 1.5),
+    'sector_gain_db': (0.0, 2.5),
+    'knee': (90.0, 140.0),
 }
 """Minimum and maximum of each number that `draw_physics` varies."""
 
@@ -155,6 +185,9 @@ HELD_OUT_RANGES: dict[str, tuple[float, float]] = {
     'knee': (65.0, 85.0),
 }
 """Ranges of `held_out_physics` outside those of training: stronger multipath, a wider beam, and so on."""
+
+
+_MOST_GHOST_WALLS = 3
 
 
 def draw_physics(seed: int | np.random.Generator) -> RadarPhysics:
@@ -172,7 +205,8 @@ def held_out_physics(seed: int | np.random.Generator = 0) -> RadarPhysics:
 def _draw(rng: np.random.Generator, ranges: dict[str, tuple[float, float]], law: SpeckleLaw) -> RadarPhysics:
     drawn = {name: float(rng.uniform(low, high)) for name, (low, high) in ranges.items()}
     ceiling = drawn['knee'] + float(rng.uniform(25.0, 60.0))
-    return RadarPhysics(**drawn, speckle=law, ceiling=ceiling, integer_powers=bool(rng.random() < 0.5))
+    integer_powers, ghost_walls = bool(rng.random() < 0.5), int(rng.integers(1, _MOST_GHOST_WALLS + 1))
+    return RadarPhysics(**drawn, speckle=law, ceiling=ceiling, integer_powers=integer_powers, ghost_walls=ghost_walls)
 
 
 def linear_power(decibels: float) -> float:

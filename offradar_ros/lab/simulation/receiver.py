@@ -39,7 +39,8 @@ class Receiver:
         self._speckle_fields = RangeFields(cells, bins_per_cell, physics.speckle_correlation_m / cell_m)
         ranges_m = np.maximum((np.arange(cells) + 0.5) * cell_m, 1.0)
         near = (physics.noise_near_m / ranges_m) ** physics.noise_near_exponent
-        self._noise: Image = (linear_power(physics.noise_db) * (1.0 + near)).astype(np.float32)
+        haze = linear_power(physics.haze_db) * np.exp(-ranges_m / physics.haze_m)
+        self._noise: Image = (linear_power(physics.noise_db) * (1.0 + near + haze)).astype(np.float32)
 
     def spread(self, power: Image) -> Image:
         """(A, C) power after the beam and the range response; azimuths wrap around."""
@@ -48,13 +49,14 @@ class Receiver:
         spread = cv2.sepFilter2D(wrapped, cv2.CV_32F, self._range_response, self._beam, borderType=cv2.BORDER_CONSTANT)
         return np.asarray(spread[margin : margin + len(power)], np.float32)
 
-    def noise_with_streaks(self, signal: Image) -> Image:
-        """(A, C) mean power of noise; azimuths with a strong return have more."""
+    def noise_with_streaks(self, signal: Image, factor: float = 1.0) -> Image:
+        """(A, C) mean power of noise, `factor` times as strong; azimuths with a strong return have more."""
         strongest: Image = signal.max(axis=1, keepdims=True)
-        return np.asarray(self._noise + np.float32(linear_power(self._physics.streak_db)) * strongest, np.float32)
+        streaks = np.float32(linear_power(self._physics.streak_db)) * strongest
+        return np.asarray(np.float32(factor) * self._noise + streaks, np.float32)
 
-    def recorded(self, signal: Image, noise: Image, rng: np.random.Generator) -> NDArray[np.uint8]:
-        """(A, bins) uint8 from (A, C) mean powers of signal and noise."""
+    def recorded(self, signal: Image, noise: Image, rng: np.random.Generator, gain: float = 1.0) -> NDArray[np.uint8]:
+        """(A, bins) uint8 from (A, C) mean powers of signal and noise; `gain` is beside that of the physics."""
         azimuths, cells = self._shape
         white = rng.standard_normal((2, azimuths, cells), np.float32)
         # Speckle uses the fields of the noise, shifted by half a rotation and a third of the range, where they are
@@ -73,7 +75,7 @@ class Receiver:
                 speckle *= interpolated(texture[rows] / np.float32(1.5), self._bins_per_cell)
             speckle *= interpolated(signal[rows], self._bins_per_cell)
             power += speckle
-            recorded[rows] = self._bytes(power[:, : self._bins])
+            recorded[rows] = self._bytes(power[:, : self._bins], gain)
         return recorded
 
     def _noise_power(self, white: Image) -> Image:
@@ -98,9 +100,9 @@ class Receiver:
         power += np.float32(1.0) - share
         return power
 
-    def _bytes(self, power: Image) -> NDArray[np.uint8]:
+    def _bytes(self, power: Image, gain: float) -> NDArray[np.uint8]:
         """Half decibels of linear power, softly saturated; `power` is overwritten."""
-        power *= np.float32(linear_power(self._physics.gain_db))
+        power *= np.float32(gain * linear_power(self._physics.gain_db))
         if self._physics.integer_powers:
             np.floor(power, out=power)
         level = np.log1p(power, out=power)

@@ -9,16 +9,17 @@ everywhere, in patches that are fixed in the world.
 
 from __future__ import annotations
 
-import functools
 import math
 
 import cv2
 import numpy as np
+import scipy.signal
 from numpy.typing import NDArray
 
 from offradar_ros.lab.simulation.physics import RadarPhysics, linear_power
 from offradar_ros.lab.simulation.rays import Hits, Rows, cast_rays
 from offradar_ros.lab.simulation.reflectors import Reflectors
+from offradar_ros.lab.simulation.terrain import Terrain
 from offradar_ros.lab.simulation.weather import Weather
 
 Array = NDArray[np.float64]
@@ -34,15 +35,16 @@ _NORMAL_INCIDENCE = 0.995
 """Cosine of incidence above which the signal goes back and forth between a wall and the vehicle."""
 
 _ECHOES = 3
-_PATCH_M = 2.0
-_CLUTTER_STEP = (2, 4)
-"""Ground clutter is computed for every second azimuth and every fourth cell."""
+_TAIL_STEP = 4
+"""Tails are computed for every fourth cell."""
 
 
 class Scene:
     """Adds up returns for scans of `azimuths` × `cells` of `cell_m` metres."""
 
-    def __init__(self, azimuths: int, cells: int, cell_m: float, physics: RadarPhysics, weather: Weather) -> None:
+    def __init__(
+        self, azimuths: int, cells: int, cell_m: float, physics: RadarPhysics, weather: Weather, ground_seed: int
+    ) -> None:
         self._azimuths, self._cells, self._cell_m = azimuths, cells, cell_m
         self._physics, self._weather = physics, weather
         ranges_m: Array = (np.arange(cells, dtype=np.float64) + 0.5) * cell_m
@@ -56,6 +58,7 @@ class Scene:
         self._ground *= -np.expm1(-((ranges_m / physics.ground_start_m) ** 2)) * weather.transmission(ranges_m)
         self._ground[ranges_m < _VEHICLE_M] = linear_power(physics.vehicle_db)
         self._air = weather.backscatter(ranges_m)
+        self._terrain = Terrain(azimuths, cells, cell_m, physics, ground_seed)
 
     def power(self, near: Reflectors, poses: Array) -> tuple[Image, Image]:
         """Two (A, C) images from (A, 3) poses: walls and scatterers, to which the beam is applied; ground and air."""
@@ -65,7 +68,8 @@ class Scene:
         returns.append(self._round_trips(hits, returns[0]))
         returns.append(self._mirror_images(hits, near, poses, returns))
         rows, range_m, powers = (np.concatenate(parts) for parts in zip(*returns, strict=True))
-        return self._accumulated(rows, range_m, powers), self._diffuse(hits, poses)
+        diffuse = self._terrain.power(hits, poses) * self._ground.astype(np.float32) + self._air.astype(np.float32)
+        return self._with_tails(self._accumulated(rows, range_m, powers)), diffuse
 
     def _walls(self, hits: Hits, near: Reflectors, poses: Array) -> tuple[Rows, Array, Array]:
         physics, cosine = self._physics, hits.cosine
@@ -104,16 +108,26 @@ class Scene:
     def _mirror_images(
         self, hits: Hits, near: Reflectors, poses: Array, returns: list[tuple[Rows, Array, Array]]
     ) -> tuple[Rows, Array, Array]:
-        """Mirror images of walls and scatterers behind the wall with the strongest return, within its ends."""
-        if not len(hits.walls):
-            return np.empty(0, np.intp), np.empty(0), np.empty(0)
+        """Mirror images of walls and scatterers behind the walls with the strongest returns, within their ends."""
+        rows, range_m, powers = (np.concatenate(parts) for parts in zip(*returns[:2], strict=True))
         strength = np.bincount(hits.walls, hits.cosine * hits.transmission / np.maximum(hits.range_m, 2.0))
-        mirror = int(np.argmax(strength))
+        mirrors = np.argsort(-strength, kind='stable')[: self._physics.ghost_walls]
+        points = self._points(rows, range_m, poses)
+        images = [
+            self._mirror_image(int(mirror), hits, near, poses, points, powers)
+            for mirror in mirrors
+            if strength[mirror] > 0
+        ]
+        empty = np.empty(0, np.intp), np.empty(0), np.empty(0)
+        found = [np.concatenate(parts) for parts in zip(empty, *images, strict=True)]
+        return found[0], found[1], found[2]
+
+    def _mirror_image(
+        self, mirror: int, hits: Hits, near: Reflectors, poses: Array, points: Array, powers: Array
+    ) -> tuple[Rows, Array, Array]:
         start, end = near.walls_m[mirror]
         along = (end - start) / np.hypot(*(end - start))
         normal = np.array([-along[1], along[0]])
-        rows, range_m, powers = (np.concatenate(parts) for parts in zip(*returns[:2], strict=True))
-        points = self._points(rows, range_m, poses)
         rows, range_m = _rows_and_ranges(poses, points - 2.0 * ((points - start) @ normal)[:, None] * normal)
         wall_m = np.full(self._azimuths, np.inf)
         on_mirror = hits.walls == mirror
@@ -154,38 +168,15 @@ class Scene:
         image = np.bincount(flat, powers[inside] * self._range_gain[cells], self._azimuths * self._cells)
         return image.reshape(self._azimuths, self._cells).astype(np.float32)
 
-    def _diffuse(self, hits: Hits, poses: Array) -> Image:
-        """(A, C) power of the ground, occluded by walls, and of rain and snow in the air."""
-        rows = np.arange(0, self._azimuths, _CLUTTER_STEP[0])
-        columns = np.arange(0, self._cells, _CLUTTER_STEP[1])
-        range_m = (columns + _CLUTTER_STEP[1] / 2) * self._cell_m
-        angle = poses[rows, 2] - rows * (2.0 * np.pi / self._azimuths)
-        x = poses[rows, 0, None] + range_m * np.cos(angle)[:, None]
-        y = poses[rows, 1, None] + range_m * np.sin(angle)[:, None]
-        texture = _patches()
-        column, row = (np.mod(v / _PATCH_M, len(texture)).astype(np.float32) for v in (x, y))
-        patches = cv2.remap(texture, column, row, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
-        spread = 0.23 * self._physics.ground_patch_db
-        patches = np.exp(np.float32(spread) * patches - np.float32(spread**2 / 2))
-        wall_ranges_m, behind = hits.wall_ranges_m[rows], hits.transmission_behind[rows].astype(np.float32)
-        for depth in range(int(np.isfinite(wall_ranges_m).any(axis=0).sum())):
-            lost = behind[:, depth] - behind[:, depth + 1]
-            patches -= np.where(range_m >= wall_ranges_m[:, depth, None], lost[:, None], 0.0) * patches
-        size = (self._cells, self._azimuths)
-        fine = np.asarray(cv2.resize(np.ascontiguousarray(patches), size, interpolation=cv2.INTER_LINEAR), np.float32)
-        return np.asarray(fine * self._ground.astype(np.float32) + self._air.astype(np.float32), np.float32)
-
-
-@functools.lru_cache(maxsize=1)
-def _patches() -> Image:
-    """(512, 512) float32 texture of the ground, of mean 0 and standard deviation 1, periodic."""
-    white = np.random.default_rng(20).standard_normal((512, 512)).astype(np.float32)
-    tiled = np.pad(white, 64, mode='wrap')
-    total = np.zeros_like(white)
-    for sigma, weight in ((1.0, 1.0), (8.0, 1.0)):
-        smooth = cv2.GaussianBlur(tiled, (0, 0), sigma)[64:-64, 64:-64]
-        total += np.float32(weight) * smooth / smooth.std()
-    return np.asarray(total / total.std(), np.float32)
+    def _with_tails(self, power: Image) -> Image:
+        """Every return leaves an exponential tail behind it."""
+        padded = np.pad(power, ((0, 0), (0, -self._cells % _TAIL_STEP)))
+        summed = padded.reshape(self._azimuths, -1, _TAIL_STEP).sum(axis=2)
+        kept = math.exp(-_TAIL_STEP * self._cell_m / self._physics.tail_m)
+        tails = scipy.signal.lfilter([0.0, linear_power(self._physics.tail_db)], [1.0, -kept], summed, axis=1)
+        size = (padded.shape[1], self._azimuths)
+        fine = cv2.resize(tails.astype(np.float32), size, interpolation=cv2.INTER_LINEAR)
+        return np.asarray(power + fine[:, : self._cells], np.float32)
 
 
 def _rows_and_ranges(poses: Array, points_m: Array) -> tuple[Rows, Array]:

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from offradar_ros.geometry import GeoPoint, LocalFrame, Trajectory, wrap_angle
 from offradar_ros.lab.simulation.degradation import Degradation
+from offradar_ros.lab.simulation.drift import Drift
 from offradar_ros.lab.simulation.faults import draw_degradations
 from offradar_ros.lab.simulation.radar_model import RadarModel
 from offradar_ros.lab.simulation.sensor import SimulatedSensor
@@ -41,7 +42,8 @@ class SimulatedSequence:
         self.name = plan.name
         self.degradations: tuple[Degradation | None, ...] = draw_degradations(plan)
         self._traversal = Traversal(plan, world, plan.scans * self.sensor.rotation_s)
-        self._model = RadarModel(self.sensor, plan.physics, plan.weather)
+        self._model = RadarModel(self.sensor, plan.physics, plan.weather, world.ground_seed)
+        self._drift = Drift(plan.physics, self.sensor.azimuths, plan.seed)
         self._origin = origin
         period_ns = round(self.sensor.rotation_s * 1e9)
         self.stamps_ns: NDArray[np.int64] = plan.start_ns + period_ns // 2 + period_ns * np.arange(plan.scans)
@@ -60,6 +62,7 @@ class SimulatedSequence:
             self._traversal.poses_at(since_start_s),
             np.random.default_rng([self.plan.seed, 3, index]),
             self.degradations[index],
+            self._drift.at(rotation_s * (index + 0.5)),
         )
         return PolarScan(
             stamp_ns=int(self.stamps_ns[index]),

@@ -24,6 +24,7 @@ class World:
         route: the route of drives without a recorded path; None if the streets are not known.
         streets: the road network, for further routes (`make_route`); None if it is not known.
         road: where vehicles drive between kerbs, islands and parking places; None if it is not known.
+        ground_seed: draws the patches and slopes of the ground.
     """
 
     reflectors: Reflectors
@@ -32,3 +33,4 @@ class World:
     route: Route | None = None
     streets: Streets | None = None
     road: Road | None = None
+    ground_seed: int = 0

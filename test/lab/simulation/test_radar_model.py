@@ -27,6 +27,9 @@ PLAIN = dataclasses.replace(
     ground_db=-40.0,
     texture_exponent=0.0,
     echo_db=-90.0,
+    tail_db=-120.0,
+    slope_share=0.0,
+    haze_db=-90.0,
     ghost_db=-90.0,
     streak_db=-120.0,
     occlusion=1.0,
@@ -297,3 +300,47 @@ def test_scans_of_all_drawn_radars_show_the_world(draw: Callable[[int], RadarPhy
         assert np.median(power[:, 117:]) < 60.0
         around = power[:, 55:71]
         assert np.abs(around[:10]).max() > np.quantile(around[180:220], 0.99)
+
+
+def test_a_return_leaves_a_tail_that_falls_behind_it() -> None:
+    """Its length is the distance over which it falls to 1/e, 8.7 half decibels."""
+    physics = dataclasses.replace(PLAIN, tail_db=-20.0, tail_m=15.0, integer_powers=False)
+    points = reflectors_of(points=[(20.0, 0.0)], point_power=1e9)
+    without, with_tail = (
+        np.mean([render(points, stationary(), seed=s, physics=p)[0] for s in range(20)], axis=0)
+        for p in (PLAIN, physics)
+    )
+    tail = with_tail[[int((20.0 + m) / 0.25) for m in (10.0, 25.0, 40.0)]]
+    assert np.all(tail > without[[int((20.0 + m) / 0.25) for m in (10.0, 25.0, 40.0)]] + 15)
+    assert np.diff(tail) == pytest.approx(-8.7, abs=5.0)
+    assert with_tail[: int(17.0 / 0.25)] == pytest.approx(without[: int(17.0 / 0.25)], abs=3.0)
+
+
+def test_several_walls_mirror() -> None:
+    """A post in front of two walls has an image behind the second one only where two walls mirror."""
+    walls = [((30.0, -20.0), (30.0, 20.0)), ((-20.0, 25.0), (20.0, 25.0))]
+    near = reflectors_of(walls, [(10.0, 8.0)], point_power=1e8, transmission=0.0)
+    images = [(50.0, 8.0), (10.0, 42.0)]
+
+    def levels(count: int) -> list[float]:
+        physics = dataclasses.replace(PLAIN, ghost_db=-10.0, ghost_walls=count)
+        power = np.mean([render(near, stationary(), seed=s, physics=physics) for s in range(10)], axis=0)
+        return [level_at(power, x, y) for x, y in images]
+
+    none, one, two = levels(0), levels(1), levels(2)
+    assert sum(found > base + 20 for found, base in zip(one, none, strict=True)) == 1
+    assert all(found > base + 20 for found, base in zip(two, none, strict=True))
+
+
+def level_at(power: NDArray[np.float64], x: float, y: float) -> float:
+    row = round(-math.degrees(math.atan2(y, x))) % 360
+    column = int(math.hypot(x, y) / 0.25)
+    return float(power[row, column - 4 : column + 5].max())
+
+
+def test_haze_is_near_and_alike_at_all_azimuths() -> None:
+    physics = dataclasses.replace(PLAIN, haze_db=20.0, haze_m=15.0, integer_powers=False, ground_db=-90.0)
+    power = render(reflectors_of(), stationary(), physics=physics).astype(float)
+    assert power[:, 20:40].mean() > power[:, 350:].mean() + 20
+    by_sector = power[:, 20:40].reshape(12, -1).mean(axis=1)
+    assert np.ptp(by_sector) < 3

@@ -51,6 +51,7 @@ def make_city(plan: CityPlan) -> World:
         route=make_route(streets, plan.seed, plan.route_m, plan.closed),
         streets=streets,
         road=ground.road(kerbs),
+        ground_seed=plan.seed,
     )
 
 
