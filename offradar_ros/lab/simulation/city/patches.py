@@ -9,7 +9,7 @@ from offradar_ros.lab.simulation.city.plan import CityPlan
 from offradar_ros.lab.simulation.city.style import ESTATES, Style, as_estate, draw_style
 
 _BLOCKS_A_PATCH = 4
-_ESTATES = {False: 0.15, True: 0.55}
+_ESTATES = {False: 0.2, True: 0.6}
 """Share of the districts of kinds `ESTATES` that repeat one building: more in a regular grid."""
 
 
