@@ -19,3 +19,4 @@ def test_streets_are_left_out_without_their_folder(tmp_path: Path) -> None:
     last = without[-1]
     assert (last.group, last.source.scans, last.source.plan.degraded) == ('validation', 7, 0.0)
     assert [(d.group, d.index) for d in without[:2]] == [('g', 0), ('g', 1)]
+    assert [d.source.plan.foliage for d in simulated_drives(protocol, tmp_path)][:6] == [1.0, 0.0] * 3

@@ -104,17 +104,20 @@ def test_single_cells_are_scatterers_and_a_thin_line_is_one_wall(nav2_map: Map) 
     assert np.min(np.hypot(*(seen.scatterers_m - (5.25, 44.75)).T)) < 1e-9
 
 
-def test_straight_outlines_return_more_and_transmit_less_than_ragged_ones(nav2_map: Map) -> None:
+def test_straight_outlines_are_buildings_and_ragged_ones_are_vegetation(nav2_map: Map) -> None:
     rng = np.random.default_rng(0)
     pixels = np.full((200, 200), 254, np.uint8)
     pixels[20:60, 20:180] = 0
     for column, row in rng.integers((20, 130), (180, 170), (40, 2)).tolist():
         cv2.circle(pixels, (column, row), 5, 0, -1)
-    seen = load_map_world(nav2_map(pixels)).reflectors
-    upper = seen.walls_m[:, :, 1].mean(axis=1) > 60.0
-    assert upper.sum() == 4 and (~upper).sum() > 20
-    assert seen.wall_powers[upper].min() > np.median(seen.wall_powers[~upper])
-    assert seen.wall_transmission[upper].max() < np.median(seen.wall_transmission[~upper])
+    world = load_map_world(nav2_map(pixels))
+    buildings, vegetation = world.reflectors, world.vegetation
+    upper = buildings.walls_m[:, :, 1].min(axis=1) > 60.0
+    assert upper.sum() == 4
+    assert len(vegetation.walls_m) > 20 and vegetation.walls_m[:, :, 1].max() < 60.0
+    assert len(vegetation.scatterers_m)
+    assert buildings.wall_powers[upper].min() > np.median(vegetation.wall_powers)
+    assert buildings.wall_transmission[upper].max() < np.median(vegetation.wall_transmission)
 
 
 def test_the_same_seed_gives_the_same_surfaces_and_another_seed_others(nav2_map: Map) -> None:

@@ -56,7 +56,8 @@ def test_a_vehicle_is_a_closed_box_of_its_size() -> None:
     assert np.all(np.hypot(*(points - poses[:, None, :2]).transpose(2, 0, 1)) <= np.hypot(*vehicles.sizes_m.T)[:, None])
 
 
-def test_vehicles_that_contain_the_radar_are_found() -> None:
+def test_vehicles_that_are_near_the_radar_are_found() -> None:
     vehicles = Vehicles(np.random.default_rng(1), 4, vans=0.0, lorries=0.0)
     poses = np.array([(0.0, 0.0, 0.3), (10.0, 0.0, 0.0), (0.0, 3.5, 0.0), (0.5, 0.5, 2.0)])
-    assert vehicles.do_not_contain(np.zeros(2), poses).tolist() == [False, True, True, False]
+    assert vehicles.do_not_contain(np.zeros(2), poses, 0.7).tolist() == [False, True, True, False]
+    assert vehicles.do_not_contain(np.zeros(2), poses, 3.0).tolist() == [False, True, False, False]

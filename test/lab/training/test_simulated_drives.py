@@ -23,3 +23,11 @@ def test_simulated_drives_of_a_world_meet_in_both_directions() -> None:
     back = np.linalg.norm(opened[2].poses[:, :2] - opened[0].poses[20, :2], axis=1).argmin()
     assert np.cos(opened[0].poses[20, 2] - opened[2].poses[back, 2]) < -0.5
     assert sum(kind != '' for kind in opened[0].kinds) == pytest.approx(10, abs=7)
+
+
+def test_drives_of_a_world_are_in_different_seasons() -> None:
+    plans = [source.plan for source in simulated_drives(DataConfig(worlds=10, drives=4))]
+    foliage = np.array([plan.foliage for plan in plans])
+    assert 0.1 < (foliage == 0.0).mean() < 0.45 and 0.1 < (foliage == 1.0).mean() < 0.45
+    assert len({plan.foliage for plan in plans[:4]}) > 1
+    assert foliage.tolist() == [source.plan.foliage for source in simulated_drives(DataConfig(worlds=10, drives=4))]

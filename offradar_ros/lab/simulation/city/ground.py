@@ -21,6 +21,7 @@ _KERB_M = 1.0
 _CROSSING_M = 6.0
 """No car parks on a street within this distance of another street."""
 
+_AROUND = np.ones((3, 3), np.uint8)
 _PLACE = np.array([(-0.5, -0.5), (0.5, -0.5), (0.5, 0.5), (-0.5, 0.5)]) * PLACE_M
 
 
@@ -82,11 +83,12 @@ class Ground:
         (left, bottom), (right, top) = cells.min(axis=0), cells.max(axis=0)
         if left < 0 or bottom < 0 or right >= self._taken.shape[1] or top >= self._taken.shape[0]:
             return False
-        window, cells = self._window(cells, 0)
+        window, cells = self._window(cells, 1)
         part = self._taken[window]
         wanted = np.zeros_like(part)
         cv2.fillConvexPoly(wanted, cells, 1)
-        if np.any(self._kept[window] & wanted) or np.sum(part & wanted) > overlap * np.sum(wanted):
+        # Its sides may pass through cells next to those that are filled.
+        if np.any(self._kept[window] & cv2.dilate(wanted, _AROUND)) or np.sum(part & wanted) > overlap * np.sum(wanted):
             return False
         part |= wanted
         return True

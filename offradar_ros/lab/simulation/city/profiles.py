@@ -23,6 +23,9 @@ _MEDIAN_M = (0.7, 2.2)
 _CARRIAGEWAY_M = 9.0
 """A street has no median if that would leave less than this on each side."""
 
+_EQUAL = 0.6
+"""Share of the avenues of a regular grid that are equal."""
+
 _MAX_SHARE = 0.18
 """Half widths are limited to this share of the mean distance between streets."""
 
@@ -30,7 +33,11 @@ _MAX_SHARE = 0.18
 def draw_profiles(
     rng: np.random.Generator, edges: list[Edge], rows: int, block_m: float, regular: bool
 ) -> dict[Edge, Profile]:
-    """The profile of each street of a grid of `rows` nodes a column; ordinary streets vary unless it is `regular`."""
+    """The profile of each street of a grid of `rows` nodes a column.
+
+    Ordinary streets vary from crossing to crossing, unless the grid is `regular`: there most avenues are equal.
+    """
+    equal = Profile(StreetKind.ORDINARY, float(rng.uniform(*_HALF_WIDTHS_M[StreetKind.ORDINARY])))
     avenues: dict[tuple[bool, int], Profile] = {}
     profiles = {}
     for a, b in edges:
@@ -38,7 +45,7 @@ def draw_profiles(
         avenue = (along_row, a % rows if along_row else a // rows)
         profile = avenues.get(avenue)
         if profile is None:
-            profile = avenues[avenue] = _drawn(rng, block_m)
+            profile = avenues[avenue] = equal if regular and rng.random() < _EQUAL else _drawn(rng, block_m)
         if profile.kind is StreetKind.ORDINARY and not regular:
             profile = Profile(profile.kind, float(rng.uniform(*_HALF_WIDTHS_M[profile.kind])))
         profiles[a, b] = profile
