@@ -15,7 +15,7 @@ pytest.importorskip('torch')
 import torch
 from torch import nn
 
-from offradar_ros.lab.training.objective import Views
+from offradar_ros.lab.training.objective import Outputs, Views, losses_of
 from offradar_ros.lab.training.parallel import process_group
 
 PROJECT = Path(__file__).resolve().parents[3]
@@ -36,8 +36,11 @@ class LineObjective:
         assert self.normalisation.running_mean is not None
         return self.normalisation.running_mean
 
-    def losses(self, views: Views, step: int) -> dict[str, torch.Tensor]:
-        out = self.line(views.images)
+    def outputs(self, images: torch.Tensor) -> Outputs:
+        return (self.line(images),)
+
+    def losses(self, outputs: Outputs, views: Views, step: int) -> dict[str, torch.Tensor]:
+        (out,) = outputs
         return {'square': out.square().mean() * (step + 1), 'severity': (out[:, 0] * views.severities).mean()}
 
 
@@ -63,7 +66,7 @@ def compare() -> None:
                 objective.network.zero_grad(set_to_none=True)
             learn(losses(views_of(group.rank, step), step))
             for rank, objective in enumerate(alone):
-                learn(objective.losses(views_of(rank, step), step))
+                learn(losses_of(objective, views_of(rank, step), step))
             used = zip(*(objective.line.named_parameters() for objective in (ours, *alone)), strict=True)
             for (name, found), (_, first), (_, second) in used:
                 assert found.grad is not None and first.grad is not None and second.grad is not None
@@ -81,8 +84,9 @@ def compare() -> None:
 
 def test_one_process_uses_the_losses_directly() -> None:
     with process_group('cpu') as group:
-        objective = LineObjective()
-        assert group.data_parallel(objective) == objective.losses
+        objective, views = LineObjective(), views_of(0, 0)
+        terms = group.data_parallel(objective)(views, 2)
+        assert terms == losses_of(objective, views, 2)
 
 
 @pytest.mark.timeout(600)
