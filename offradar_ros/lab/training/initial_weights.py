@@ -4,7 +4,8 @@ Convolutions do not depend on the size of the image, linear layers over the feat
 4 × 4 cells, at 256 in 8 × 8. Each cell covers a part of the field of view, and so a weight of a cell is passed on to
 the cells of the new map that lie within it, in proportion to the area. The output is then the same for a map that is
 constant within each old cell, and close for a smooth one, also where one map covers more ground than the other.
-Bilinear interpolation would keep neither for cells of different weights.
+Bilinear interpolation of
+the weights mixes cells, and is farther off for both.
 """
 
 from __future__ import annotations
