@@ -370,3 +370,19 @@ def test_validation_figures_against_a_plain_count(make_drive: MakeDrive) -> None
     pairs = [(a > 0.5) + 0.5 * (a == 0.5) for a in wrong]
     assert figures['auroc_wrong'] == pytest.approx(sum(pairs) / 4)
     assert figures['score'] == pytest.approx(figures['recall_at_1'] + figures['auroc_wrong'])
+    assert figures['u_clean_least'] == figures['u_clean_greatest'] == 0.5
+
+
+def test_clean_medians_are_of_each_world(make_drive: MakeDrive) -> None:
+    """Two worlds of two drives; U is 1 and 2 for the clean scans of each, and 9 for degraded ones."""
+    made = [
+        make_drive(f'{world}{lane}', world=world, lane_m=3.0 * lane, degraded=(0, 1, 2) if lane else ())
+        for world in 'vw'
+        for lane in range(2)
+    ]
+    drives = validation_drives(made, CONFIG.network, 1)
+    images = [image for drive in drives for image in drive.images]
+    levels = [9.0 if kind else {'v': 1.0, 'w': 2.0}[drive.world] for drive in made for kind in drive.kinds]
+    oracle = Oracle(images, [float(row % 8) for row in range(32)], levels)
+    figures = validate(oracle.embed, drives, CONFIG.validation, torch.device('cpu'))
+    assert (figures['u_clean_least'], figures['u_clean_greatest']) == (1.0, 2.0)

@@ -54,7 +54,7 @@ def test_the_initial_weights_are_soon_forgotten() -> None:
 
 
 def test_the_layout_of_weights_in_memory_is_kept() -> None:
-    network, mean, average = averaged(0.9, memory_format=torch.channels_last)
+    network, mean, _ = averaged(0.9, memory_format=torch.channels_last)
     for mine, theirs in zip(mean.parameters(), network.parameters(), strict=True):
         assert mine.stride() == theirs.stride()
         assert not mine.requires_grad
