@@ -15,8 +15,9 @@ from pathlib import Path
 
 import numpy as np
 import torch
-from measuring import machine
+from measuring import interleaved, machine
 
+from offradar_ros.encoders.networks.registry import make_network
 from offradar_ros.lab.drives.drive import Drive
 from offradar_ros.lab.training.batches import BatchSampler
 from offradar_ros.lab.training.config import BatchConfig, TrainingConfig
@@ -53,6 +54,7 @@ def main() -> None:
     print('| ' + ' | '.join(heads) + ' |\n' + '|---' * len(heads) + '|')
     for config in _variants(arguments.views, arguments.sides):
         print(_row(config, arguments.steps), flush=True)
+    print('\nA step of AdamW over the weights of VGG-16, ' + ', '.join(map(_optimiser_time, arguments.sides)))
 
 
 def _variants(views: int, sides: list[int]) -> list[TrainingConfig]:
@@ -104,6 +106,19 @@ def _row(config: TrainingConfig, steps: int) -> str:
         f'{np.median(cpu_s):.3f} s',
     ]
     return '| ' + ' | '.join(cells) + ' |'
+
+
+def _optimiser_time(side_px: int) -> str:
+    config = read_config(PRESETS / f'{VGG16}.yaml')
+    network = make_network(dataclasses.replace(config.network, side_px=side_px))
+    for parameter in network.parameters():
+        parameter.grad = torch.rand_like(parameter)
+    steps = {
+        name: torch.optim.AdamW(network.parameters(), fused=fused).step
+        for name, fused in (('in one pass', True), ('operation by operation', False))
+    }
+    taken = interleaved(steps, repeats=5, warm_up=1)
+    return f'{side_px} px: ' + ', '.join(f'{timing.median_ms:.0f} ms {name}' for name, timing in taken.items())
 
 
 def _drive(lane_m: float, places: int) -> Drive:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from offradar_ros.encoders.networks.files import save_network
 from offradar_ros.encoders.networks.network import Network
-from offradar_ros.errors import ConfigError, ModelError
+from offradar_ros.errors import ModelError
 from offradar_ros.lab.training.batch_norm_statistics import reestimate_batch_norm
 from offradar_ros.lab.training.batches import BatchSampler
 from offradar_ros.lab.training.checkpoint import Progress, load_checkpoint, save_checkpoint
@@ -52,11 +52,9 @@ class Loop:
     ) -> None:
         """With `resume`, from the checkpoint in `out`; ModelError if it does not fit.
 
-        `targets` are the `teacher_outputs` of the sampler's scans, if there is such a teacher. ConfigError for chunks
-        with several processes, whose gradients are averaged in one backward pass.
+        `targets` are the `teacher_outputs` of the sampler's scans, if there is such a teacher. With `batch.chunk` the
+        group has one process.
         """
-        if config.batch.chunk and group.size > 1:
-            raise ConfigError(f'key batch.chunk: expected 0 with {group.size} processes, got {config.batch.chunk}')
         self.config = config
         self.objective = objective
         self.out = out
@@ -239,7 +237,7 @@ class Loop:
 def _optimiser(config: TrainingConfig, parameters: list[torch.nn.Parameter]) -> torch.optim.Optimizer:
     make = torch.optim.AdamW if config.optimiser.name == 'adamw' else torch.optim.Adam
     settings = config.optimiser
-    # One pass over the weights instead of a dozen: on a CPU, eight times as fast.
+    # One pass over the weights instead of a dozen.
     return make(parameters, lr=settings.learning_rate, weight_decay=settings.weight_decay, fused=True)
 
 

@@ -113,6 +113,9 @@ def run(config: TrainingConfig, out: Path, options: RunOptions) -> RunResult:
     _require_folder(out, options.resume)
     deadline_s = math.inf if options.minutes is None else time.monotonic() + 60.0 * options.minutes
     with process_group(options.device) as group:
+        if config.batch.chunk and group.size > 1:
+            # Their gradients are averaged while one backward pass runs, and chunks have several.
+            raise ConfigError(f'key batch.chunk: expected 0 with {group.size} processes, got {config.batch.chunk}')
         stages = _both_stages if config.refinement.steps else _first_stage
         return stages(config, out, _Context(options, group, deadline_s))
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -17,10 +16,10 @@ from offradar_ros.encoders.networks.bc_radar import BcRadarNetwork  # noqa: E402
 from offradar_ros.errors import ConfigError  # noqa: E402
 from offradar_ros.lab.training.config import ContrastConfig, LossConfig, SeverityConfig, TrainingConfig  # noqa: E402
 from offradar_ros.lab.training.gradient_cache import chunked_backward  # noqa: E402
-from offradar_ros.lab.training.loop import Loop  # noqa: E402
 from offradar_ros.lab.training.objective import Objective, Outputs, Views, losses_of, total_of  # noqa: E402
 from offradar_ros.lab.training.objectives import make_objective  # noqa: E402
 from offradar_ros.lab.training.parallel import Group  # noqa: E402
+from offradar_ros.lab.training.run import RunOptions, run  # noqa: E402
 
 LOSS = LossConfig(
     invariant=ContrastConfig(criterion='batch', on='z_i', temperature=0.5),
@@ -160,9 +159,11 @@ def test_mixed_precision_keeps_the_graph_of_the_second_pass() -> None:
     assert {gradient.dtype for gradient in found.values()} == {torch.float32}
 
 
-def test_chunks_are_refused_for_several_processes(tmp_path: Path) -> None:
+def test_chunks_are_refused_for_several_processes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    two = contextlib.nullcontext(Group(0, 2, torch.device('cpu')))
+    monkeypatch.setattr('offradar_ros.lab.training.run.process_group', lambda device: two)
     config = config_of('variational', 'compact')
     config = dataclasses.replace(config, batch=dataclasses.replace(config.batch, chunk=4))
-    make: Callable[..., Loop] = Loop
     with pytest.raises(ConfigError, match=r'key batch.chunk: expected 0 with 2 processes, got 4'):
-        make(config, objective_of(config), None, (), tmp_path, Group(0, 2, torch.device('cpu')))
+        run(config, tmp_path / 'out', RunOptions(tmp_path / 'cache'))
+    assert not (tmp_path / 'cache').exists()
