@@ -44,6 +44,8 @@ WEIGHTS = {
     'all, twice the severity': (0.5, 0.5, 1.0),
 }
 """Weights of ranking U by wrong answers, by margins and by severity."""
+CLEAN_WEIGHTS = (0.3, 1.0, 3.0)
+"""Of the level of U of clean scans, beside the configured ones."""
 
 
 def main() -> None:
@@ -59,9 +61,9 @@ def main() -> None:
     searched = config.refinement.data
     trained_on = dataclasses.replace(searched, first_seed=config.data.first_seed)
     fresh, seen = (_drives(config, data, arguments.cache, 'scans to search for') for data in (searched, trained_on))
-    heads = [f'AUROC, {spacing_m:g} m' for spacing_m in MAP_SPACINGS_M]
-    print('| second stage | ' + ' | '.join([*heads, 'Spearman U–severity', 'least within a kind', 'U']) + ' |')
-    print('|---' * (len(heads) + 4) + '|')
+    heads = ['second stage', *(f'AUROC, {spacing_m:g} m' for spacing_m in MAP_SPACINGS_M)]
+    heads += ['Spearman U–severity', 'least within a kind', 'U', 'median of clean U, by world']
+    print('| ' + ' | '.join(heads) + ' |\n' + '|---' * len(heads) + '|')
     print(validation.row('none', network))
     scans = _searched(network, fresh)
     for name, (wrong, margin, severity) in WEIGHTS.items():
@@ -70,6 +72,10 @@ def main() -> None:
         )
         print(validation.row(name, _refined(network, scans, changed, config.seed)))
     print(validation.row('as configured', _refined(network, scans, config.refinement, config.seed)))
+    for weight in CLEAN_WEIGHTS:
+        changed = dataclasses.replace(config.refinement, clean_weight=weight)
+        refined = _refined(network, scans, changed, config.seed)
+        print(validation.row(f'as configured, clean_weight {weight:g}', refined))
     same = _refined(network, _searched(network, seen), config.refinement, config.seed)
     print(validation.row('as configured, over worlds that the network was trained on', same))
 
@@ -106,6 +112,7 @@ class _Validation:
         self._features = _features(network, drives)
         self._first = np.cumsum([0, *(len(flat) for flat in self._features)])
         self._severities = np.concatenate([drive.severities for drive in drives])
+        self._worlds = np.repeat([drive.world for drive in drives], [len(drive) for drive in drives])
         self._kinds = np.array([kind for drive in drives for kind in drive.kinds])
         descriptors = [descriptors_of(network, flat) for flat in self._features]
         self._searches = [search_pairs(drives, descriptors, spacing_m) for spacing_m in MAP_SPACINGS_M]
@@ -121,6 +128,8 @@ class _Validation:
         ]
         cells = [f'{self._auroc(u, searched):.3f}' for searched in self._searches]
         cells += [f'{spearman(u, self._severities):.3f}', f'{min(within):.3f}', f'{u.min():.3g}–{u.max():.3g}']
+        clean = [np.median(u[(self._worlds == world) & (self._severities == 0.0)]) for world in np.unique(self._worlds)]
+        cells.append(f'{min(clean):.3g}–{max(clean):.3g}')
         return f'| {name} | ' + ' | '.join(cells) + ' |'
 
     def _auroc(self, u: NDArray[np.float64], searched: Sequence[Search]) -> float:

@@ -44,6 +44,12 @@ class Vgg16(nn.Module):
         self.features = nn.Sequential(*layers)
         initialise_convolutions(self)
 
+    @property
+    def groups(self) -> tuple[nn.Module, ...]:
+        """The convolutions before each pooling, from the image on."""
+        pools = [number for number, layer in enumerate(self.features) if isinstance(layer, nn.MaxPool2d)]
+        return tuple(self.features[start:end] for start, end in zip([0, *pools], pools, strict=False))
+
     def forward(self, image: torch.Tensor) -> torch.Tensor:
         """(N, 1, S, S) → (N, 512, S / 32, S / 32)."""
         features: torch.Tensor = self.features(self.colour(image))
@@ -79,6 +85,11 @@ class Compact(nn.Module):
         self.reduce = _NormalisedConvolution(inputs, COMPACT_FEATURES, 1, 1)
         self.spectrum = AzimuthSpectrum(azimuths, self.shape[1])
         initialise_convolutions(self)
+
+    @property
+    def groups(self) -> tuple[nn.Module, ...]:
+        """The normalised convolutions, from the image on."""
+        return (*list(self.convolutions)[::2], self.reduce)
 
     def forward(self, image: torch.Tensor) -> torch.Tensor:
         """(N, 1, A, R) → (N, 48, F, R / 8)."""

@@ -40,6 +40,11 @@ class Resnet50(nn.Module):
             groups.append(nn.Sequential(*layers))
         self.layer1, self.layer2, self.layer3, self.layer4 = groups
 
+    @property
+    def groups(self) -> tuple[nn.Module, ...]:
+        """The stem and the four groups of blocks, from the image on."""
+        return nn.ModuleList([self.conv1, self.bn1]), self.layer1, self.layer2, self.layer3, self.layer4
+
     def forward(self, image: torch.Tensor) -> torch.Tensor:
         """(N, 1, S, S) → (N, 2048, S / 32, S / 32)."""
         stem = self.maxpool(self.relu(self.bn1(self.conv1(self.colour(image)))))

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from offradar_ros.errors import DataError
 from offradar_ros.lab.drives.drive import Drive
 from offradar_ros.lab.training.config import BatchConfig
+from offradar_ros.lab.training.receiver_changes import draw_changes
 
 
 class Batch(NamedTuple):
@@ -19,10 +20,12 @@ class Batch(NamedTuple):
     Attributes:
         scans: (2m,) int64, numbers of scans, counted over all drives.
         spins: (2m,) int64, number of azimuths by which each is rotated.
+        changes: (2m, 3) float64, changes of each one's receiver (see `draw_changes`).
     """
 
     scans: NDArray[np.int64]
     spins: NDArray[np.int64]
+    changes: NDArray[np.float64]
 
 
 class BatchSampler:
@@ -68,7 +71,7 @@ class BatchSampler:
                 pairs.append(pair)
             if len(pairs) == places:
                 scans = np.array(pairs, np.int64).T.ravel()
-                return Batch(scans, self._spins(scans, rng))
+                return Batch(scans, self._spins(scans, rng), draw_changes(self.config, len(scans), rng))
         raise DataError(
             f'a batch of {places} places more than {self.config.negative_m:g} m apart is not found among '
             f'{len(self.row_of)} scans of {len(self._members)} worlds: expected fewer batch.places or more data'

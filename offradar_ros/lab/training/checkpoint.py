@@ -41,9 +41,20 @@ class Progress:
     config: Mapping[str, Any]
 
 
-def save_checkpoint(path: Path, network: nn.Module, optimiser: torch.optim.Optimizer, progress: Progress) -> None:
-    """Write all that a resumed run needs to give the same result. Batches and samples follow from seed and step."""
+def save_checkpoint(
+    path: Path,
+    network: nn.Module,
+    optimiser: torch.optim.Optimizer,
+    progress: Progress,
+    average: nn.Module | None = None,
+) -> None:
+    """Write all that a resumed run needs to give the same result. Batches and samples follow from seed and step.
+
+    `average` has the averaged weights of `network`, if there are any.
+    """
     tensors = {f'network.{name}': tensor for name, tensor in network.state_dict().items()}
+    if average is not None:
+        tensors |= {f'average.{name}': tensor for name, tensor in average.state_dict().items()}
     for number, state in optimiser.state_dict()['state'].items():
         tensors |= {f'optimiser.{number}.{key}': torch.as_tensor(value) for key, value in state.items()}
     contiguous = {name: tensor.detach().cpu().contiguous() for name, tensor in tensors.items()}
@@ -66,12 +77,16 @@ def _read(path: Path) -> tuple[bytes, Progress]:
         raise ModelError(f'{path}: not a checkpoint of a training run ({first_line(error)})') from error
 
 
-def load_checkpoint(path: Path, network: nn.Module, optimiser: torch.optim.Optimizer) -> Progress:
-    """Load the tensors of a checkpoint into `network` and `optimiser`; ModelError if they do not fit."""
+def load_checkpoint(
+    path: Path, network: nn.Module, optimiser: torch.optim.Optimizer, average: nn.Module | None = None
+) -> Progress:
+    """Load the tensors of a checkpoint into `network`, `optimiser` and `average`; ModelError if they do not fit."""
     content, progress = _read(path)
     try:
         tensors = load(content)
         network.load_state_dict(_part(tensors, 'network.'))
+        if average is not None:
+            average.load_state_dict(_part(tensors, 'average.'))
         _load_optimiser(optimiser, _part(tensors, 'optimiser.'))
     except (safetensors.SafetensorError, RuntimeError, TypeError, KeyError, ValueError, IndexError) as error:
         raise ModelError(f'{path}: does not fit the configured network ({first_line(error)})') from error

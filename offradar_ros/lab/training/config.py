@@ -104,6 +104,33 @@ class BatchConfig:
         0.35, 'probability that a view is a degraded scan, if there is one', minimum=0.0, maximum=1.0
     )
     spin: bool = parameter(True, 'whether each view is rotated at random (an exact roll of its azimuths)')
+    gain_db: float = parameter(
+        0.0,
+        "each view's gain is changed by a random number up to this, up or down",
+        unit='dB',
+        minimum=0.0,
+        maximum=60.0,
+    )
+    floor_db: float = parameter(
+        0.0,
+        "noise up to this level, a random one, is added to each view's power",
+        unit='dB',
+        minimum=0.0,
+        maximum=100.0,
+    )
+    knee_db: float = parameter(
+        0.0,
+        'the soft saturation of each view begins at a random level up to this far below the greatest, 127.5 dB',
+        unit='dB',
+        minimum=0.0,
+        maximum=100.0,
+    )
+    chunk: int = parameter(
+        0,
+        'most views that pass the network at once, with the gradients of the whole batch (gradient caching); 0 for all',
+        minimum=0,
+        maximum=8192,
+    )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -171,6 +198,16 @@ class OptimiserConfig:
     )
     weight_decay: float = parameter(0.0, 'weight decay', minimum=0.0, maximum=100.0)
     clip_norm: float = parameter(10.0, 'norm to which gradients are clipped; 0 for no limit', minimum=0.0, maximum=1e9)
+    average: float = parameter(
+        0.0,
+        'decay per step of the moving average of the weights that is validated and saved; 0 for none',
+        minimum=0.0,
+        maximum=0.999999,
+    )
+    frozen_groups: int = parameter(
+        0, "the backbone's first groups of layers, of five, that are frozen late", minimum=0, maximum=5
+    )
+    frozen_from: float = parameter(0.5, 'share of the steps after which they are frozen', minimum=0.0, maximum=1.0)
 
 
 TEACHERS = tuple(dict.fromkeys(entry.teacher for entry in ENCODERS.values() if entry.teacher))
@@ -189,6 +226,30 @@ class TeacherConfig:
 
 
 @dataclasses.dataclass(frozen=True)
+class DistillationConfig:
+    """Terms that pull descriptor and variance (ours) to those that a trained network gives to the same scan."""
+
+    weights: str = parameter(
+        '', 'weights of the teacher, of any backbone and image: compact (those that ship) or a file; empty for none'
+    )
+    descriptor_weight: float = parameter(
+        1.0, "weight of 1 − cos between the descriptor and the teacher's", minimum=0.0, maximum=1e9
+    )
+    variance_weight: float = parameter(
+        0.1, "weight of the mean square difference of the log variance and the teacher's", minimum=0.0, maximum=1e9
+    )
+
+
+@dataclasses.dataclass(frozen=True)
+class InitialConfig:
+    """Where the network starts."""
+
+    weights: str = parameter(
+        '', 'weights of a network of the same method and backbone, for an image of any size; empty for random ones'
+    )
+
+
+@dataclasses.dataclass(frozen=True)
 class RefinementConfig:
     """The second stage (ours): the variance head alone is trained with searches in maps of whole drives."""
 
@@ -199,6 +260,12 @@ class RefinementConfig:
     wrong_weight: float = parameter(0.5, 'weight of ranking U by the share of wrong answers', minimum=0.0, maximum=1e9)
     margin_weight: float = parameter(0.5, 'weight of ranking U by the margin of answers', minimum=0.0, maximum=1e9)
     severity_weight: float = parameter(0.5, 'weight of ranking U by severity', minimum=0.0, maximum=1e9)
+    clean_weight: float = parameter(
+        0.0,
+        "weight of the square of each world's mean log U over clean scans that were found: U about 1 with every radar",
+        minimum=0.0,
+        maximum=1e9,
+    )
     kl_weight: float = parameter(0.003, 'as loss.kl_weight', minimum=0.0, maximum=1e9)
     margin: float = parameter(0.1, 'as loss.severity.margin', minimum=1e-6, maximum=1e6)
     learning_rate: float = parameter(2e-4, 'first learning rate; it decreases to 0', minimum=0.0, maximum=100.0)
@@ -218,6 +285,8 @@ class TrainingConfig:
     batch: BatchConfig = dataclasses.field(default_factory=BatchConfig)
     loss: LossConfig = dataclasses.field(default_factory=LossConfig)
     teacher: TeacherConfig = dataclasses.field(default_factory=TeacherConfig)
+    distillation: DistillationConfig = dataclasses.field(default_factory=DistillationConfig)
+    initial: InitialConfig = dataclasses.field(default_factory=InitialConfig)
     optimiser: OptimiserConfig = dataclasses.field(default_factory=OptimiserConfig)
     refinement: RefinementConfig = dataclasses.field(default_factory=RefinementConfig)
     steps: int = parameter(5000, 'training steps, one batch each', minimum=1, maximum=10**9)
@@ -226,6 +295,13 @@ class TrainingConfig:
         'fp32',
         'precision of the network; bf16 and amp (fp16 with a scaled loss) are mixed',
         choices=('fp32', 'bf16', 'amp'),
+    )
+    cached_bin_m: float = parameter(
+        0.0,
+        'longest range bin of cached scans, for runs with images of other sizes to share them; 0 for half a pixel',
+        unit='m',
+        minimum=0.0,
+        maximum=10.0,
     )
     channels_last: bool = parameter(True, 'whether convolutions run with the channels last in memory')
     threads: int = parameter(0, 'threads that make images; 0 for one per core', minimum=0, maximum=1024)

@@ -19,6 +19,7 @@ from offradar_ros.encoders.network_config import NetworkConfig
 from offradar_ros.encoders.network_image import make_image
 from offradar_ros.lab.drives.drive import Drive
 from offradar_ros.lab.training.batches import Batch, BatchSampler
+from offradar_ros.lab.training.receiver_changes import with_changes
 from offradar_ros.radar.spinning import spin
 from offradar_ros.types import PolarScan
 
@@ -90,7 +91,8 @@ def image_batches(
 def _image(sampler: BatchSampler, to_image: ImageMaker, batch: Batch, view: int) -> NDArray[np.uint8]:
     scan = batch.scans[view]
     drive = sampler.drives[sampler.drive_of[scan]]
-    return to_image(spin(drive.scan(int(sampler.row_of[scan])), int(batch.spins[view])))
+    turned = spin(drive.scan(int(sampler.row_of[scan])), int(batch.spins[view]))
+    return to_image(with_changes(turned, batch.changes[view]))
 
 
 def images_of(drive: Drive, config: NetworkConfig, threads: int = 0) -> NDArray[np.uint8]:

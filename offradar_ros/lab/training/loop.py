@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from offradar_ros.encoders.networks.files import save_network
 from offradar_ros.encoders.networks.network import Network
@@ -18,12 +19,14 @@ from offradar_ros.lab.training.batch_norm_statistics import reestimate_batch_nor
 from offradar_ros.lab.training.batches import BatchSampler
 from offradar_ros.lab.training.checkpoint import Progress, load_checkpoint, save_checkpoint
 from offradar_ros.lab.training.config import TrainingConfig
+from offradar_ros.lab.training.gradient_cache import chunked_backward
 from offradar_ros.lab.training.images import ImageBatch, image_batches
-from offradar_ros.lab.training.objective import Objective, Views
+from offradar_ros.lab.training.objective import Objective, Views, total_of
 from offradar_ros.lab.training.parallel import Group
 from offradar_ros.lab.training.run_log import RunLog, draw_curves
 from offradar_ros.lab.training.schedule import learning_rate
 from offradar_ros.lab.training.validation import ValidationDrive, validate
+from offradar_ros.lab.training.weight_average import WeightAverage
 from offradar_ros.records import unstructure
 
 CHECKPOINT = 'checkpoint.safetensors'
@@ -45,22 +48,33 @@ class Loop:
         out: Path,
         group: Group,
         resume: bool = False,
+        targets: NDArray[np.float16] | None = None,
     ) -> None:
-        """With `resume`, from the checkpoint in `out`; ModelError if it does not fit."""
+        """With `resume`, from the checkpoint in `out`; ModelError if it does not fit.
+
+        `targets` are the `teacher_outputs` of the sampler's scans, if there is such a teacher. With `batch.chunk` the
+        group has one process.
+        """
         self.config = config
         self.objective = objective
         self.out = out
         self._sampler = sampler
         self._validation = validation
         self._group = group
+        self._targets = targets
         layout = torch.channels_last if config.channels_last else torch.contiguous_format
         self._network: Network = objective.network.to(device=group.device, memory_format=layout)  # type: ignore[call-overload]
         self._parameters = list(self._network.parameters())
-        self._optimiser = _optimiser(config, self._parameters, group.device)
+        self._optimiser = _optimiser(config, self._parameters)
         self._scaler = torch.amp.GradScaler(group.device.type, enabled=config.precision == 'amp')
+        average = config.optimiser.average
+        self._average = WeightAverage(self._network, average) if average else None
+        self._judged = self._average.network if self._average else self._network
+        self._frozen = False
         self._step, self._best = 0, (-1.0, -1)
         if resume:
-            self._restore(load_checkpoint(out / CHECKPOINT, self._network, self._optimiser))
+            averaged = self._judged if self._average else None
+            self._restore(load_checkpoint(out / CHECKPOINT, self._network, self._optimiser, averaged))
         self._losses = group.data_parallel(objective)
         if group.rank == 0:
             self._log = RunLog(out / 'log.jsonl', self._step)
@@ -124,19 +138,46 @@ class Loop:
         for parameters in self._optimiser.param_groups:
             parameters['lr'] = rate
         self._network.train()
+        self._freeze()
         self._optimiser.zero_grad(set_to_none=True)
-        mixed = {'fp32': None, 'bf16': torch.bfloat16, 'amp': torch.float16}[config.precision]
-        with torch.autocast(group.device.type, dtype=mixed, enabled=mixed is not None):
-            images = batch.images.to(group.device, non_blocking=True)
-            severities = torch.from_numpy(self._sampler.severities[batch.batch.scans]).to(group.device)
-            terms = self._losses(Views(images, severities), step)
-        total = torch.stack(list(terms.values())).sum()
-        torch.autograd.backward(self._scaler.scale(total))
+        views = self._views(batch)
+        if 0 < config.batch.chunk < len(views.images):
+            terms = chunked_backward(
+                self.objective, views, step, config.batch.chunk, self._precision, self._scaler.scale
+            )
+        else:
+            with self._precision():
+                terms = self._losses(views, step)
+            torch.autograd.backward(self._scaler.scale(total_of(terms)))
         self._scaler.unscale_(self._optimiser)
         norm = torch.nn.utils.clip_grad_norm_(self._parameters, config.optimiser.clip_norm or math.inf)
         self._scaler.step(self._optimiser)
         self._scaler.update()
-        return {'loss': total.detach(), **{name: term.detach() for name, term in terms.items()}}, norm
+        if self._average:
+            self._average.update(self._network, step)
+        return {'loss': total_of(terms).detach(), **{name: term.detach() for name, term in terms.items()}}, norm
+
+    def _freeze(self) -> None:
+        """Freeze the first groups of the backbone, if it is time: the backward pass ends before them."""
+        settings = self.config.optimiser
+        if self._frozen or not settings.frozen_groups or self._step < settings.frozen_from * self.config.steps:
+            return
+        for layers in self._network.features.backbone.groups[: settings.frozen_groups]:
+            layers.requires_grad_(False)
+        self._losses = self._group.data_parallel(self.objective)
+        self._frozen = True
+
+    def _views(self, batch: ImageBatch) -> Views:
+        scans, device = batch.batch.scans, self._group.device
+        images = batch.images.to(device, non_blocking=True)
+        severities = torch.from_numpy(self._sampler.severities[scans]).to(device)
+        if self._targets is None:
+            return Views(images, severities)
+        return Views(images, severities, torch.from_numpy(self._targets[scans].astype(np.float32)).to(device))
+
+    def _precision(self) -> torch.autocast:
+        mixed = {'fp32': None, 'bf16': torch.bfloat16, 'amp': torch.float16}[self.config.precision]
+        return torch.autocast(self._group.device.type, dtype=mixed, enabled=mixed is not None)
 
     def _must_stop(self, deadline_s: float, check: Callable[[], None] | None) -> bool:
         """Whether to stop early. Several processes exchange this only with each line of the log."""
@@ -166,25 +207,26 @@ class Loop:
         if not self._validation or self._group.rank:
             return
         self._reestimate_batch_norm()
-        figures = validate(self._network.embed, self._validation, self.config.validation, self._group.device)
+        figures = validate(self._judged.embed, self._validation, self.config.validation, self._group.device)
         self._validation_log.add(self._step, figures)
         if figures['score'] > self._best[0]:
             self._best = figures['score'], self._step
             figures_text = ', '.join(f'{name} {value:.3f}' for name, value in figures.items())
-            save_network(self.out / BEST, self._network, f'step {self._step}: {figures_text}')
+            save_network(self.out / BEST, self._judged, f'step {self._step}: {figures_text}')
 
     def _reestimate_batch_norm(self) -> None:
         steps = range(self._step, self._step + _STATISTICS_BATCHES)
         batches = image_batches(self._sampler, self.config.network, steps, self.config.threads)
         with contextlib.closing(batches):
-            reestimate_batch_norm(self._network, (batch.images.to(self._group.device) for batch in batches))
+            reestimate_batch_norm(self._judged, (batch.images.to(self._group.device) for batch in batches))
 
     def _save(self) -> None:
         if self._group.rank == 0:
             score, step = self._best
             progress = Progress(self._step, score, step, self._scaler.state_dict(), unstructure(self.config))
-            save_checkpoint(self.out / CHECKPOINT, self._network, self._optimiser, progress)
-            save_network(self.out / LAST, self._network, f'step {self._step}')
+            averaged = self._judged if self._average else None
+            save_checkpoint(self.out / CHECKPOINT, self._network, self._optimiser, progress, averaged)
+            save_network(self.out / LAST, self._judged, f'step {self._step}')
             draw_curves(self.out)
 
     def _restore(self, progress: Progress) -> None:
@@ -192,13 +234,11 @@ class Loop:
         self._scaler.load_state_dict(dict(progress.scaler))
 
 
-def _optimiser(
-    config: TrainingConfig, parameters: list[torch.nn.Parameter], device: torch.device
-) -> torch.optim.Optimizer:
+def _optimiser(config: TrainingConfig, parameters: list[torch.nn.Parameter]) -> torch.optim.Optimizer:
     make = torch.optim.AdamW if config.optimiser.name == 'adamw' else torch.optim.Adam
     settings = config.optimiser
-    fused = device.type == 'cuda'
-    return make(parameters, lr=settings.learning_rate, weight_decay=settings.weight_decay, fused=fused)
+    # One pass over the weights instead of a dozen.
+    return make(parameters, lr=settings.learning_rate, weight_decay=settings.weight_decay, fused=True)
 
 
 class _Meter:

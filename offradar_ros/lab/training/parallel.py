@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import datetime
+import functools
 import gc
 import os
 from collections.abc import Callable, Iterator
@@ -13,10 +14,10 @@ from torch import distributed, nn
 from torch.nn.parallel import DistributedDataParallel
 
 from offradar_ros.errors import ConfigError
-from offradar_ros.lab.training.objective import Objective, Views
+from offradar_ros.lab.training.objective import Objective, Views, losses_of
 
 Losses = Callable[[Views, int], dict[str, torch.Tensor]]
-"""`Objective.losses`."""
+"""`losses_of` an objective."""
 
 
 class Group:
@@ -29,14 +30,15 @@ class Group:
         self._parallel: DistributedDataParallel | None = None
 
     def data_parallel(self, objective: Objective) -> Losses:
-        """`objective.losses`, for a network on this process's device.
+        """`losses_of` an objective whose network is on this process's device.
 
         With several processes gradients are averaged over them, and each call starts from the first one's buffers
-        (batch statistics), so that its checkpoint is valid for all.
+        (batch statistics), so that its checkpoint is valid for all. Called again after parameters were frozen.
         """
         if self.size == 1:
-            return objective.losses
-        # The parameters that are used never change during a run; those of a term of weight 0 have no gradient.
+            return functools.partial(losses_of, objective)
+        self.release()
+        # The parameters that are used do not change until the next call; those of a term of weight 0 have no gradient.
         self._parallel = DistributedDataParallel(_LossModule(objective), static_graph=True)
         return self._parallel_losses
 
@@ -73,7 +75,7 @@ class _LossModule(nn.Module):
     def __init__(self, objective: Objective) -> None:
         super().__init__()
         self.network = objective.network
-        self._losses = objective.losses
+        self._losses = functools.partial(losses_of, objective)
 
     def forward(self, views: Views, step: int) -> dict[str, torch.Tensor]:
         return self._losses(views, step)

@@ -24,6 +24,7 @@ from offradar_ros.lab.drives.drive import Drive
 from offradar_ros.lab.training.config import RefinementConfig, TrainingConfig
 from offradar_ros.lab.training.images import images_of
 from offradar_ros.lab.training.loop import BEST
+from offradar_ros.lab.training.losses.clean_level import clean_level
 from offradar_ros.lab.training.losses.pairwise_ranking import pairwise_ranking
 from offradar_ros.lab.training.losses.prior_divergence import prior_divergence
 from offradar_ros.lab.training.run_log import RunLog, draw_curves
@@ -43,12 +44,14 @@ class SearchedScans(NamedTuple):
         wrong: (N,) float32, share of the maps in which the answer is wrong.
         margins: (N,) float32, mean margin of the answers (see `Search`).
         severities: (N,) float32, NaN where unknown.
+        worlds: (N,) int64, number of the world of each.
     """
 
     features: torch.Tensor
     wrong: torch.Tensor
     margins: torch.Tensor
     severities: torch.Tensor
+    worlds: torch.Tensor
 
 
 def feature_maps(
@@ -99,11 +102,14 @@ def search_scans(
         raise DataError('refinement: no scan has a place of another drive within the tolerance')
     severities = np.concatenate([drive.severities for drive in drives]).astype(np.float32)
     chosen = np.split(counts > 0.0, first[1:-1])
+    numbers = {world: number for number, world in enumerate(dict.fromkeys(drive.world for drive in drives))}
+    worlds = np.repeat([numbers[drive.world] for drive in drives], [len(part) for part in descriptors])
     return SearchedScans(
         torch.cat([flat[torch.from_numpy(rows)] for flat, rows in zip(features, chosen, strict=True)]),
         _tensor(wrong[searched] / counts[searched]),
         _tensor(margins[searched] / counts[searched]),
         _tensor(severities[searched]),
+        torch.from_numpy(worlds[searched].astype(np.int64)),
     )
 
 
@@ -161,7 +167,9 @@ def train_variance(
 ) -> Iterator[dict[str, torch.Tensor]]:
     """Train the variance head by `config`; each iteration is one step and yields the loss and its terms.
 
-    L = w₁ R(U, wrong) + w₂ R(U, −margin) + w₃ R(U, severity) + w₄ KL, where R is `pairwise_ranking`.
+    L = w₁ R(U, wrong) + w₂ R(U, −margin) + w₃ R(U, severity) + w₄ KL + w₅ C, where R is `pairwise_ranking` and C the
+    `clean_level` of undegraded scans that were found in every map: a place may be hard to find without fault of the
+    scan, and such scans keep a high U.
     """
     head = network.log_variance
     device = head.weight.device
@@ -172,7 +180,7 @@ def train_variance(
         for parameters in optimiser.param_groups:
             parameters['lr'] = config.learning_rate * (1.0 - step / config.steps)
         drawn = torch.from_numpy(rng.choice(count, min(config.scans, count), replace=False))
-        flat, wrong, margins, severities = (part[drawn].to(device) for part in scans)
+        flat, wrong, margins, severities, worlds = (part[drawn].to(device) for part in scans)
         flat = flat.float()
         log_variance = network.log_variance_of(flat)
         uncertainties = uncertainty(log_variance)
@@ -188,6 +196,9 @@ def train_variance(
             if weight
         }
         terms['kl'] = config.kl_weight * prior_divergence(mu, log_variance)
+        if config.clean_weight:
+            found = (severities == 0.0) & (wrong == 0.0)
+            terms['clean'] = config.clean_weight * clean_level(uncertainties, worlds, found)
         total = torch.stack(list(terms.values())).sum()
         optimiser.zero_grad(set_to_none=True)
         torch.autograd.backward(total)

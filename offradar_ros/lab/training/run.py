@@ -18,12 +18,13 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 import torch
+from numpy.typing import NDArray
 
 from offradar_ros import __version__
-from offradar_ros.encoders.network_config import NetworkConfig
 from offradar_ros.encoders.networks.files import load_network
 from offradar_ros.encoders.networks.network import Network
 from offradar_ros.encoders.networks.variational import VariationalNetwork
+from offradar_ros.encoders.weights import read_header
 from offradar_ros.errors import ConfigError, DataError
 from offradar_ros.lab.drives.cache import cached_drives
 from offradar_ros.lab.drives.drive import Drive, DriveSource
@@ -31,13 +32,22 @@ from offradar_ros.lab.drives.range_reduction import Reduction
 from offradar_ros.lab.training.baselines.rad_vlad_codebook import fit_centres
 from offradar_ros.lab.training.batches import BatchSampler
 from offradar_ros.lab.training.checkpoint import read_progress
-from offradar_ros.lab.training.config import DataConfig, RefinementConfig, TrainingConfig, ValidationConfig
+from offradar_ros.lab.training.config import (
+    DataConfig,
+    InitialConfig,
+    RefinementConfig,
+    TrainingConfig,
+    ValidationConfig,
+)
+from offradar_ros.lab.training.initial_weights import start_from
 from offradar_ros.lab.training.loop import BEST, CHECKPOINT, LAST, Loop
+from offradar_ros.lab.training.objective import Objective
 from offradar_ros.lab.training.objectives import make_objective, needs_teacher
 from offradar_ros.lab.training.parallel import Group, process_group
 from offradar_ros.lab.training.recorded_drives import recorded_drives
 from offradar_ros.lab.training.refinement import feature_maps, refine, search_scans
 from offradar_ros.lab.training.simulated_drives import simulated_drives
+from offradar_ros.lab.training.teacher_outputs import load_teacher, teacher_outputs, weights_of
 from offradar_ros.lab.training.validation import validation_drives
 from offradar_ros.processes import Progress
 from offradar_ros.records import unstructure, write_record
@@ -103,6 +113,9 @@ def run(config: TrainingConfig, out: Path, options: RunOptions) -> RunResult:
     _require_folder(out, options.resume)
     deadline_s = math.inf if options.minutes is None else time.monotonic() + 60.0 * options.minutes
     with process_group(options.device) as group:
+        if config.batch.chunk and group.size > 1:
+            # Their gradients are averaged while one backward pass runs, and chunks have several.
+            raise ConfigError(f'key batch.chunk: expected 0 with {group.size} processes, got {config.batch.chunk}')
         stages = _both_stages if config.refinement.steps else _first_stage
         return stages(config, out, _Context(options, group, deadline_s))
 
@@ -111,11 +124,11 @@ def _first_stage(config: TrainingConfig, out: Path, context: _Context) -> RunRes
     """Train the network, after its teacher if it needs one, or fit the centres."""
     if (out / FIRST / CHECKPOINT).is_file():
         raise ConfigError(f'{out}: its run was started with a second stage: expected refinement.steps above 0')
-    teacher = _load_teacher(config)
-    data = _cached(config.network, config.data, context, 'training scans')
+    teacher = _load_teacher(config, (out / CHECKPOINT).is_file())
+    data = _cached(config, config.data, context, 'training scans')
     if config.fit == 'rad_vlad':
         return RunResult(True, 0, fit_centres(config, data, out), math.nan)
-    validation = _cached(config.network, config.validation, context, 'validation scans')
+    validation = _cached(config, config.validation, context, 'validation scans')
     if needs_teacher(config.method) and teacher is None:
         trained = _train_teacher(config, out, context, data, validation)
         if isinstance(trained, RunResult):
@@ -124,13 +137,26 @@ def _first_stage(config: TrainingConfig, out: Path, context: _Context) -> RunRes
     return _train(config, out, context, data, validation, teacher)
 
 
-def _load_teacher(config: TrainingConfig) -> Network | None:
-    """The teacher of `teacher.weights`, if given. Settings that the objective refuses are reported here, early."""
-    if config.fit != 'network' or (needs_teacher(config.method) and not config.teacher.weights):
+def _load_teacher(config: TrainingConfig, is_started: bool) -> Network | None:
+    """The teacher of `teacher.weights`, if given. Settings that cannot be trained are reported here, early."""
+    if config.fit != 'network':
+        return None
+    if config.distillation.weights:
+        load_teacher(config.distillation, config.network)
+    if needs_teacher(config.method) and not config.teacher.weights:
         return None
     teacher = load_network(config.teacher.weights)[0] if needs_teacher(config.method) else None
-    make_objective(config, teacher)
+    _objective(config, teacher, is_started)
     return teacher
+
+
+def _objective(config: TrainingConfig, teacher: Network | None, is_started: bool) -> Objective:
+    """The objective, with initial weights of `initial.weights`; a run that was started needs that file no more."""
+    torch.manual_seed(config.seed)
+    objective = make_objective(config, teacher)
+    if config.initial.weights and not is_started:
+        start_from(objective.network, config.initial.weights)
+    return objective
 
 
 def _train_teacher(
@@ -142,7 +168,7 @@ def _train_teacher(
 ) -> Network | RunResult:
     """The trained teacher, or the result of its run if that was stopped."""
     network = dataclasses.replace(config.network, method=config.teacher.method)
-    teacher = dataclasses.replace(config, network=network, steps=config.teacher.steps)
+    teacher = dataclasses.replace(config, network=network, steps=config.teacher.steps, initial=InitialConfig())
     result = _train(teacher, out / TEACHER, context, data, validation)
     return load_network(result.best)[0] if result.finished else result
 
@@ -161,12 +187,12 @@ def _train(
         _require_same(config, read_progress(out / CHECKPOINT).config, out)
     sampler = BatchSampler(data, config.batch, config.seed, group.rank)
     sampler.batch(0)
-    torch.manual_seed(config.seed)
-    objective = make_objective(config, teacher)
+    objective = _objective(config, teacher, resume)
+    targets = _targets(config, data, context) if config.distillation.weights else None
     if group.rank == 0:
         _describe(config, out, group, objective.network, data)
     drives = validation_drives(validation, config.network, config.threads) if validation and group.rank == 0 else ()
-    loop = Loop(config, objective, sampler, drives, out, group, resume)
+    loop = Loop(config, objective, sampler, drives, out, group, resume, targets)
     with _shown(
         options if group.rank == 0 else options._replace(progress=None), f'training {config.method}'
     ) as progress:
@@ -196,8 +222,8 @@ def _both_stages(config: TrainingConfig, out: Path, context: _Context) -> RunRes
     network, _ = load_network(weights)
     if not isinstance(network, VariationalNetwork) or network.config != config.network:
         raise ConfigError(f'{weights}: expected weights of the configured network, {config.network}')
-    data = _cached(config.network, refinement.data, context, 'scans to search for')
-    validation = _cached(config.network, config.validation, context, 'validation scans')
+    data = _cached(config, refinement.data, context, 'scans to search for')
+    validation = _cached(config, config.validation, context, 'validation scans')
     score = -1.0
     if group.rank == 0:
         _describe(config, out, group, network, data)
@@ -238,10 +264,10 @@ def _completed(values: Mapping[str, Any], default: dict[str, Any]) -> dict[str, 
     return {key: _completed(value, default[key]) if isinstance(value, dict) else value for key, value in given.items()}
 
 
-def _cached(network: NetworkConfig, config: DataConfig | ValidationConfig, context: _Context, text: str) -> list[Drive]:
+def _cached(config: TrainingConfig, data: DataConfig | ValidationConfig, context: _Context, text: str) -> list[Drive]:
     options, group, _ = context
-    sources = _sources(config)
-    reduction = Reduction.for_image(network)
+    sources = _sources(data)
+    reduction = _reduction(config)
     if group.rank == 0:
         with _shown(options, text) as progress:
 
@@ -254,6 +280,27 @@ def _cached(network: NetworkConfig, config: DataConfig | ValidationConfig, conte
             cached_drives(sources, options.cache, reduction=reduction, progress=report)
     group.broadcast((0.0,))
     return cached_drives(sources, options.cache, reduction=reduction)
+
+
+def _reduction(config: TrainingConfig) -> Reduction:
+    """As fine, and as far, as the images of the network and of its teacher need."""
+    images = [config.network]
+    if config.distillation.weights:
+        images.append(read_header(weights_of(config.distillation)).config)
+    wanted = [Reduction.for_image(image) for image in images]
+    steps_m = [reduction.step_m for reduction in wanted] + [config.cached_bin_m] * bool(config.cached_bin_m)
+    return Reduction(min(steps_m), max(reduction.reach_m for reduction in wanted))
+
+
+def _targets(config: TrainingConfig, data: Sequence[Drive], context: _Context) -> NDArray[np.float16]:
+    """The outputs of the teacher of distillation for all scans; the first process computes what is not cached."""
+    options, group, _ = context
+    teacher = load_teacher(config.distillation, config.network)
+    if group.rank == 0:
+        with _shown(options, 'what the teacher sees') as progress:
+            teacher_outputs(teacher, data, options.cache, group.device, config.threads, progress, options.check)
+    group.broadcast((0.0,))
+    return teacher_outputs(teacher, data, options.cache, group.device, config.threads)
 
 
 def _sources(config: DataConfig | ValidationConfig) -> list[DriveSource]:

@@ -45,8 +45,9 @@ def validate(
     """Figures over all ordered pairs of drives of one world, and ``score``, by which checkpoints are chosen.
 
     The figures are Recall@1 over all queries and over clean ones, the AUROC of U for wrong answers, Spearman's
-    correlation of U with severity, and the mean and standard deviation of U; NaN where a figure is not defined. If all
-    answers are right, or all are wrong, AUROC is not defined, and Recall@1 replaces it in the score.
+    correlation of U with severity, the mean and standard deviation of U, and the least and greatest of the worlds'
+    medians of U over clean scans (each world has its own radar); NaN where a figure is not defined. If all answers are
+    right, or all are wrong, AUROC is not defined, and Recall@1 replaces it in the score.
     """
     embedded = [_embed_all(embed, drive.images, device) for drive in drives]
     searched = search_pairs([drive.drive for drive in drives], [means for means, _ in embedded], config.map_spacing_m)
@@ -65,10 +66,22 @@ def validate(
         'spearman_severity': spearman(uncertainties[known & finite], severities[known & finite]),
         'u_mean': float(uncertainties.mean()),
         'u_std': float(uncertainties.std()),
+        **_clean_medians([drive.drive for drive in drives], [uncertainty for _, uncertainty in embedded]),
     }
     ranking = figures['recall_at_1'] if np.isnan(figures['auroc_wrong']) else figures['auroc_wrong']
     score = config.recall_weight * figures['recall_at_1'] + config.auroc_weight * ranking
     return {'score': score, **figures}
+
+
+def _clean_medians(drives: Sequence[Drive], uncertainties: Sequence[NDArray[np.float64]]) -> dict[str, float]:
+    clean: dict[str, list[NDArray[np.float64]]] = {}
+    for drive, own in zip(drives, uncertainties, strict=True):
+        clean.setdefault(drive.world, []).append(own[drive.severities == 0.0])
+    medians = [float(np.median(levels)) for levels in map(np.concatenate, clean.values()) if len(levels)]
+    return {
+        'u_clean_least': min(medians, default=np.nan),
+        'u_clean_greatest': max(medians, default=np.nan),
+    }
 
 
 def _embed_all(

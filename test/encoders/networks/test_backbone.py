@@ -80,6 +80,23 @@ def test_feature_shapes(shape: tuple[int, int], expected: tuple[int, ...]) -> No
         assert trained_a_little(make_network(config), shape).features(torch.zeros(3, *shape)).shape == (3, *expected)
 
 
+@pytest.mark.parametrize(('name', 'least'), [('vgg16', 14_000_000), ('compact', 150_000), ('resnet50', 20_000_000)])
+def test_groups_are_all_weights_from_the_image_on(name: str, least: int) -> None:
+    backbone = make_backbone(NetworkConfig(backbone=name, side_px=32, azimuths=16, range_bins=16))
+    groups = [list(group.parameters()) for group in backbone.groups]
+    assert len(groups) == 5
+    numbers = [id(parameter) for group in groups for parameter in group]
+    assert sorted(numbers) == sorted(id(parameter) for parameter in backbone.parameters())
+    assert sum(parameter.numel() for parameter in backbone.parameters()) > least
+    # With the first groups frozen the backward pass ends before them.
+    for frozen in range(1, 5):
+        backbone.groups[frozen - 1].requires_grad_(False)
+        backbone.zero_grad()
+        backbone.train()(torch.rand(2, 1, *((16, 16) if name == 'compact' else (32, 32)))).sum().backward()
+        for number, group in enumerate(groups):
+            assert all((parameter.grad is None) == (number < frozen) for parameter in group)
+
+
 def test_computed_constants_are_not_part_of_the_weights() -> None:
     one, other = Compact((64, 32)), Compact((200, 128))
     shapes = {name: tensor.shape for name, tensor in one.state_dict().items()}

@@ -27,7 +27,7 @@ from offradar_ros.lab.training.baselines.distillation import distillation, gauss
 from offradar_ros.lab.training.baselines.rad_vlad_codebook import fit_centres
 from offradar_ros.lab.training.config import ContrastConfig, LossConfig, TeacherConfig, TrainingConfig
 from offradar_ros.lab.training.config_file import read_config
-from offradar_ros.lab.training.objective import Objective, Views
+from offradar_ros.lab.training.objective import Objective, Views, losses_of
 from offradar_ros.lab.training.objectives import make_objective
 from offradar_ros.radar.spinning import spin
 
@@ -75,7 +75,7 @@ def views_of(images: torch.Tensor) -> Views:
 
 def learn(objective: Objective, step: int) -> float:
     """The loss of `places()`, whose gradients it leaves in the network."""
-    loss = torch.stack(list(objective.losses(views_of(places()), step).values())).sum()
+    loss = torch.stack(list(losses_of(objective, views_of(places()), step).values())).sum()
     torch.autograd.backward(loss)
     return loss.item()
 
@@ -216,7 +216,7 @@ def test_a_teacher_of_another_method_is_refused() -> None:
 def test_the_auto_encoders_loss_against_a_loop() -> None:
     objective = objective_of('vae', loss=LossConfig(kl_weight=0.5, kl_warmup_steps=4, reconstruction_weight=2.0))
     network = objective.network.eval()
-    terms = objective.losses(views_of(places()), 1)
+    terms = losses_of(objective, views_of(places()), 1)
     output = network(places())
     mu, log_variance = output.mu.detach().numpy(), output.log_variance.detach().numpy()
     divergence = errors = 0.0

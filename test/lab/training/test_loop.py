@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import json
 import math
 import time
@@ -11,10 +12,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 pytest.importorskip('torch')
 
 import torch
+from safetensors.torch import load_file
 
 from offradar_ros.encoders.network_config import NetworkConfig
 from offradar_ros.encoders.networks.files import load_network
@@ -25,6 +28,7 @@ from offradar_ros.lab.training.checkpoint import read_progress
 from offradar_ros.lab.training.config import (
     BatchConfig,
     ContrastConfig,
+    DistillationConfig,
     LossConfig,
     OptimiserConfig,
     TrainingConfig,
@@ -70,6 +74,7 @@ def make_loop(make_drive: MakeDrive, tmp_path: Path) -> Callable[..., Loop]:
         resume: bool = False,
         degraded: tuple[int, ...] = (2, 5),
         speckle: float = 8.0,
+        targets: NDArray[np.float16] | None = None,
     ) -> Loop:
         drives = two_drives(make_drive, degraded, speckle)
         out = tmp_path / name
@@ -83,6 +88,7 @@ def make_loop(make_drive: MakeDrive, tmp_path: Path) -> Callable[..., Loop]:
             out,
             Group(0, 1, torch.device('cpu')),
             resume,
+            targets,
         )
 
     return make
@@ -155,6 +161,86 @@ def test_a_resumed_run_gives_the_same_result(make_loop: Callable[..., Loop], opt
         # Means over the steps since the last line differ if the run was stopped between two lines.
         assert [line for line in kept[1] if line['step'] > stop + 3] == [at[s] for s in at if s > stop + 3]
         assert [line['step'] for line in kept[1]] == list(at)
+
+
+ALL_KEYS = dataclasses.replace(
+    CONFIG,
+    batch=BatchConfig(places=5, chunk=4, gain_db=6.0, floor_db=10.0, knee_db=40.0),
+    loss=dataclasses.replace(CONFIG.loss, variant=dataclasses.replace(CONFIG.loss.variant, on='z')),
+    distillation=DistillationConfig('compact'),
+    optimiser=dataclasses.replace(
+        CONFIG.optimiser, name='adamw', weight_decay=0.01, average=0.9, frozen_groups=2, frozen_from=0.4
+    ),
+)
+TARGETS = np.random.default_rng(6).normal(0.0, 0.5, (16, 2, 16)).astype(np.float16)
+"""For the sixteen scans of both drives."""
+
+
+@pytest.mark.parametrize('stop', [4, 8])
+def test_a_run_with_every_key_is_resumed_with_the_same_result(make_loop: Callable[..., Loop], stop: int) -> None:
+    """Chunks, changed receivers, distillation, averaged weights, and layers that freeze before or after the stop."""
+    whole = make_loop('whole', ALL_KEYS, targets=TARGETS)
+    assert whole.run()
+    with pytest.raises(KeyboardInterrupt):
+        make_loop('parts', ALL_KEYS, targets=TARGETS).run(check=StopAfter(stop))
+    parts = make_loop('parts', ALL_KEYS, resume=True, targets=TARGETS)
+    assert parts.run()
+    assert equal(weights(whole.out), weights(parts.out))
+    assert equal(load_file(whole.out / CHECKPOINT), load_file(parts.out / CHECKPOINT))
+    assert whole.best == parts.best
+    assert {'distilled_descriptor', 'distilled_variance', 'variant'} <= read_log(parts.out / 'log.jsonl')[-1].keys()
+
+
+@pytest.mark.parametrize('key', ['chunk', 'average', 'frozen_groups', 'gain_db', 'distillation'])
+def test_each_key_changes_the_result(make_loop: Callable[..., Loop], key: str) -> None:
+    config = dataclasses.replace(CONFIG, steps=8)
+    changed = {
+        'chunk': dataclasses.replace(config, batch=dataclasses.replace(config.batch, chunk=4)),
+        'gain_db': dataclasses.replace(config, batch=dataclasses.replace(config.batch, gain_db=6.0)),
+        'average': dataclasses.replace(config, optimiser=dataclasses.replace(config.optimiser, average=0.9)),
+        'frozen_groups': dataclasses.replace(config, optimiser=dataclasses.replace(config.optimiser, frozen_groups=1)),
+        'distillation': config,
+    }[key]
+    plain, other = make_loop('plain', config), make_loop('other', changed, targets=_targets_if(key))
+    plain.run()
+    other.run()
+    assert not equal(weights(plain.out), weights(other.out))
+
+
+def _targets_if(key: str) -> NDArray[np.float16] | None:
+    return TARGETS if key == 'distillation' else None
+
+
+def test_averaged_weights_are_what_is_validated_and_saved(make_loop: Callable[..., Loop]) -> None:
+    settings = dataclasses.replace(CONFIG.optimiser, average=0.9)
+    loop = make_loop(config=dataclasses.replace(CONFIG, optimiser=settings))
+    plain = make_loop('plain')
+    loop.run()
+    plain.run()
+    trained, averaged = loop.objective.network.state_dict(), weights(loop.out)
+    assert torch.equal(trained['mu.weight'], plain.objective.network.state_dict()['mu.weight'])
+    assert not torch.equal(averaged['mu.weight'], trained['mu.weight'])
+    (last,) = (line for line in read_log(loop.out / 'validation.jsonl') if line['step'] == 15)
+    drives = loop._validation
+    again = validate(load_network(loop.out / LAST)[0].embed, drives, CONFIG.validation, torch.device('cpu'))
+    assert again['score'] == pytest.approx(last['score'])
+    assert again['u_mean'] == pytest.approx(last['u_mean'])
+
+
+def test_frozen_groups_stay_and_the_others_go_on(make_loop: Callable[..., Loop]) -> None:
+    settings = dataclasses.replace(CONFIG.optimiser, frozen_groups=2, frozen_from=0.4)
+    loop = make_loop(config=dataclasses.replace(CONFIG, optimiser=settings))
+    groups = loop.objective.network.features.backbone.groups
+    seen: list[list[torch.Tensor]] = []
+
+    def look() -> None:
+        seen.append([torch.cat([part.detach().flatten() for part in group.parameters()]) for group in groups])
+
+    loop.run(check=look)
+    # Checked after each of the 14 first steps; from step 6 on, of 15, the first two groups are frozen.
+    for number in range(len(groups)):
+        moved = [not torch.equal(before[number], after[number]) for before, after in itertools.pairwise(seen[:14])]
+        assert moved == [number >= 2 or step < 6 for step in range(1, 14)], number
 
 
 def test_steps_after_the_last_checkpoint_are_repeated(make_loop: Callable[..., Loop]) -> None:
@@ -284,3 +370,19 @@ def test_validation_figures_against_a_plain_count(make_drive: MakeDrive) -> None
     pairs = [(a > 0.5) + 0.5 * (a == 0.5) for a in wrong]
     assert figures['auroc_wrong'] == pytest.approx(sum(pairs) / 4)
     assert figures['score'] == pytest.approx(figures['recall_at_1'] + figures['auroc_wrong'])
+    assert figures['u_clean_least'] == figures['u_clean_greatest'] == 0.5
+
+
+def test_clean_medians_are_of_each_world(make_drive: MakeDrive) -> None:
+    """Two worlds of two drives; U is 1 and 2 for the clean scans of each, and 9 for degraded ones."""
+    made = [
+        make_drive(f'{world}{lane}', world=world, lane_m=3.0 * lane, degraded=(0, 1, 2) if lane else ())
+        for world in 'vw'
+        for lane in range(2)
+    ]
+    drives = validation_drives(made, CONFIG.network, 1)
+    images = [image for drive in drives for image in drive.images]
+    levels = [9.0 if kind else {'v': 1.0, 'w': 2.0}[drive.world] for drive in made for kind in drive.kinds]
+    oracle = Oracle(images, [float(row % 8) for row in range(32)], levels)
+    figures = validate(oracle.embed, drives, CONFIG.validation, torch.device('cpu'))
+    assert (figures['u_clean_least'], figures['u_clean_greatest']) == (1.0, 2.0)

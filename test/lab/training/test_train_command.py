@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -15,8 +16,9 @@ from typer.testing import CliRunner
 
 pytest.importorskip('torch')
 
+import torch
 from safetensors import safe_open
-from safetensors.torch import save_file
+from safetensors.torch import load_file, save_file
 
 from offradar_ros.cli.main import app
 from offradar_ros.config import EncoderConfig
@@ -114,6 +116,44 @@ def test_a_checkpoint_without_a_newer_key_is_resumed(tmp_path: Path, cache: Path
     del state['config']['refinement']
     save_file(tensors, checkpoint, metadata={'offradar.training': json.dumps(state)})
     assert run(read_config(SMOKE), tmp_path / 'out', options._replace(resume=True)).finished
+
+
+def test_vgg16_learns_from_another_network_and_goes_on_with_larger_images(tmp_path: Path, cache: Path) -> None:
+    """Both sizes use the same cached scans, the same outputs of the teacher, chunks and averaged weights."""
+    options = RunOptions(cache, device='cpu')
+    assert run(read_config(SMOKE), tmp_path / 'teacher', options).finished
+    common = [
+        'network.backbone=vgg16',
+        f'distillation.weights={tmp_path / "teacher" / "best.safetensors"}',
+        'cached_bin_m=0.5',
+        'batch.chunk=3',
+        'optimiser.average=0.9',
+        'optimiser.frozen_groups=2',
+        'steps=3',
+    ]
+    small = read_config(SMOKE, [*common, 'network.side_px=32', 'network.resolution_m=4'])
+    first = run(small, tmp_path / 'small', options)
+    assert first.finished
+    scans = sorted(path.name for path in cache.rglob('*.npy'))
+    given = tmp_path / 'given.safetensors'
+    shutil.copy(first.best, given)
+    sizes = ['network.side_px=64', 'network.resolution_m=2', f'initial.weights={given}']
+    large = read_config(SMOKE, [*common, *sizes])
+    whole = run(large, tmp_path / 'whole', options)
+    assert not run(large, tmp_path / 'parts', options._replace(minutes=0.0)).finished
+    given.unlink()
+    parts = run(large, tmp_path / 'parts', options._replace(resume=True))
+    assert parts.finished and parts.score == whole.score
+    assert sorted(path.name for path in cache.rglob('*.npy')) == scans
+    assert sum(path.parent.name.startswith('teacher-') for path in cache.rglob('*.npy')) == 2
+    for name in ('best', 'last'):
+        files = [load_file(tmp_path / out / f'{name}.safetensors') for out in ('whole', 'parts')]
+        assert all(torch.equal(tensor, files[1][key]) for key, tensor in files[0].items())
+    before, after = load_file(first.best), load_file(parts.best)
+    assert torch.allclose(
+        before['features.backbone.features.0.weight'], after['features.backbone.features.0.weight'], atol=0.1
+    )
+    assert after['z_i.weight'].shape == (16, 4 * before['z_i.weight'].shape[1])
 
 
 @pytest.mark.parametrize('stop_teacher', [True, False])
@@ -217,6 +257,10 @@ def test_settings_that_cannot_be_trained_are_reported_before_a_scan_is_made(tmp_
     for settings, message in (
         (['network.method=stun', 'teacher.weights=nowhere.safetensors'], 'nowhere.safetensors: no such weights file'),
         (['network.method=bc_radar', 'loss.invariant.weight=0'], 'key loss.invariant.weight'),
+        (['initial.weights=nowhere.safetensors'], 'nowhere.safetensors: no such weights file'),
+        (['distillation.weights=nowhere.safetensors'], 'nowhere.safetensors: no such weights file'),
+        (['distillation.weights=compact'], 'expected a variational network of dimension 16 as the teacher'),
+        (['distillation.weights=compact', 'network.method=vae'], 'expected none, as vae is not distilled'),
     ):
         with pytest.raises((ConfigError, ModelError), match=message):
             run(read_config(SMOKE, settings), tmp_path / 'out', RunOptions(tmp_path / 'cache', device='cpu'))

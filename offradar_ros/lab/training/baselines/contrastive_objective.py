@@ -8,7 +8,7 @@ from offradar_ros.encoders.networks.registry import make_network
 from offradar_ros.errors import ConfigError
 from offradar_ros.lab.training.baselines.common_contrast import common_contrast
 from offradar_ros.lab.training.config import TrainingConfig
-from offradar_ros.lab.training.objective import Views
+from offradar_ros.lab.training.objective import Outputs, Views
 
 
 class ContrastiveObjective:
@@ -24,8 +24,12 @@ class ContrastiveObjective:
             raise ConfigError(f'key loss.invariant.weight: {config.method} has no other term: expected more than 0')
         self.network = make_network(config.network)
 
-    def losses(self, views: Views, step: int) -> dict[str, torch.Tensor]:  # noqa: ARG002
+    def outputs(self, images: torch.Tensor) -> Outputs:
+        """The embedding alone."""
+        return (self.network(images),)
+
+    def losses(self, outputs: Outputs, views: Views, step: int) -> dict[str, torch.Tensor]:  # noqa: ARG002
         """Term ``contrast``."""
-        embedding = self.network(views.images)
+        (embedding,) = outputs
         with torch.autocast(views.images.device.type, enabled=False):
             return {'contrast': common_contrast(self.config, embedding.float())}

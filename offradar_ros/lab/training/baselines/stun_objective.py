@@ -10,7 +10,7 @@ from offradar_ros.encoders.networks.stun import StunNetwork
 from offradar_ros.errors import ModelError
 from offradar_ros.lab.training.baselines.distillation import distillation, gaussian_distillation
 from offradar_ros.lab.training.config import TrainingConfig
-from offradar_ros.lab.training.objective import Views
+from offradar_ros.lab.training.objective import Outputs, Views
 
 
 class StunObjective:
@@ -34,12 +34,17 @@ class StunObjective:
             self.network.head.load_state_dict(teacher.head.state_dict())
         self.teacher = teacher.eval().requires_grad_(False)
 
-    def losses(self, views: Views, step: int) -> dict[str, torch.Tensor]:  # noqa: ARG002
-        """Term ``distillation``."""
-        self.teacher.to(views.images.device)
+    def outputs(self, images: torch.Tensor) -> Outputs:
+        """Mean and log s² of the student, and the teacher's mean, without a graph."""
+        self.teacher.to(images.device)
         with torch.no_grad():
-            target, _ = self.teacher.embed(views.images)
-        mean, log_variance = self.network(views.images)
+            target, _ = self.teacher.embed(images)
+        mean, log_variance = self.network(images)
+        return mean, log_variance, target
+
+    def losses(self, outputs: Outputs, views: Views, step: int) -> dict[str, torch.Tensor]:  # noqa: ARG002
+        """Term ``distillation``."""
+        mean, log_variance, target = outputs
         loss = gaussian_distillation if self.network.config.student == 'free' else distillation
         with torch.autocast(views.images.device.type, enabled=False):
             return {'distillation': loss(mean.float(), log_variance.float(), target.float())}

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import torch
 
-from offradar_ros.encoders.networks.vae import VaeNetwork
+from offradar_ros.encoders.networks.vae import VaeNetwork, VaeOutput
 from offradar_ros.lab.training.config import TrainingConfig
 from offradar_ros.lab.training.losses.prior_divergence import prior_divergence
-from offradar_ros.lab.training.objective import Views
+from offradar_ros.lab.training.objective import Outputs, Views
 
 PIXEL_DEVIATION = 0.1
 """Standard deviation of a pixel, as a share of full power: about that of averaged speckle."""
@@ -24,11 +24,16 @@ class VaeObjective:
         self.config = config.loss
         self.network = VaeNetwork(config.network)
 
-    def losses(self, views: Views, step: int) -> dict[str, torch.Tensor]:
+    def outputs(self, images: torch.Tensor) -> VaeOutput:
+        """The `VaeOutput` of images."""
+        output: VaeOutput = self.network(images)
+        return output
+
+    def losses(self, outputs: Outputs, views: Views, step: int) -> dict[str, torch.Tensor]:  # noqa: ARG002
         """Terms ``kl`` and ``reconstruction``; the contrastive settings are not used."""
         config, dimension = self.config, self.network.config.dimension
-        output = self.network(views.images)
-        with torch.autocast(views.images.device.type, enabled=False):
+        output = VaeOutput(*outputs)
+        with torch.autocast(output.mu.device.type, enabled=False):
             errors = (output.reconstruction.float() - output.target.float()).square().sum(dim=(1, 2, 3))
             divergence = prior_divergence(output.mu.float(), output.log_variance.float(), config.free_nats)
             warmup = min(1.0, (step + 1) / config.kl_warmup_steps) if config.kl_warmup_steps else 1.0
