@@ -12,6 +12,8 @@ from offradar_ros.types import PolarScan
 
 _GREATEST = 255.0
 _BYTES_PER_DECIBEL = 2.0
+_LEAST_HEADROOM = 0.5
+"""A knee within half a byte of the greatest changes none."""
 
 
 def draw_changes(config: BatchConfig, count: int, rng: np.random.Generator) -> NDArray[np.float64]:
@@ -35,7 +37,7 @@ def receiver_table(gain_db: float, floor_db: float, knee_db: float) -> NDArray[n
     noise = 10.0 ** (_BYTES_PER_DECIBEL * floor_db / 20.0) - 1.0
     level = 20.0 * np.log10(1.0 + 10.0 ** (gain_db / 10.0) * power + noise)
     headroom = _BYTES_PER_DECIBEL * knee_db
-    if headroom:
+    if headroom > _LEAST_HEADROOM:
         over = np.maximum(level - (_GREATEST - headroom), 0.0)
         level = np.minimum(level, _GREATEST - headroom) - headroom * np.expm1(-over / headroom)
     return np.asarray(np.rint(np.minimum(level, _GREATEST)), np.uint8)
