@@ -81,46 +81,46 @@ class RadarPhysics:
             bytes of 0, 6, 9, 12, 14 half decibels (1, 2, 3, 4, 5) show.
     """
 
-    returns_db: float = 8.0
-    range_exponent: float = 1.4
-    incidence_exponent: float = 6.0
-    diffuse_floor_db: float = -16.0
-    specular_db: float = 10.0
+    returns_db: float = 6.33
+    range_exponent: float = 1.0
+    incidence_exponent: float = 4.47
+    diffuse_floor_db: float = -14.8
+    specular_db: float = 9.45
     specular_width_rad: float = 0.04
-    texture_exponent: float = 1.8
-    texture_m: float = 0.8
-    echo_db: float = -14.0
-    echo_m: float = 10.0
-    occlusion: float = 0.8
-    tail_db: float = -40.0
-    tail_m: float = 12.0
+    texture_exponent: float = 1.63
+    texture_m: float = 1.0
+    echo_db: float = -13.9
+    echo_m: float = 18.6
+    occlusion: float = 0.615
+    tail_db: float = -42.6
+    tail_m: float = 7.71
     ghost_walls: int = 2
-    ghost_db: float = -16.0
-    ground_db: float = 3.0
-    ground_exponent: float = 0.9
-    ground_start_m: float = 12.0
-    ground_patch_db: float = 7.0
-    slope_db: float = 12.0
-    slope_share: float = 0.06
+    ghost_db: float = -20.0
+    ground_db: float = 2.59
+    ground_exponent: float = 0.773
+    ground_start_m: float = 23.0
+    ground_patch_db: float = 8.82
+    slope_db: float = 12.7
+    slope_share: float = 0.0906
     vehicle_db: float = 17.0
-    beam_width_rad: float = 0.0314
-    side_lobe_db: float = -36.0
+    beam_width_rad: float = 0.0286
+    side_lobe_db: float = -31.5
     side_lobe_width_rad: float = 0.08
-    range_sigma_m: float = 0.15
-    skirt_db: float = -32.0
-    skirt_m: float = 1.0
-    streak_db: float = -57.0
+    range_sigma_m: float = 0.19
+    skirt_db: float = -41.7
+    skirt_m: float = 1.89
+    streak_db: float = -53.7
     speckle: SpeckleLaw = SpeckleLaw.RAYLEIGH
-    speckle_looks: float = 1.5
-    speckle_correlation_m: float = 0.165
-    noise_db: float = 0.0
-    noise_near_m: float = 3.0
-    noise_near_exponent: float = 1.0
-    haze_db: float = -10.0
-    haze_m: float = 30.0
-    noise_correlation_m: float = 0.165
-    noise_shape: float = 1.0
-    gain_db: float = 1.2
+    speckle_looks: float = 1.0
+    speckle_correlation_m: float = 0.234
+    noise_db: float = -2.67
+    noise_near_m: float = 11.0
+    noise_near_exponent: float = 1.07
+    haze_db: float = -4.37
+    haze_m: float = 35.8
+    noise_correlation_m: float = 0.131
+    noise_shape: float = 1.09
+    gain_db: float = 0.9
     gain_drift_db: float = 0.5
     noise_drift_db: float = 0.5
     sector_gain_db: float = 1.0
@@ -141,7 +141,7 @@ TRAINED_RANGES: dict[str, tuple[float, float]] = {
     'texture_exponent': (0.7, 2.6),
     'texture_m': (0.5, 1.5),
     'echo_db': (-30.0, -8.0),
-    'echo_m': (4.0, 18.0),
+    'echo_m': (4.0, 22.0),
     'occlusion': (0.5, 1.8),
     'tail_db': (-60.0, -28.0),
     'tail_m': (4.0, 35.0),

@@ -13,7 +13,6 @@ import math
 
 import cv2
 import numpy as np
-import scipy.signal
 from numpy.typing import NDArray
 
 from offradar_ros.lab.simulation.physics import RadarPhysics, linear_power
@@ -58,6 +57,7 @@ class Scene:
         self._ground *= -np.expm1(-((ranges_m / physics.ground_start_m) ** 2)) * weather.transmission(ranges_m)
         self._ground[ranges_m < _VEHICLE_M] = linear_power(physics.vehicle_db)
         self._air = weather.backscatter(ranges_m)
+        self._tails = _tails(-(-cells // _TAIL_STEP), _TAIL_STEP * cell_m, physics)
         self._terrain = Terrain(azimuths, cells, cell_m, physics, ground_seed)
 
     def power(self, near: Reflectors, poses: Array) -> tuple[Image, Image]:
@@ -172,11 +172,16 @@ class Scene:
         """Every return leaves an exponential tail behind it."""
         padded = np.pad(power, ((0, 0), (0, -self._cells % _TAIL_STEP)))
         summed = padded.reshape(self._azimuths, -1, _TAIL_STEP).sum(axis=2)
-        kept = math.exp(-_TAIL_STEP * self._cell_m / self._physics.tail_m)
-        tails = scipy.signal.lfilter([0.0, linear_power(self._physics.tail_db)], [1.0, -kept], summed, axis=1)
         size = (padded.shape[1], self._azimuths)
-        fine = cv2.resize(tails.astype(np.float32), size, interpolation=cv2.INTER_LINEAR)
+        fine = cv2.resize(summed @ self._tails, size, interpolation=cv2.INTER_LINEAR)
         return np.asarray(power + fine[:, : self._cells], np.float32)
+
+
+def _tails(steps: int, step_m: float, physics: RadarPhysics) -> Image:
+    """(S, S) level at step j of the tail of a return of power 1 at step i, on its diagonal and below it 0."""
+    behind = np.arange(steps) - np.arange(steps)[:, None]
+    levels = linear_power(physics.tail_db) * np.exp(-np.maximum(behind - 1, 0) * step_m / physics.tail_m)
+    return np.asarray(np.where(behind > 0, levels, 0.0), np.float32)
 
 
 def _rows_and_ranges(poses: Array, points_m: Array) -> tuple[Rows, Array]:

@@ -137,7 +137,8 @@ class Frontage:
         if rng.random() > _KERBS:
             return
         stations = np.arange(_CORNER_M, self._length_m - _CORNER_M, _KERBSTONE_M)
-        stations = stations[np.sin(stations / rng.uniform(3.0, 9.0) + rng.uniform(0.0, 2 * np.pi)) < rng.uniform(0.2, 1)]
+        gaps = np.sin(stations / rng.uniform(3.0, 9.0) + rng.uniform(0.0, 2 * np.pi))
+        stations = stations[gaps < rng.uniform(0.2, 1.0)]
         places = polyline_at(self._line, stations, self._half_width_m + rng.normal(0.0, 0.1, len(stations)))
         scenery.add_points(places[:, :2], rng.uniform(*_KERBSTONE_DB) + rng.normal(0.0, 4.0, len(stations)))
 
