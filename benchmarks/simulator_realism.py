@@ -31,7 +31,7 @@ from offradar_ros.lab.simulation.session_plan import SessionPlan
 from offradar_ros.types import PolarScan
 
 DOCS = Path(__file__).resolve().parents[1] / 'docs'
-CITIES = (1, 2, 3, 4, 5, 6)
+CITIES = tuple(range(1, 10))
 SCANS = 4
 DRAWN = 40
 DRAWN_SEED = 5_000_000
