@@ -22,6 +22,9 @@ class DataConfig:
     physics: str = parameter(
         'drawn', 'the radar: drawn for each world, or the same in all', choices=('nominal', 'drawn')
     )
+    radars: int = parameter(
+        1, 'radars that are drawn for each world; its drives take them in turn', minimum=1, maximum=100
+    )
     bad_weather: float = parameter(0.2, 'share of drives in rain, snow or fog', minimum=0.0, maximum=1.0)
     sequences: tuple[str, ...] = parameter((), 'bags or data-set folders of recorded drives, with positions')
     split: str = parameter('', 'a split (name or YAML file) whose training sequences are used; empty for none')
@@ -51,6 +54,9 @@ class ValidationConfig:
         'drawn',
         'the radar: drawn for each world, the same in all, or one that training never uses',
         choices=('nominal', 'drawn', 'held_out'),
+    )
+    radars: int = parameter(
+        1, 'radars that are drawn for each world; its drives take them in turn', minimum=1, maximum=100
     )
     bad_weather: float = parameter(0.2, 'share of drives in rain, snow or fog', minimum=0.0, maximum=1.0)
     sequences: tuple[str, ...] = parameter((), 'bags or data-set folders of recorded drives, with positions')

@@ -18,6 +18,8 @@ the street is wide enough."""
 
 _SHORT_RANGE_SHARE = 1.0 / 3.0
 _MIN_RANGE = 0.6
+_RADAR_SEEDS = 10**8
+"""Step between the seeds of the radars of a world: more than there are worlds."""
 
 
 def simulated_drives(config: DataConfig | ValidationConfig) -> list[SimulatedDrive]:
@@ -32,8 +34,10 @@ def simulated_drives(config: DataConfig | ValidationConfig) -> list[SimulatedDri
 def city_drive(seed: int, index: int, config: DataConfig | ValidationConfig) -> SimulatedDrive:
     """Drive `index` of the city of `seed`; every third is in the opposite direction, over the same streets.
 
-    The mean distance between two scans is `config.spacing_m` metres.
+    The mean distance between two scans is `config.spacing_m` metres. The first of `config.radars` radars is that of the
+    seed.
     """
+    radar_seed = seed + _RADAR_SEEDS * (index % config.radars)
     rng = np.random.default_rng([seed, index])
     reverse = index % 3 == 2
     speed_mps = float(rng.uniform(6.0, 11.0))
@@ -50,10 +54,10 @@ def city_drive(seed: int, index: int, config: DataConfig | ValidationConfig) -> 
         parked=float(rng.uniform(0.2, 0.9)),
         foliage=_foliage(np.random.default_rng([seed, index, 1])),
         degraded=config.degraded,
-        physics=physics_of(config.physics, seed),
+        physics=physics_of(config.physics, radar_seed),
         weather=_bad_weather(rng) if rng.random() < config.bad_weather else CLEAR,
     )
-    return SimulatedDrive(f'city_{seed}', seed, plan, _sensor(config.physics, seed), stride)
+    return SimulatedDrive(f'city_{seed}', seed, plan, _sensor(config.physics, radar_seed), stride)
 
 
 def _sensor(physics: str, seed: int) -> SimulatedSensor:

@@ -31,3 +31,16 @@ def test_drives_of_a_world_are_in_different_seasons() -> None:
     assert 0.1 < (foliage == 0.0).mean() < 0.45 and 0.1 < (foliage == 1.0).mean() < 0.45
     assert len({plan.foliage for plan in plans[:4]}) > 1
     assert foliage.tolist() == [source.plan.foliage for source in simulated_drives(DataConfig(worlds=10, drives=4))]
+
+
+def test_drives_of_a_world_take_its_radars_in_turn() -> None:
+    one, two = (
+        [source.plan.physics for source in simulated_drives(DataConfig(worlds=2, drives=4, radars=radars))]
+        for radars in (1, 2)
+    )
+    assert one[0] == one[1] == one[2] != one[4]
+    assert two[0] == two[2] == one[0]
+    assert two[1] == two[3] != two[0]
+    assert len(set(two)) == 4
+    streets = [source.open().poses[:, :2] for source in simulated_drives(DataConfig(worlds=1, drives=2, radars=2))]
+    assert np.linalg.norm(streets[0][0] - streets[1][0]) < 15.0
