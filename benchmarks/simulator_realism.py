@@ -32,7 +32,7 @@ from offradar_ros.types import PolarScan
 
 DOCS = Path(__file__).resolve().parents[1] / 'docs'
 CITIES = tuple(range(1, 10))
-SCANS = 4
+SCANS = 8
 DRAWN = 40
 DRAWN_SEED = 5_000_000
 

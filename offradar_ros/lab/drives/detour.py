@@ -39,7 +39,10 @@ def with_detour(world: World, driven_m: float, length_m: float) -> World:
     arcs_m = np.arange(0.0, min(driven_m, route.length_m))
     driven = route.at(arcs_m)[:, :2]
     apart_m = _distances_m(streets.nodes_m, driven)
-    passed = np.flatnonzero(streets.inner & (apart_m.min(axis=1) < _BESIDE_M))
+    beside_m = np.full(len(streets.nodes_m), _BESIDE_M)
+    for node, roundabout in streets.roundabouts.items():
+        beside_m[node] = max(_BESIDE_M, roundabout.outer_m)
+    passed = np.flatnonzero(streets.inner & (apart_m.min(axis=1) < beside_m))
     passed_m = {int(node): float(arcs_m[np.argmin(apart_m[node])]) for node in passed}
     nodes = _shortest_detour(streets, _unused(streets, driven), passed_m, driven_m, length_m)
     if not nodes:
