@@ -51,7 +51,7 @@ def test_a_gain_adds_to_bytes_and_noise_raises_only_what_is_weak() -> None:
     """A byte is half a decibel: 3 dB of gain are 6 more; 6 dB of noise leave strong returns as they are."""
     sensor = SimulatedSensor(azimuths=90, range_bins=300, range_resolution_m=0.2)
     physics = dataclasses.replace(
-        STEADY, integer_powers=False, ground_db=-40.0, gain_db=10.0, knee=240.0, ceiling=250.0
+        STEADY, integer_powers=False, ground_db=-40.0, gain_db=30.0, knee=240.0, ceiling=250.0
     )
     points = np.array([(30.0, 0.0)])
     near = Reflectors(np.empty((0, 2, 2)), np.empty(0), np.empty(0), points, np.array([1e7]))
