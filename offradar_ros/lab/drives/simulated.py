@@ -17,7 +17,13 @@ from offradar_ros.lab.simulation.city.make import make_city
 from offradar_ros.lab.simulation.city.plan import CityPlan
 from offradar_ros.lab.simulation.map_image import read_map_image
 from offradar_ros.lab.simulation.map_world import load_map_world
-from offradar_ros.lab.simulation.physics import NOMINAL_PHYSICS, RadarPhysics, draw_physics, held_out_physics
+from offradar_ros.lab.simulation.physics import (
+    NOMINAL_PHYSICS,
+    RadarPhysics,
+    draw_physics,
+    held_out_physics,
+    unseen_physics,
+)
 from offradar_ros.lab.simulation.recorded_path import load_tum
 from offradar_ros.lab.simulation.sensor import TRAINING_SENSOR, SimulatedSensor
 from offradar_ros.lab.simulation.sequence import SimulatedSequence
@@ -25,6 +31,8 @@ from offradar_ros.lab.simulation.session_plan import SessionPlan
 from offradar_ros.lab.simulation.source_digest import source_digest
 from offradar_ros.lab.simulation.world import World
 from offradar_ros.recordings.spacing import subsample_by_distance
+
+_DRAWS = {'drawn': draw_physics, 'held_out': held_out_physics, 'unseen': unseen_physics}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -137,10 +145,8 @@ class SimulatedDrive:
 
 
 def physics_of(name: str, seed: int) -> RadarPhysics:
-    """The radar of the world of `seed`: ``nominal``, ``drawn`` as in training, or ``held_out`` from training."""
-    if name == 'nominal':
-        return NOMINAL_PHYSICS
-    return (draw_physics if name == 'drawn' else held_out_physics)(seed)
+    """The radar of the world of `seed`: ``nominal``, or drawn as in training, validation or results (`_DRAWS`)."""
+    return NOMINAL_PHYSICS if name == 'nominal' else _DRAWS[name](seed)
 
 
 @functools.lru_cache(maxsize=2)

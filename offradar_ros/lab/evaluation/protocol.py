@@ -6,7 +6,7 @@ import dataclasses
 
 from offradar_ros.errors import ConfigError
 
-PHYSICS = ('nominal', 'drawn', 'held_out')
+PHYSICS = ('nominal', 'drawn', 'held_out', 'unseen')
 LEFT_OUT = ('', 'halves')
 
 

@@ -1,8 +1,9 @@
 """Parameters of the radar and of surfaces, without geometry.
 
-There are three sources. `NOMINAL_PHYSICS` is close to recorded Navtech scans. `draw_physics` varies it broadly, for
-training. `held_out_physics` draws radars that `draw_physics` never draws, for evaluation and validation: each field in
-`HELD_OUT_RANGES` lies outside its range in `TRAINED_RANGES`, and speckle follows another law.
+There are four sources. `NOMINAL_PHYSICS` is close to recorded Navtech scans. `draw_physics` varies it broadly, for
+training. `held_out_physics` draws radars that `draw_physics` never draws, for validation, which chooses, and for the
+coefficients of `p_right`: each field in `HELD_OUT_RANGES` lies outside its range in `TRAINED_RANGES`, and speckle
+follows another law. `unseen_physics` draws radars that neither of them draws, in the same way, for results alone.
 
 Powers are linear, or decibels (10 log10) above the receiver's noise at its reference; the recorded byte is in half
 decibels.
@@ -23,6 +24,7 @@ class SpeckleLaw(str, enum.Enum):
     RAYLEIGH = 'rayleigh'
     LOG_NORMAL = 'log_normal'
     K = 'k'
+    WEIBULL = 'weibull'
 
 
 @dataclasses.dataclass(frozen=True)
@@ -186,6 +188,17 @@ HELD_OUT_RANGES: dict[str, tuple[float, float]] = {
 }
 """Ranges of `held_out_physics` outside those of training: stronger multipath, a wider beam, and so on."""
 
+UNSEEN_RANGES: dict[str, tuple[float, float]] = {
+    'texture_exponent': (2.8, 3.3),
+    'tail_db': (-26.0, -21.0),
+    'beam_width_rad': (0.012, 0.017),
+    'range_sigma_m': (0.26, 0.36),
+    'haze_db': (19.0, 23.0),
+    'noise_correlation_m': (0.32, 0.45),
+    'gain_db': (17.0, 20.0),
+}
+"""Ranges of `unseen_physics` outside those of training: a narrower beam, a coarser range response, more haze."""
+
 
 _MOST_GHOST_WALLS = 3
 
@@ -196,10 +209,15 @@ def draw_physics(seed: int | np.random.Generator) -> RadarPhysics:
 
 
 def held_out_physics(seed: int | np.random.Generator = 0) -> RadarPhysics:
-    """A radar that training never uses: for evaluation, and for validation, which chooses the best checkpoint."""
+    """A radar that training never uses: for validation, which chooses the best checkpoint, and for coefficients."""
     rng = np.random.default_rng(seed)
     law = (SpeckleLaw.LOG_NORMAL, SpeckleLaw.K)[int(rng.integers(2))]
     return _draw(rng, TRAINED_RANGES | HELD_OUT_RANGES, law)
+
+
+def unseen_physics(seed: int | np.random.Generator) -> RadarPhysics:
+    """A radar that neither training nor any choice uses: for results alone."""
+    return _draw(np.random.default_rng(seed), TRAINED_RANGES | UNSEEN_RANGES, SpeckleLaw.WEIBULL)
 
 
 def _draw(rng: np.random.Generator, ranges: dict[str, tuple[float, float]], law: SpeckleLaw) -> RadarPhysics:

@@ -19,6 +19,9 @@ from offradar_ros.lab.simulation.physics import RadarPhysics, SpeckleLaw, linear
 Image = NDArray[np.float32]
 
 _HALF_DECIBELS = np.float32(20.0 / math.log(10.0))
+_WEIBULL = 1.4
+"""Exponent of an exponentially distributed power that has a Weibull distribution, of shape 0.7; its looks are not used."""
+
 _BINS_PER_BLOCK = 2**17
 """Bins that are recorded at a time: few enough for the processor's cache."""
 
@@ -93,6 +96,11 @@ class Receiver:
             variance = math.log1p(1.0 / looks)
             field = self._speckle_fields.smooth(white[0])
             return np.asarray(np.exp(np.float32(math.sqrt(variance)) * field - np.float32(variance / 2)), np.float32)
+        if self._physics.speckle is SpeckleLaw.WEIBULL:
+            power = self._speckle_fields.power((white[0], white[1]))
+            np.power(power, np.float32(_WEIBULL), out=power)
+            power *= np.float32(1.0 / math.gamma(1.0 + _WEIBULL))
+            return power
         # The sum of a constant and an exponentially distributed part.
         share = np.float32(1.0 / math.sqrt(looks))
         power = self._speckle_fields.power((white[0], white[1]))

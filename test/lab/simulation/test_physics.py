@@ -10,10 +10,12 @@ from offradar_ros.lab.simulation.physics import (
     HELD_OUT_RANGES,
     NOMINAL_PHYSICS,
     TRAINED_RANGES,
+    UNSEEN_RANGES,
     RadarPhysics,
     SpeckleLaw,
     draw_physics,
     held_out_physics,
+    unseen_physics,
 )
 
 
@@ -32,6 +34,7 @@ def test_every_number_is_drawn_and_the_nominal_radar_is_within_all_ranges() -> N
 def test_the_same_seed_draws_the_same_radar() -> None:
     assert draw_physics(3) == draw_physics(3) != draw_physics(4)
     assert held_out_physics(3) == held_out_physics(3) != held_out_physics(4)
+    assert unseen_physics(3) == unseen_physics(3) != unseen_physics(4)
 
 
 def test_draws_cover_their_ranges() -> None:
@@ -43,10 +46,13 @@ def test_draws_cover_their_ranges() -> None:
     assert {physics.integer_powers for physics in drawn} == {True, False}
 
 
-@pytest.mark.parametrize('name', sorted(HELD_OUT_RANGES))
-def test_held_out_ranges_and_ranges_of_training_do_not_overlap(name: str) -> None:
-    (low, high), (held_low, held_high) = TRAINED_RANGES[name], HELD_OUT_RANGES[name]
-    assert held_low > high or held_high < low
+OUTSIDE = [(name, *bounds) for ranges in (HELD_OUT_RANGES, UNSEEN_RANGES) for name, bounds in sorted(ranges.items())]
+
+
+@pytest.mark.parametrize(('name', 'low', 'high'), OUTSIDE)
+def test_held_out_and_unseen_ranges_do_not_overlap_those_of_training(name: str, low: float, high: float) -> None:
+    trained_low, trained_high = TRAINED_RANGES[name]
+    assert low > trained_high or high < trained_low
 
 
 def test_no_held_out_radar_can_be_drawn_for_training() -> None:
@@ -57,3 +63,13 @@ def test_no_held_out_radar_can_be_drawn_for_training() -> None:
             assert low <= getattr(held_out, name) <= high
             assert not low <= getattr(trained, name) <= high
     assert {held_out_physics(seed).speckle for seed in range(20)} == {SpeckleLaw.LOG_NORMAL, SpeckleLaw.K}
+
+
+def test_no_unseen_radar_can_be_drawn_for_training_or_validation() -> None:
+    for seed in range(100):
+        trained, held_out, unseen = draw_physics(seed), held_out_physics(seed), unseen_physics(seed)
+        assert unseen.speckle is SpeckleLaw.WEIBULL not in {trained.speckle, held_out.speckle}
+        for name, (low, high) in UNSEEN_RANGES.items():
+            assert low <= getattr(unseen, name) <= high
+            assert not low <= getattr(trained, name) <= high
+        assert any(not low <= getattr(held_out, name) <= high for name, (low, high) in UNSEEN_RANGES.items())
