@@ -20,7 +20,7 @@ Image = NDArray[np.float32]
 
 _HALF_DECIBELS = np.float32(20.0 / math.log(10.0))
 _WEIBULL = 1.4
-"""Exponent of an exponentially distributed power that has a Weibull distribution, of shape 0.7; its looks are not used."""
+"""Exponent that turns exponentially distributed power into a Weibull distribution of shape 0.7; looks are not used."""
 
 _BINS_PER_BLOCK = 2**17
 """Bins that are recorded at a time: few enough for the processor's cache."""
