@@ -17,11 +17,11 @@ def pretrained_names() -> tuple[str, ...]:
     return tuple(sorted({path.stem for path in FOLDER.glob('*') if path.suffix in SUFFIXES}))
 
 
-def find_weights(weights: str, suffixes: tuple[str, ...]) -> Path:
-    """The weights file for the parameter `encoder.weights`, which is a path or the name of weights in the package.
+def find_weights(weights: str, suffixes: tuple[str, ...], setting: str = 'parameter encoder.weights') -> Path:
+    """The weights file for a setting, which is a path or the name of weights in the package.
 
-    A name with several files gives the file with the first of `suffixes`. ConfigError for an empty parameter and for a
-    name without a file of these suffixes.
+    A name with several files gives the file with the first of `suffixes`. ConfigError, which names the setting, for an
+    empty one and for a name without a file of these suffixes.
     """
     path = Path(weights)
     if path.suffix in SUFFIXES:
@@ -32,6 +32,6 @@ def find_weights(weights: str, suffixes: tuple[str, ...]) -> Path:
             return file
     endings = ' or '.join(suffixes)
     raise ConfigError(
-        f'parameter encoder.weights: expected a {endings} file or the name of weights in offradar_ros '
+        f'{setting}: expected a {endings} file or the name of weights in offradar_ros '
         f'({", ".join(pretrained_names()) or "none in this build"}), got {weights!r}'
     )

@@ -83,24 +83,17 @@ class Receiver:
 
     def _noise_power(self, white: Image) -> Image:
         power = self._noise_fields.power((white[0], white[1]))
-        shape = self._physics.noise_shape
-        if shape != 1.0:
-            np.power(power, np.float32(shape), out=power)
-            power *= np.float32(1.0 / math.gamma(1.0 + shape))
-        return power
+        return _weibull(power, self._physics.noise_shape)
 
     def _speckle(self, white: Image) -> Image:
-        """(A, bins) of mean 1 and variance 1 / looks."""
+        """(A, bins) of mean 1, and of variance 1 / looks but for Weibull's law."""
         looks = self._physics.speckle_looks
         if self._physics.speckle is SpeckleLaw.LOG_NORMAL:
             variance = math.log1p(1.0 / looks)
             field = self._speckle_fields.smooth(white[0])
             return np.asarray(np.exp(np.float32(math.sqrt(variance)) * field - np.float32(variance / 2)), np.float32)
         if self._physics.speckle is SpeckleLaw.WEIBULL:
-            power = self._speckle_fields.power((white[0], white[1]))
-            np.power(power, np.float32(_WEIBULL), out=power)
-            power *= np.float32(1.0 / math.gamma(1.0 + _WEIBULL))
-            return power
+            return _weibull(self._speckle_fields.power((white[0], white[1])), _WEIBULL)
         # The sum of a constant and an exponentially distributed part.
         share = np.float32(1.0 / math.sqrt(looks))
         power = self._speckle_fields.power((white[0], white[1]))
@@ -122,6 +115,14 @@ class Receiver:
         # Levels are neither negative nor above the ceiling, which is below 255.
         level += np.float32(0.5)
         return level.astype(np.uint8)
+
+
+def _weibull(power: Image, exponent: float) -> Image:
+    """Exponentially distributed power of mean 1 to an exponent, of mean 1 again; `power` is overwritten."""
+    if exponent != 1.0:
+        np.power(power, np.float32(exponent), out=power)
+        power *= np.float32(1.0 / math.gamma(1.0 + exponent))
+    return power
 
 
 def _lobe(sigma: float, skirt_sigma: float, skirt_db: float) -> Image:

@@ -3,8 +3,8 @@
 The return of a wall depends on the angle of incidence, varies along the wall, and the wall occludes what is behind it;
 scatterers (poles, trees, cars) return equally in all directions; all returns fall with range. Walls also cause late
 returns. Multipath adds ghosts: returns at two and three times their range, from further round trips between the vehicle
-and a wall at normal incidence, and mirror images behind the wall with the strongest return. Ground clutter is
-everywhere, in patches that are fixed in the world.
+and a wall at normal incidence, and mirror images behind the walls with the strongest returns. Every return leaves a
+tail behind it. What the ground returns is in `terrain`.
 """
 
 from __future__ import annotations
@@ -51,12 +51,13 @@ class Scene:
             ranges_m
         )
         self._range_gain *= linear_power(physics.returns_db)
-        self._ground = (
+        ground: Array = (
             linear_power(physics.ground_db) * (_REFERENCE_M / np.maximum(ranges_m, 4.0)) ** physics.ground_exponent
         )
-        self._ground *= -np.expm1(-((ranges_m / physics.ground_start_m) ** 2)) * weather.transmission(ranges_m)
-        self._ground[ranges_m < _VEHICLE_M] = linear_power(physics.vehicle_db)
-        self._air = weather.backscatter(ranges_m)
+        ground *= -np.expm1(-((ranges_m / physics.ground_start_m) ** 2)) * weather.transmission(ranges_m)
+        ground[ranges_m < _VEHICLE_M] = linear_power(physics.vehicle_db)
+        self._ground: Image = ground.astype(np.float32)
+        self._air: Image = weather.backscatter(ranges_m).astype(np.float32)
         self._tails = _tails(-(-cells // _TAIL_STEP), _TAIL_STEP * cell_m, physics)
         self._terrain = Terrain(azimuths, cells, cell_m, physics, ground_seed)
 
@@ -68,7 +69,7 @@ class Scene:
         returns.append(self._round_trips(hits, returns[0]))
         returns.append(self._mirror_images(hits, near, poses, returns))
         rows, range_m, powers = (np.concatenate(parts) for parts in zip(*returns, strict=True))
-        diffuse = self._terrain.power(hits, poses) * self._ground.astype(np.float32) + self._air.astype(np.float32)
+        diffuse = self._terrain.power(hits, poses) * self._ground + self._air
         return self._with_tails(self._accumulated(rows, range_m, powers)), diffuse
 
     def _walls(self, hits: Hits, near: Reflectors, poses: Array) -> tuple[Rows, Array, Array]:

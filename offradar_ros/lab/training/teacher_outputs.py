@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from offradar_ros.encoders.network_config import NetworkConfig
 from offradar_ros.encoders.networks.files import load_network
 from offradar_ros.encoders.networks.variational import VariationalNetwork
+from offradar_ros.encoders.pretrained import find_weights
 from offradar_ros.errors import ConfigError, DataError, ModelError
 from offradar_ros.lab.array_file import read_array, write_array
 from offradar_ros.lab.drives.drive import Drive
@@ -25,7 +26,6 @@ from offradar_ros.lab.training.config import DistillationConfig
 from offradar_ros.lab.training.images import images_of
 from offradar_ros.processes import Progress
 
-_SHIPPED = Path(__file__).parents[2] / 'weights'
 _IMAGES_AT_ONCE = 64
 
 
@@ -38,8 +38,8 @@ class Teacher:
 
 
 def weights_of(config: DistillationConfig) -> Path:
-    """The file of the teacher's weights."""
-    return _SHIPPED / 'compact.safetensors' if config.weights == 'compact' else Path(config.weights)
+    """The file of the teacher's weights; ConfigError for neither a file of weights nor the name of shipped ones."""
+    return find_weights(config.weights, ('.safetensors',), 'key distillation.weights')
 
 
 def load_teacher(config: DistillationConfig, student: NetworkConfig) -> Teacher:

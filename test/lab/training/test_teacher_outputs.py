@@ -27,7 +27,7 @@ from offradar_ros.lab.training.images import images_of  # noqa: E402
 from offradar_ros.lab.training.losses.angular_distance import angular_distance  # noqa: E402
 from offradar_ros.lab.training.objective import Views, losses_of  # noqa: E402
 from offradar_ros.lab.training.objectives import make_objective  # noqa: E402
-from offradar_ros.lab.training.teacher_outputs import Teacher, load_teacher, teacher_outputs  # noqa: E402
+from offradar_ros.lab.training.teacher_outputs import Teacher, load_teacher, teacher_outputs, weights_of  # noqa: E402
 
 TEACHER = NetworkConfig(backbone='compact', dimension=8, azimuths=24, range_bins=16, resolution_m=4.0)
 STUDENT = NetworkConfig(backbone='vgg16', dimension=8, side_px=32, resolution_m=4.0)
@@ -145,3 +145,10 @@ def test_a_student_learns_what_the_teacher_sees(teacher: Teacher, drives: list[D
         lost.append({name: term.item() for name, term in terms.items()})
     for name in lost[0]:
         assert lost[-1][name] < 0.5 * lost[0][name]
+
+
+def test_a_teacher_is_a_file_or_the_name_of_shipped_weights() -> None:
+    assert weights_of(DistillationConfig(weights='compact')).name == 'compact.safetensors'
+    assert weights_of(DistillationConfig(weights='runs/a.safetensors')) == Path('runs/a.safetensors')
+    with pytest.raises(ConfigError, match=r'key distillation\.weights: expected a \.safetensors file or the name'):
+        weights_of(DistillationConfig(weights='compactt'))
