@@ -19,8 +19,9 @@ POLAR_REDUCTION = 8
 
 _LARGEST_SIDE = 4096
 
-BACKBONES = ('vgg16', 'compact', 'resnet50')
+BACKBONES = ('vgg16', 'compact', 'compact_centred', 'resnet50')
 CARTESIAN = ('vgg16', 'resnet50')
+POLAR = ('compact', 'compact_centred')
 DESCRIPTORS = ('z_i_plus_mu', 'z_i')
 STUDENTS = ('bounded', 'free')
 
@@ -31,7 +32,8 @@ class NetworkConfig:
 
     Attributes:
         method: ``variational`` (the paper's) or another learned method of `ENCODERS`.
-        backbone: ``vgg16`` (the paper's) or ``resnet50`` (STUN's) for a Cartesian image, ``compact`` for a polar one.
+        backbone: ``vgg16`` (the paper's) or ``resnet50`` (STUN's) for a Cartesian image; ``compact_centred`` or
+            ``compact``, its first edition, for a polar one.
         dimension: d, the length of Z_I, μ_V and σ².
         side_px: side of the square Cartesian image, a multiple of 32.
         azimuths: rows of the polar image, a multiple of 8.

@@ -11,7 +11,7 @@ import pytest
 from offradar_ros.encoders.network_config import NetworkConfig
 from offradar_ros.types import PolarScan
 
-SMALL = NetworkConfig(backbone='compact', dimension=8, azimuths=64, range_bins=32, resolution_m=2.0)
+SMALL = NetworkConfig(backbone='compact_centred', dimension=8, azimuths=64, range_bins=32, resolution_m=2.0)
 
 
 @pytest.fixture

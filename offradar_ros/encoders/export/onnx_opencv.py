@@ -5,8 +5,8 @@ Each rule copies values or multiplies them by 1, so that ONNX Runtime gives the 
 - a gather of rows becomes a concatenation of slices;
 - a slice to the end of an axis gets the index of that end;
 - a product with a constant on the left becomes a product of the transposed, C X = (Xᵀ Cᵀ)ᵀ;
-- in a difference or quotient, a second operand of length 1 along one of the last two axes is repeated to full length,
-  by a product with ones.
+- in a difference, quotient or product, a second operand of length 1 along one of the last two axes is repeated to full
+  length, by a product with ones.
 
 Up to opset 10 the bounds of ``Clip`` are attributes, the only form that OpenCV 4.6 reads.
 """
@@ -60,7 +60,7 @@ class _Rewriting:
             self._slice(node)
         elif node.op_type == 'MatMul' and inputs[0] in self._constants:
             self._product(node)
-        elif node.op_type in ('Sub', 'Div') and self._axis_to_spread(*inputs) is not None:
+        elif node.op_type in ('Sub', 'Div', 'Mul') and self._axis_to_spread(*inputs) is not None:
             self._spread(node)
         else:
             self.nodes.append(node)

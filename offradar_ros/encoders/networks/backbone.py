@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import nn
 
-from offradar_ros.encoders.network_config import CARTESIAN_REDUCTION, POLAR_REDUCTION, NetworkConfig
+from offradar_ros.encoders.network_config import CARTESIAN_REDUCTION, POLAR, POLAR_REDUCTION, NetworkConfig
 from offradar_ros.encoders.networks.grey_to_colour import GreyToColour
 from offradar_ros.encoders.networks.resnet50 import Resnet50
 
@@ -64,20 +64,23 @@ class Compact(nn.Module):
     by aliasing of the strides. Outside training, the output is the mean over the image rolled by 0, 2, 4 and 6 rows, so
     that a turn by 2 rows changes nothing. Rows are padded circularly.
 
-    A second channel is the image standardised at each range over azimuth. It is independent of the receiver's gain and
-    noise floor, which differ between radars.
+    The first of two channels is the image less its mean over azimuth at each range, the second is this at unit
+    deviation. Neither depends on a receiver's gain, which adds a constant to the logarithm of power and differs between
+    radars. Azimuths without any power were not measured: they take no part in mean and deviation, and are 0 in both
+    channels. Without `centred`, as in the first edition, the first channel is the image, and all azimuths count.
     """
 
     around: torch.Tensor
 
-    def __init__(self, image_shape: tuple[int, int]) -> None:
+    def __init__(self, image_shape: tuple[int, int], centred: bool = True) -> None:
         super().__init__()
+        self.centred = centred
         azimuths, range_bins = (length // POLAR_REDUCTION for length in image_shape)
         self.shape = (COMPACT_FEATURES, min(COMPACT_FREQUENCIES, azimuths // 2 + 1), range_bins)
         before, after = _rows_around()
         self.register_buffer('around', torch.arange(-before, image_shape[0] + after) % image_shape[0], persistent=False)
         layers: list[nn.Module] = []
-        inputs = 2  # the image, and the image standardised
+        inputs = 2  # the image, centred or not, and the image standardised
         for outputs, size, stride in COMPACT_CONVOLUTIONS:
             layers += [_NormalisedConvolution(inputs, outputs, size, stride), nn.ReLU(inplace=True)]
             inputs = outputs
@@ -93,7 +96,8 @@ class Compact(nn.Module):
 
     def forward(self, image: torch.Tensor) -> torch.Tensor:
         """(N, 1, A, R) → (N, 48, F, R / 8)."""
-        both = torch.cat([image, _CONTRAST * standardised_over_azimuth(image)], dim=1)
+        offset, standardised = over_azimuth(image, measured(image) if self.centred else None)
+        both = torch.cat([offset if self.centred else image, _CONTRAST * standardised], dim=1)
         if self.training:
             return self._amplitudes(both)
         # All rolls in one batch, so that each convolution is one node of an ONNX graph and is quantised once.
@@ -106,10 +110,25 @@ class Compact(nn.Module):
         return spectrum
 
 
-def standardised_over_azimuth(image: torch.Tensor) -> torch.Tensor:
-    """(N, C, A, R) → (N, C, A, R) with mean 0 and deviation 1 over A; less than 1 where the contrast is low."""
-    offset = image - image.mean(dim=2, keepdim=True)
-    return offset / (offset.square().mean(dim=2, keepdim=True).sqrt() + _LEAST_DEVIATION)
+def measured(image: torch.Tensor) -> torch.Tensor:
+    """(N, 1, A, 1), 1 for each azimuth of (N, 1, A, R) power in [0, 1] that has a byte above 0, and else 0."""
+    # The sum of bytes is 0 or at least 1; a factor of 2 leaves room for rounding.
+    return (image.sum(dim=3, keepdim=True) * (2.0 * 255.0)).clamp(0.0, 1.0)
+
+
+def over_azimuth(image: torch.Tensor, counts: torch.Tensor | None) -> tuple[torch.Tensor, torch.Tensor]:
+    """(N, 1, A, R) less its mean over A, and this with deviation 1 over A; less than 1 where the contrast is low.
+
+    Only azimuths that `counts`, (N, 1, A, 1) of 0 and 1, has as 1 are taken into account, and the others are 0.
+    """
+    if counts is None:
+        offset = image - image.mean(dim=2, keepdim=True)
+        variance = offset.square().mean(dim=2, keepdim=True)
+    else:
+        share = counts.mean(dim=2, keepdim=True) + _TINY
+        offset = (image - (image * counts).mean(dim=2, keepdim=True) / share) * counts
+        variance = offset.square().mean(dim=2, keepdim=True) / share
+    return offset, offset / (variance.sqrt() + _LEAST_DEVIATION)
 
 
 class AzimuthSpectrum(nn.Module):
@@ -168,8 +187,8 @@ def initialise_convolutions(module: nn.Module) -> None:
 
 def make_backbone(config: NetworkConfig) -> Vgg16 | Compact | Resnet50:
     """The backbone of a `NetworkConfig`; its `shape` is that of the feature map, (C, rows, columns)."""
-    if config.backbone == 'compact':
-        return Compact(config.image_shape)
+    if config.backbone in POLAR:
+        return Compact(config.image_shape, config.backbone == 'compact_centred')
     if config.backbone == 'vgg16':
         return Vgg16(config.side_px)
     network = Resnet50(config.side_px)

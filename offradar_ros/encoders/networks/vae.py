@@ -9,7 +9,7 @@ import torch
 from torch import nn
 from torch.nn import functional
 
-from offradar_ros.encoders.network_config import NetworkConfig
+from offradar_ros.encoders.network_config import POLAR, NetworkConfig
 from offradar_ros.encoders.networks.backbone import AzimuthSpectrum
 from offradar_ros.encoders.networks.network import Network
 
@@ -50,7 +50,7 @@ class VaeNetwork(Network):
         flat = self.features.flat
         target_rows, target_columns = (length // TARGET_REDUCTION for length in config.image_shape)
         self.spectrum: AzimuthSpectrum | None = None
-        if config.backbone == 'compact':
+        if config.backbone in POLAR:
             self.spectrum = AzimuthSpectrum(target_rows, target_rows // 2 + 1)
             target_rows = target_rows // 2 + 1
         self._target_shape = (target_rows, target_columns)

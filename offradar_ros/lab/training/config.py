@@ -192,8 +192,11 @@ class LossConfig:
 class OptimiserConfig:
     """The optimiser and the schedule of its learning rate."""
 
-    name: str = parameter('adam', 'the optimiser', choices=('adam', 'adamw'))
+    name: str = parameter('adam', 'the optimiser', choices=('adam', 'adamw', 'muon'))
     learning_rate: float = parameter(1e-3, 'highest learning rate', minimum=0.0, maximum=100.0)
+    matrix_rate: float = parameter(
+        0.02, 'highest learning rate of matrices and kernels with muon', minimum=0.0, maximum=100.0
+    )
     schedule: str = parameter(
         'one_cycle',
         'schedule of the learning rate; one_cycle and cosine end at 0',

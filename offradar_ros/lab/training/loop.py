@@ -21,6 +21,7 @@ from offradar_ros.lab.training.checkpoint import Progress, load_checkpoint, save
 from offradar_ros.lab.training.config import TrainingConfig
 from offradar_ros.lab.training.gradient_cache import chunked_backward
 from offradar_ros.lab.training.images import ImageBatch, image_batches
+from offradar_ros.lab.training.muon import Muon
 from offradar_ros.lab.training.objective import Objective, Views, total_of
 from offradar_ros.lab.training.parallel import Group
 from offradar_ros.lab.training.run_log import RunLog, draw_curves
@@ -235,8 +236,10 @@ class Loop:
 
 
 def _optimiser(config: TrainingConfig, parameters: list[torch.nn.Parameter]) -> torch.optim.Optimizer:
-    make = torch.optim.AdamW if config.optimiser.name == 'adamw' else torch.optim.Adam
     settings = config.optimiser
+    if settings.name == 'muon':
+        return Muon(parameters, settings.learning_rate, settings.matrix_rate, settings.weight_decay)
+    make = torch.optim.AdamW if settings.name == 'adamw' else torch.optim.Adam
     # One pass over the weights instead of a dozen.
     return make(parameters, lr=settings.learning_rate, weight_decay=settings.weight_decay, fused=True)
 

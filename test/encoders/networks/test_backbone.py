@@ -15,7 +15,7 @@ pytest.importorskip('torch')
 
 import torch
 
-from offradar_ros.encoders.network_config import NetworkConfig
+from offradar_ros.encoders.network_config import POLAR, NetworkConfig
 from offradar_ros.encoders.networks.backbone import (
     COMPACT_CONVOLUTIONS,
     AzimuthSpectrum,
@@ -66,12 +66,13 @@ def test_spectrum_of_zeros_has_a_finite_gradient_in_any_precision(kind: torch.dt
     assert torch.isfinite(features.grad).all()
 
 
+@pytest.mark.parametrize('name', POLAR)
 @pytest.mark.parametrize(
     'shape, expected',
     [((200, 128), (48, 8, 16)), ((64, 32), (48, 5, 4)), ((112, 8), (48, 8, 1)), ((8, 16), (48, 1, 2))],
 )
-def test_feature_shapes(shape: tuple[int, int], expected: tuple[int, ...]) -> None:
-    config = NetworkConfig(backbone='compact', azimuths=shape[0], range_bins=shape[1])
+def test_feature_shapes(name: str, shape: tuple[int, int], expected: tuple[int, ...]) -> None:
+    config = NetworkConfig(backbone=name, azimuths=shape[0], range_bins=shape[1])
     backbone = make_backbone(config).eval()
     assert isinstance(backbone, Compact)
     assert backbone.shape == expected
@@ -80,7 +81,10 @@ def test_feature_shapes(shape: tuple[int, int], expected: tuple[int, ...]) -> No
         assert trained_a_little(make_network(config), shape).features(torch.zeros(3, *shape)).shape == (3, *expected)
 
 
-@pytest.mark.parametrize(('name', 'least'), [('vgg16', 14_000_000), ('compact', 150_000), ('resnet50', 20_000_000)])
+@pytest.mark.parametrize(
+    ('name', 'least'),
+    [('vgg16', 14_000_000), ('compact', 150_000), ('compact_centred', 150_000), ('resnet50', 20_000_000)],
+)
 def test_groups_are_all_weights_from_the_image_on(name: str, least: int) -> None:
     backbone = make_backbone(NetworkConfig(backbone=name, side_px=32, azimuths=16, range_bins=16))
     groups = [list(group.parameters()) for group in backbone.groups]
@@ -92,7 +96,7 @@ def test_groups_are_all_weights_from_the_image_on(name: str, least: int) -> None
     for frozen in range(1, 5):
         backbone.groups[frozen - 1].requires_grad_(False)
         backbone.zero_grad()
-        backbone.train()(torch.rand(2, 1, *((16, 16) if name == 'compact' else (32, 32)))).sum().backward()
+        backbone.train()(torch.rand(2, 1, *((16, 16) if name in POLAR else (32, 32)))).sum().backward()
         for number, group in enumerate(groups):
             assert all((parameter.grad is None) == (number < frozen) for parameter in group)
 
@@ -125,16 +129,33 @@ def convolved(features: NDArray[np.float64], layer: Any, stride: int) -> NDArray
     return np.asarray((found - mean) / np.sqrt(variance + normalise.eps) * weight + bias)
 
 
-def test_the_whole_backbone_against_loops() -> None:
+def test_the_gain_of_a_receiver_does_not_change_features() -> None:
     torch.manual_seed(0)
-    network = make_network(NetworkConfig(backbone='compact', dimension=4, azimuths=16, range_bins=24))
+    changes = {}
+    for name in POLAR:
+        config = NetworkConfig(backbone=name, dimension=4, azimuths=64, range_bins=32)
+        network = trained_a_little(make_network(config), config.image_shape)
+        # 10 dB are 20 in half decibels; no byte is at either end of its range.
+        image = torch.from_numpy(np.clip(speckle(3, config.image_shape), 30.0, 200.0))
+        with torch.no_grad():
+            one, other = network.features(image), network.features(image + 20.0)
+        changes[name] = ((one - other).abs().max() / one.abs().max()).item()
+    assert changes['compact_centred'] < 1e-4
+    assert changes['compact'] > 1e-2
+
+
+@pytest.mark.parametrize('name', POLAR)
+def test_the_whole_backbone_against_loops(name: str) -> None:
+    torch.manual_seed(0)
+    network = make_network(NetworkConfig(backbone=name, dimension=4, azimuths=16, range_bins=24))
     backbone = trained_a_little(network, (16, 24)).features.backbone
     assert isinstance(backbone, Compact)
     image = speckle(1, (16, 24)) / 255.0
     standardised = [
         [(image[0, a, r] - image[0, :, r].mean()) / (image[0, :, r].std() + 0.01) for r in range(24)] for a in range(16)
     ]
-    both = np.stack([image[0], 0.25 * np.array(standardised)])
+    offset = image[0] - image[0].mean(axis=0) if name == 'compact_centred' else image[0]
+    both = np.stack([offset, 0.25 * np.array(standardised)])
     layers = [layer for layer in backbone.convolutions if not isinstance(layer, torch.nn.ReLU)]
     amplitudes = []
     for turn in (0, 2, 4, 6):

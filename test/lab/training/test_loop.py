@@ -139,7 +139,7 @@ def test_a_few_places_are_recognised_after_training(
     assert log[-1]['loss'] < log[0]['loss']
 
 
-@pytest.mark.parametrize(('optimiser', 'stop'), [('adam', 4), ('adamw', 6)])
+@pytest.mark.parametrize(('optimiser', 'stop'), [('adam', 4), ('adamw', 6), ('muon', 5)])
 def test_a_resumed_run_gives_the_same_result(make_loop: Callable[..., Loop], optimiser: str, stop: int) -> None:
     settings = dataclasses.replace(CONFIG.optimiser, name=optimiser, weight_decay=0.01)
     config = dataclasses.replace(CONFIG, optimiser=settings)
