@@ -8,6 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 from radar_images import speckle
 
@@ -21,6 +24,8 @@ from offradar_ros.encoders.networks.backbone import (
     AzimuthSpectrum,
     Compact,
     make_backbone,
+    measured,
+    over_azimuth,
 )
 from offradar_ros.encoders.networks.network import Network
 from offradar_ros.encoders.networks.registry import make_network
@@ -127,6 +132,29 @@ def convolved(features: NDArray[np.float64], layer: Any, stride: int) -> NDArray
         for tensor in (normalise.running_mean, normalise.running_var, normalise.weight, normalise.bias)
     )
     return np.asarray((found - mean) / np.sqrt(variance + normalise.eps) * weight + bias)
+
+
+@settings(max_examples=50, deadline=None)
+@given(image=arrays(np.uint8, (6, 5), elements=st.sampled_from([0, 0, 0, 1, 80, 255])))
+def test_azimuths_without_power_take_no_part_in_mean_and_deviation(image: NDArray[np.uint8]) -> None:
+    power = torch.from_numpy(image.astype(np.float32) / 255.0)[None, None]
+    counts = measured(power)
+    known = image.any(axis=1)
+    assert counts.flatten().tolist() == known.astype(float).tolist()
+    offset, standardised = (part[0, 0].numpy() for part in over_azimuth(power, counts))
+    assert not offset[~known].any()
+    assert not standardised[~known].any()
+    if known.any():
+        rows = image[known] / 255.0
+        expected = rows - rows.mean(axis=0)
+        np.testing.assert_allclose(offset[known], expected, atol=1e-6)
+        np.testing.assert_allclose(standardised[known], expected / (rows.std(axis=0) + 0.01), atol=1e-4)
+
+
+def test_without_azimuths_that_were_not_measured_all_count() -> None:
+    power = torch.from_numpy(speckle(2, (16, 8)) / 255.0)[:, None].float()
+    for one, other in zip(over_azimuth(power, measured(power)), over_azimuth(power, None), strict=True):
+        torch.testing.assert_close(one, other)
 
 
 def test_the_gain_of_a_receiver_does_not_change_features() -> None:
