@@ -53,6 +53,10 @@ CASES = {
         helper.make_node('ReduceMax', ['x'], ['m'], axes=[3], keepdims=1),
         helper.make_node('Div', ['x', 'm'], ['y']),
     ],
+    'elementwise product over columns': [
+        helper.make_node('ReduceMax', ['x'], ['m'], axes=[3], keepdims=1),
+        helper.make_node('Mul', ['x', 'm'], ['y']),
+    ],
 }
 
 
