@@ -10,6 +10,7 @@ from offradar_ros.calibration.variance_scale import variance_factor
 from offradar_ros.encoders.encode import encode_all
 from offradar_ros.encoders.networks.files import load_network, save_network
 from offradar_ros.encoders.networks.variational import VariationalNetwork
+from offradar_ros.encoders.networks.without_batch_norm import without_batch_norm
 from offradar_ros.encoders.torch_backend import TorchEncoder
 from offradar_ros.encoders.weights_header import WeightsHeader
 from offradar_ros.errors import ModelError
@@ -27,6 +28,7 @@ def ship(
 ) -> WeightsHeader:
     """Write `weights` again as `out`, with `half` in half precision; the header's description names the scale.
 
+    A VGG-16 with batch normalisation becomes the plain one (see `without_batch_norm`).
     Over `clean_drive` the variance is scaled so that U is 1 on average (the prior's, Sec. III-C); without one it stays.
     ModelError for weights that cannot be read or whose method has no such scale.
     """
@@ -43,4 +45,4 @@ def ship(
         description = (
             f'{description}; variance × {factor:.6g}, for U = 1 over {len(clean_drive)} scans of {clean_drive.name}'
         )
-    return save_network(out, network, description, half)
+    return save_network(out, without_batch_norm(network), description, half)

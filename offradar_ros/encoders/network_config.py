@@ -19,8 +19,8 @@ POLAR_REDUCTION = 8
 
 _LARGEST_SIDE = 4096
 
-BACKBONES = ('vgg16', 'compact', 'compact_centred', 'resnet50')
-CARTESIAN = ('vgg16', 'resnet50')
+BACKBONES = ('vgg16', 'vgg16_bn', 'compact', 'compact_centred', 'resnet50')
+CARTESIAN = ('vgg16', 'vgg16_bn', 'resnet50')
 POLAR = ('compact', 'compact_centred')
 DESCRIPTORS = ('z_i_plus_mu', 'z_i')
 STUDENTS = ('bounded', 'free')
@@ -32,8 +32,9 @@ class NetworkConfig:
 
     Attributes:
         method: ``variational`` (the paper's) or another learned method of `ENCODERS`.
-        backbone: ``vgg16`` (the paper's) or ``resnet50`` (STUN's) for a Cartesian image; ``compact_centred`` or
-            ``compact``, its first edition, for a polar one.
+        backbone: ``vgg16`` (the paper's), ``vgg16_bn`` (the same with batch normalisation, for training) or
+            ``resnet50`` (STUN's) for a Cartesian image; ``compact_centred`` or ``compact``, its first edition, for a
+            polar one.
         dimension: d, the length of Z_I, μ_V and σ².
         side_px: side of the square Cartesian image, a multiple of 32.
         azimuths: rows of the polar image, a multiple of 8.

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from offradar_ros.encoders.network_config import NetworkConfig  # noqa: E402
 from offradar_ros.encoders.networks.files import save_network  # noqa: E402
 from offradar_ros.encoders.networks.variational import VariationalNetwork  # noqa: E402
 from offradar_ros.encoders.registry import make_encoder  # noqa: E402
+from offradar_ros.encoders.weights import read_header  # noqa: E402
 from offradar_ros.errors import ModelError  # noqa: E402
 from offradar_ros.recordings.bags.sequence import BagSequence  # noqa: E402
 
@@ -148,6 +150,22 @@ def test_a_network_in_integers_is_another_model_that_drives(
     params.write_text(f'encoder: {{name: variational, weights: {made["int8"]}}}\n')
     done('drive', one, '--params', params, '--map', map_file, '--session', 'one')
     assert 'model: variational, d = 8' in done('map', map_file)
+
+
+def test_a_network_with_batch_normalisation_is_exported_without(
+    done: Callable[..., str], street_bag: Callable[..., Path], tmp_path: Path
+) -> None:
+    trained, plain = tmp_path / 'trained.safetensors', tmp_path / 'plain.safetensors'
+    config = NetworkConfig(backbone='vgg16_bn', dimension=8, side_px=32, resolution_m=4.0)
+    save_network(trained, VariationalNetwork(config))
+    done('export', trained, plain)
+    before, after = (
+        make_encoder(EncoderConfig(name='variational', weights=str(path), backend='torch')) for path in (trained, plain)
+    )
+    assert read_header(plain).config == dataclasses.replace(config, backbone='vgg16')
+    assert after.info.fingerprint != before.info.fingerprint
+    scan = BagSequence(street_bag('bag', count=1)).scan(0)
+    np.testing.assert_allclose(after.encode(scan).mean, before.encode(scan).mean, atol=1e-4)
 
 
 def test_weights_that_ship_are_exported_by_their_name(done: Callable[..., str], tmp_path: Path) -> None:

@@ -26,10 +26,11 @@ _LEAST_DEVIATION = 0.01
 class Vgg16(nn.Module):
     """VGG-16's convolutions: (N, 1, S, S) float32 in [0, 1] → (N, 512, S / 32, S / 32), after the fifth pooling.
 
-    The layers of `features` are numbered as in torchvision, so that its weights can be loaded.
+    With `normalised` each convolution is followed by batch normalisation (see `without_batch_norm`). The layers of
+    `features` are numbered as in torchvision's vgg16 and vgg16_bn, so that their weights can be loaded.
     """
 
-    def __init__(self, side_px: int) -> None:
+    def __init__(self, side_px: int, normalised: bool = False) -> None:
         super().__init__()
         side = side_px // CARTESIAN_REDUCTION
         self.shape = (VGG16_GROUPS[-1][-1], side, side)
@@ -37,7 +38,9 @@ class Vgg16(nn.Module):
         inputs = 3
         for group in VGG16_GROUPS:
             for outputs in group:
-                layers += [nn.Conv2d(inputs, outputs, 3, padding=1), nn.ReLU(inplace=True)]
+                layers.append(nn.Conv2d(inputs, outputs, 3, padding=1))
+                layers += [nn.BatchNorm2d(outputs)] * normalised
+                layers.append(nn.ReLU(inplace=True))
                 inputs = outputs
             layers.append(nn.MaxPool2d(2))
         self.colour = GreyToColour()
@@ -189,8 +192,8 @@ def make_backbone(config: NetworkConfig) -> Vgg16 | Compact | Resnet50:
     """The backbone of a `NetworkConfig`; its `shape` is that of the feature map, (C, rows, columns)."""
     if config.backbone in POLAR:
         return Compact(config.image_shape, config.backbone == 'compact_centred')
-    if config.backbone == 'vgg16':
-        return Vgg16(config.side_px)
+    if config.backbone in ('vgg16', 'vgg16_bn'):
+        return Vgg16(config.side_px, config.backbone == 'vgg16_bn')
     network = Resnet50(config.side_px)
     initialise_convolutions(network)
     return network

@@ -88,7 +88,13 @@ def test_feature_shapes(name: str, shape: tuple[int, int], expected: tuple[int, 
 
 @pytest.mark.parametrize(
     ('name', 'least'),
-    [('vgg16', 14_000_000), ('compact', 150_000), ('compact_centred', 150_000), ('resnet50', 20_000_000)],
+    [
+        ('vgg16', 14_000_000),
+        ('vgg16_bn', 14_000_000),
+        ('compact', 150_000),
+        ('compact_centred', 150_000),
+        ('resnet50', 20_000_000),
+    ],
 )
 def test_groups_are_all_weights_from_the_image_on(name: str, least: int) -> None:
     backbone = make_backbone(NetworkConfig(backbone=name, side_px=32, azimuths=16, range_bins=16))
