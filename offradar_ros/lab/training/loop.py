@@ -5,8 +5,9 @@ from __future__ import annotations
 import contextlib
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -231,8 +232,16 @@ class Loop:
             draw_curves(self.out)
 
     def _restore(self, progress: Progress) -> None:
-        self._step, self._best = progress.step, (progress.best_score, progress.best_step)
+        self._step = progress.step
+        # Scores by other worlds or weights are not comparable: the best is then sought from here on.
+        if _scoring(progress.config) == _scoring(unstructure(self.config)):
+            self._best = progress.best_score, progress.best_step
         self._scaler.load_state_dict(dict(progress.scaler))
+
+
+def _scoring(config: Mapping[str, Any]) -> dict[str, Any]:
+    """What a validation score depends on beside the weights."""
+    return {key: value for key, value in config['validation'].items() if key != 'every_steps'}
 
 
 def _optimiser(config: TrainingConfig, parameters: list[torch.nn.Parameter]) -> torch.optim.Optimizer:

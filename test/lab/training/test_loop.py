@@ -163,6 +163,25 @@ def test_a_resumed_run_gives_the_same_result(make_loop: Callable[..., Loop], opt
         assert [line['step'] for line in kept[1]] == list(at)
 
 
+@pytest.mark.parametrize(
+    ('change', 'is_kept'),
+    [({}, True), ({'every_steps': 9}, True), ({'recall_weight': 0.01}, False), ({'map_spacing_m': 10.0}, False)],
+)
+def test_a_best_score_counts_only_among_those_of_the_same_rule(
+    make_loop: Callable[..., Loop], change: dict[str, float], is_kept: bool
+) -> None:
+    validation = ValidationConfig(every_steps=4)
+    config = dataclasses.replace(CONFIG, validation=validation)
+    with pytest.raises(KeyboardInterrupt):
+        make_loop(config=config).run(check=StopAfter(5))
+    changed = dataclasses.replace(config, validation=dataclasses.replace(validation, **change))  # type: ignore[arg-type]
+    resumed = make_loop(config=changed, resume=True)
+    assert (resumed.best[1] == 4) == is_kept
+    assert resumed.run()
+    lines = read_log(resumed.out / 'validation.jsonl')
+    assert resumed.best[0] == max(line['score'] for line in lines if is_kept or line['step'] > 5)
+
+
 ALL_KEYS = dataclasses.replace(
     CONFIG,
     batch=BatchConfig(places=5, chunk=4, gain_db=6.0, floor_db=10.0, knee_db=40.0),
