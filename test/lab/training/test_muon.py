@@ -75,7 +75,7 @@ def test_a_resumed_run_takes_the_same_steps(tmp_path: Path) -> None:
         for step in steps:
             images = torch.randn(3, 2, 8, 8, generator=torch.Generator().manual_seed(step))
             optimiser.zero_grad(set_to_none=True)
-            network(images).square().mean().backward()
+            torch.autograd.backward(network(images).square().mean())
             optimiser.step()
 
     def fresh() -> tuple[nn.Module, Muon]:
@@ -102,7 +102,7 @@ def test_a_scaled_step_that_overflows_is_left_out() -> None:
     scaler = torch.amp.GradScaler('cpu', init_scale=8.0)
     for overflow in (torch.inf, 1.0):
         optimiser.zero_grad(set_to_none=True)
-        scaler.scale((matrix.sum() + vector.sum()) * overflow).backward()
+        torch.autograd.backward(scaler.scale((matrix.sum() + vector.sum()) * overflow))
         scaler.unscale_(optimiser)
         scaler.step(optimiser)
         scaler.update()
