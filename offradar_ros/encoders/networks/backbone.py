@@ -119,17 +119,17 @@ def measured(image: torch.Tensor) -> torch.Tensor:
     return (image.sum(dim=3, keepdim=True) * (2.0 * 255.0)).clamp(0.0, 1.0)
 
 
-def over_azimuth(image: torch.Tensor, counts: torch.Tensor | None) -> tuple[torch.Tensor, torch.Tensor]:
+def over_azimuth(image: torch.Tensor, mask: torch.Tensor | None) -> tuple[torch.Tensor, torch.Tensor]:
     """(N, 1, A, R) less its mean over A, and this with deviation 1 over A; less than 1 where the contrast is low.
 
-    Only azimuths that `counts`, (N, 1, A, 1) of 0 and 1, has as 1 are taken into account, and the others are 0.
+    Only azimuths that `mask`, (N, 1, A, 1) of 0 and 1, has as 1 are taken into account, and the others are 0.
     """
-    if counts is None:
+    if mask is None:
         offset = image - image.mean(dim=2, keepdim=True)
         variance = offset.square().mean(dim=2, keepdim=True)
     else:
-        share = counts.mean(dim=2, keepdim=True) + _TINY
-        offset = (image - (image * counts).mean(dim=2, keepdim=True) / share) * counts
+        share = mask.mean(dim=2, keepdim=True) + _TINY
+        offset = (image - (image * mask).mean(dim=2, keepdim=True) / share) * mask
         variance = offset.square().mean(dim=2, keepdim=True) / share
     return offset, offset / (variance.sqrt() + _LEAST_DEVIATION)
 

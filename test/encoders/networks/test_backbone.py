@@ -144,10 +144,10 @@ def convolved(features: NDArray[np.float64], layer: Any, stride: int) -> NDArray
 @given(image=arrays(np.uint8, (6, 5), elements=st.sampled_from([0, 0, 0, 1, 80, 255])))
 def test_azimuths_without_power_take_no_part_in_mean_and_deviation(image: NDArray[np.uint8]) -> None:
     power = torch.from_numpy(image.astype(np.float32) / 255.0)[None, None]
-    counts = measured(power)
+    mask = measured(power)
     known = image.any(axis=1)
-    assert counts.flatten().tolist() == known.astype(float).tolist()
-    offset, standardised = (part[0, 0].numpy() for part in over_azimuth(power, counts))
+    assert mask.flatten().tolist() == known.astype(float).tolist()
+    offset, standardised = (part[0, 0].numpy() for part in over_azimuth(power, mask))
     assert not offset[~known].any()
     assert not standardised[~known].any()
     if known.any():
